@@ -1,0 +1,1 @@
+"""Sightline: camera-LiDAR perception that keeps seeing when a sensor fails."""

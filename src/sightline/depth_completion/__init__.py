@@ -1,0 +1,1 @@
+"""Dense depth from a sparse sweep and, if there is one, an image."""

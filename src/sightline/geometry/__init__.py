@@ -1,0 +1,1 @@
+"""Frames, boxes, calibration and projection: the mathematics that everything else stands on."""

@@ -1,0 +1,1 @@
+"""What users call: predictors over samples and jobs over data sets."""

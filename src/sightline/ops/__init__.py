@@ -1,0 +1,1 @@
+"""Tensor algorithms: pure functions, each with a slow reference in tests/reference."""

@@ -1,0 +1,1 @@
+"""Scenes made, not recorded: the embedded data set."""
