@@ -1,0 +1,57 @@
+"""Axis-aligned boxes in the image."""
+
+from dataclasses import dataclass
+
+import torch
+from beartype import beartype
+from jaxtyping import Bool, Float, Int, jaxtyped
+from torch import Tensor
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, slots=True)
+class Boxes2D:
+    """Boxes in pixels: x_min, y_min, x_max, y_max.
+
+    Pixel (0, 0) is the centre of the top-left pixel. A box is a region of the plane, so its area
+    is width times height without "+ 1" (KITTI's evaluator has its own rule, and follows it there).
+    """
+
+    tensor: Float[Tensor, "*batch num_boxes 4"]
+
+    def __len__(self) -> int:
+        """Number of boxes (of each batch entry)."""
+        return self.tensor.shape[-2]
+
+    def __getitem__(
+        self, index: Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
+    ) -> "Boxes2D":
+        """The chosen boxes of an unbatched set, by indices, mask or slice."""
+        return Boxes2D(self.tensor[index])
+
+    def to(self, device: torch.device | str) -> "Boxes2D":
+        """The same boxes on another device."""
+        return Boxes2D(self.tensor.to(device))
+
+    def sizes(self) -> Float[Tensor, "*batch num_boxes 2"]:
+        """Width and height [px]; an inverted box has size zero."""
+        return (self.tensor[..., 2:] - self.tensor[..., :2]).clamp(min=0)
+
+    def area(self) -> Float[Tensor, "*batch num_boxes"]:
+        """Width times height [px^2]."""
+        return self.sizes().prod(dim=-1)
+
+    def clip(self, image_size: tuple[int, int]) -> "Boxes2D":
+        """The parts within the pixel centres of an image of (height, width), as KITTI clips."""
+        height, width = image_size
+        limit = self.tensor.new_tensor([width - 1, height - 1, width - 1, height - 1])
+        return Boxes2D(torch.minimum(self.tensor.clamp(min=0), limit))
+
+
+def pairwise_iou2d(a: Boxes2D, b: Boxes2D) -> Float[Tensor, "*batch num_a num_b"]:
+    """Intersection over union of every box of `a` with every box of `b`; 0 where both are empty."""
+    lower = torch.maximum(a.tensor[..., :, None, :2], b.tensor[..., None, :, :2])
+    upper = torch.minimum(a.tensor[..., :, None, 2:], b.tensor[..., None, :, 2:])
+    intersection = (upper - lower).clamp(min=0).prod(dim=-1)
+    union = a.area()[..., :, None] + b.area()[..., None, :] - intersection
+    return torch.where(union > 0, intersection / union.where(union > 0, 1.0), 0.0)

@@ -1,0 +1,139 @@
+"""Upright boxes in the LiDAR frame, and their exchange with KITTI's labels."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from beartype import beartype
+from jaxtyping import Bool, Float, Int, jaxtyped
+from torch import Tensor
+
+from sightline.geometry.transforms import (
+    rigid_inverse,
+    transform_points,
+    wrap_angle,
+    yaw_rotation,
+)
+
+# Front left, front right, rear right, rear left; first the bottom four, then the top four: the
+# order of KITTI's development kit.
+_CORNER_SIGNS = (
+    (1, 1, -1),
+    (1, -1, -1),
+    (-1, -1, -1),
+    (-1, 1, -1),
+    (1, 1, 1),
+    (1, -1, 1),
+    (-1, -1, 1),
+    (-1, 1, 1),
+)
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, slots=True)
+class Boxes3D:
+    """Upright boxes: x, y, z of the geometric centre, length, width, height, yaw.
+
+    LiDAR frame (x forward, y left, z up), metres and radians. Length, width and height lie along
+    the box's own x, y, z. Yaw is counter-clockwise from above, 0 faces +x, in [-pi, pi).
+    """
+
+    tensor: Float[Tensor, "*batch num_boxes 7"]
+
+    def __len__(self) -> int:
+        """Number of boxes (of each batch entry)."""
+        return self.tensor.shape[-2]
+
+    def __getitem__(
+        self, index: Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
+    ) -> "Boxes3D":
+        """The chosen boxes of an unbatched set, by indices, mask or slice."""
+        return Boxes3D(self.tensor[index])
+
+    def to(self, device: torch.device | str) -> "Boxes3D":
+        """The same boxes on another device."""
+        return Boxes3D(self.tensor.to(device))
+
+    @property
+    def centers(self) -> Float[Tensor, "*batch num_boxes 3"]:
+        """Geometric centres [m]."""
+        return self.tensor[..., :3]
+
+    @property
+    def sizes(self) -> Float[Tensor, "*batch num_boxes 3"]:
+        """Length, width, height [m]."""
+        return self.tensor[..., 3:6]
+
+    @property
+    def yaws(self) -> Float[Tensor, "*batch num_boxes"]:
+        """Headings [rad]."""
+        return self.tensor[..., 6]
+
+    @property
+    def bev(self) -> Float[Tensor, "*batch num_boxes 5"]:
+        """The boxes from above: x, y, length, width, yaw."""
+        return self.tensor[..., [0, 1, 3, 4, 6]]
+
+    def corners(self) -> Float[Tensor, "*batch num_boxes 8 3"]:
+        """Corners [m]: front left, front right, rear right, rear left; bottom, then top."""
+        signs = self.tensor.new_tensor(_CORNER_SIGNS)
+        offsets = self.sizes[..., None, :] / 2 * signs
+        return self.centers[..., None, :] + offsets @ yaw_rotation(self.yaws).transpose(-1, -2)
+
+    def enlarge(self, margin_m: float) -> "Boxes3D":
+        """Every face moved outwards by `margin_m`, so each size grows by twice that."""
+        grown = torch.cat((self.centers, self.sizes + 2 * margin_m, self.tensor[..., 6:]), dim=-1)
+        return Boxes3D(grown)
+
+    def to_canonical(
+        self, points: Float[Tensor, "*batch num_points 3"]
+    ) -> Float[Tensor, "*batch num_boxes num_points 3"]:
+        """Points [m] in each box's own frame: origin in its centre, x along its heading."""
+        # The difference comes first: far from the origin it is what keeps the digits.
+        offsets = points[..., None, :, :] - self.centers[..., :, None, :]
+        return offsets @ yaw_rotation(self.yaws)
+
+    def contain(
+        self, points: Float[Tensor, "*batch num_points 3"]
+    ) -> Bool[Tensor, "*batch num_boxes num_points"]:
+        """Which points lie in which box, its faces included. Takes O(num_boxes * num_points)."""
+        return (self.to_canonical(points).abs() <= self.sizes[..., :, None, :] / 2).all(dim=-1)
+
+
+def yaw_from_kitti_rotation(rotation_y: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """Yaw in the LiDAR frame from KITTI's rotation_y, and equally the other way round.
+
+    KITTI turns about the camera's downward y axis from the camera's x axis, which is -y of the
+    LiDAR frame; the small tilt between the sensors is neglected, as everywhere in the field.
+    """
+    return wrap_angle(-rotation_y - math.pi / 2)
+
+
+def boxes3d_from_kitti(
+    dimensions_hwl: Float[Tensor, "num_boxes 3"],
+    bottom_centers: Float[Tensor, "num_boxes 3"],
+    rotation_y: Float[Tensor, " num_boxes"],
+    camera_from_lidar: Float[Tensor, "4 4"],
+) -> Boxes3D:
+    """Boxes from the columns of a KITTI label: (h, w, l), bottom centre, rotation about camera y.
+
+    Args:
+        dimensions_hwl: Height, width, length [m].
+        bottom_centers: Centre of the bottom face in the rectified camera frame [m].
+        rotation_y: Radians.
+        camera_from_lidar: From the frame's calibration.
+    """
+    raised = bottom_centers.clone()
+    raised[:, 1] -= dimensions_hwl[:, 0] / 2  # camera y points down
+    centers = transform_points(rigid_inverse(camera_from_lidar), raised)
+    yaws = yaw_from_kitti_rotation(rotation_y)
+    return Boxes3D(torch.cat((centers, dimensions_hwl.flip(-1), yaws[:, None]), dim=-1))
+
+
+def kitti_from_boxes3d(
+    boxes: Boxes3D, camera_from_lidar: Float[Tensor, "4 4"]
+) -> tuple[Float[Tensor, "num_boxes 3"], Float[Tensor, "num_boxes 3"], Float[Tensor, " num_boxes"]]:
+    """The columns of a KITTI label: (h, w, l), bottom centres in the camera frame, rotation_y."""
+    bottom_centers = transform_points(camera_from_lidar, boxes.centers)
+    bottom_centers[:, 1] += boxes.sizes[:, 2] / 2
+    return boxes.sizes.flip(-1), bottom_centers, yaw_from_kitti_rotation(boxes.yaws)

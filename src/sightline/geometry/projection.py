@@ -1,0 +1,140 @@
+"""From LiDAR points to pixels and back."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Float32, Int64
+from torch import Tensor
+
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.transforms import rigid_inverse, transform_points
+
+KITTI_LIDAR_HEIGHT_M = 1.73
+"""Height of KITTI's LiDAR above the road (Geiger et al. 2013, Fig. 3)."""
+
+# Gated fusion, Eq. 1-3: what each channel of a DHI image takes as its far end.
+_DHI_RANGE_M = 80.0
+_DHI_HEIGHT_M = 6.0
+_DHI_REFLECTANCE = 0.7
+
+
+class ProjectedPoints(NamedTuple):
+    """Where points fall in the image.
+
+    Pixel (0, 0) is the centre of the top-left pixel. Points that are not in front of the camera
+    have no pixel: NaN.
+    """
+
+    pixels: Float[Tensor, "*batch num_points 2"]
+    """x, y [px]."""
+    depths: Float[Tensor, "*batch num_points"]
+    """Metres along the camera's optical axis; not positive behind it."""
+
+    def in_image(self, image_size: tuple[int, int]) -> Bool[Tensor, "*batch num_points"]:
+        """Which points fall on a pixel of an image of (height, width)."""
+        height, width = image_size
+        x, y = self.pixels.unbind(dim=-1)
+        # Written so that NaN, which compares false with everything, is outside.
+        return (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
+
+
+def project_points(
+    points: Float[Tensor, "*batch num_points 3"], calibration: Calibration
+) -> ProjectedPoints:
+    """Pixels and depths of LiDAR points [m]; calculated in float64, returned in their dtype."""
+    homogeneous = transform_points(calibration.image_from_lidar, points.double())
+    depths = homogeneous[..., 2]
+    in_front = torch.where(depths > 0, depths, torch.nan)
+    pixels = homogeneous[..., :2] / in_front[..., None]
+    return ProjectedPoints(pixels.to(points.dtype), depths.to(points.dtype))
+
+
+def unproject_pixels(
+    pixels: Float[Tensor, "*batch num_points 2"],
+    depths: Float[Tensor, "*batch num_points"],
+    calibration: Calibration,
+) -> Float[Tensor, "*batch num_points 3"]:
+    """LiDAR-frame points [m] of pixels with depth [m]: the inverse of `project_points`."""
+    scaled = torch.cat((pixels.double(), torch.ones_like(pixels[..., :1]).double()), dim=-1)
+    scaled = scaled * depths.double()[..., None]
+    offset = calibration.image_from_camera[..., None, :, 3]
+    intrinsics = calibration.image_from_camera[..., :3]
+    in_camera = torch.linalg.solve(intrinsics, (scaled - offset).transpose(-1, -2))
+    lidar_from_camera = rigid_inverse(calibration.camera_from_lidar)
+    return transform_points(lidar_from_camera, in_camera.transpose(-1, -2)).to(pixels.dtype)
+
+
+def sparse_depth_map(
+    points: Float[Tensor, "num_points fields"],
+    calibration: Calibration,
+    image_size: tuple[int, int],
+) -> Float32[Tensor, "height width"]:
+    """Projects a sweep (x, y, z first [m]) to a depth map [m] of (height, width); 0 = no point.
+
+    Where several points fall on one pixel the nearest stays.
+    """
+    height, width = image_size
+    flat, depths, _ = _visible(points, calibration, image_size)
+    nearest = torch.full((height * width,), torch.inf, device=points.device)
+    nearest.scatter_reduce_(0, flat, depths.float(), "amin")
+    return torch.where(nearest.isfinite(), nearest, 0.0).reshape(height, width)
+
+
+def dhi_image(
+    points: Float[Tensor, "num_points 4"],
+    calibration: Calibration,
+    image_size: tuple[int, int],
+    *,
+    height_offset_m: float = KITTI_LIDAR_HEIGHT_M,
+) -> Float32[Tensor, "3 height width"]:
+    """The sweep as an image of depth, height and intensity in [0, 255]: gated fusion, Eq. 1-4.
+
+    Channels fall from 255 to 0 with the distance x over 80 m, the height over 6 m and the
+    reflectance over 0.7. Pixels without a point are 0 in all channels; the nearest of several
+    points on a pixel stays, the first in the sweep at equal depth.
+
+    Departure: the paper takes z as it comes, which is negative for nearly all road users; here
+    `height_offset_m` (the LiDAR's height above the road; 0 for the paper's letter) is added first
+    and the sum is kept in [0, 6] m.
+    """
+    height, width = image_size
+    flat, depths, kept = _visible(points, calibration, image_size)
+    ahead = points[kept, 0] > 0
+    flat, depths, kept = flat[ahead], depths[ahead], kept[ahead]
+    nearest = _nearest_per_pixel(flat, depths, height * width)
+    x, _, z, reflectance = points[kept[nearest]].unbind(dim=-1)
+    shares = torch.stack(
+        (
+            x / _DHI_RANGE_M,
+            (z + height_offset_m) / _DHI_HEIGHT_M,
+            reflectance / _DHI_REFLECTANCE,
+        )
+    )
+    image = torch.zeros(3, height * width, device=points.device)
+    image[:, flat[nearest]] = (255 * (1 - shares.clamp(0, 1))).float()
+    return image.reshape(3, height, width)
+
+
+def _visible(
+    points: Float[Tensor, "num_points fields"],
+    calibration: Calibration,
+    image_size: tuple[int, int],
+) -> tuple[Int64[Tensor, " visible"], Float[Tensor, " visible"], Int64[Tensor, " visible"]]:
+    """Flat pixel index, depth and index in the sweep of the points that fall in the image."""
+    projected = project_points(points[:, :3].double(), calibration)
+    kept = projected.in_image(image_size).nonzero()[:, 0]
+    column, row = (projected.pixels[kept] + 0.5).floor().long().unbind(dim=-1)
+    return row * image_size[1] + column, projected.depths[kept], kept
+
+
+def _nearest_per_pixel(
+    flat: Int64[Tensor, " visible"], depths: Float[Tensor, " visible"], num_pixels: int
+) -> Int64[Tensor, " occupied"]:
+    """Positions in `flat` of the nearest point of each occupied pixel, the first on ties."""
+    nearest = torch.full((num_pixels,), torch.inf, dtype=depths.dtype, device=depths.device)
+    nearest.scatter_reduce_(0, flat, depths, "amin")
+    order = torch.arange(len(flat), device=flat.device)
+    candidates = depths == nearest[flat]
+    first = torch.full((num_pixels,), len(flat), device=flat.device)
+    first.scatter_reduce_(0, flat[candidates], order[candidates], "amin")
+    return first[first < len(flat)]

@@ -1,0 +1,62 @@
+"""What is known about the objects of a frame."""
+
+from dataclasses import dataclass
+
+import torch
+from beartype import beartype
+from jaxtyping import Bool, Float64, Int64, jaxtyped
+from torch import Tensor
+
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectLabels:
+    """The labelled objects of one frame, in the order of the label file."""
+
+    class_names: tuple[str, ...]
+    """KITTI's names, e.g. Car, Pedestrian, DontCare."""
+    boxes2d: Boxes2D
+    """In the image of camera 2."""
+    boxes3d: Boxes3D
+    """LiDAR frame; a row of zeros where an object (DontCare, say) has no 3D part."""
+    truncation: Float64[Tensor, " num_objects"]
+    """Share outside the image, 0 to 1; -1 where unknown."""
+    occlusion: Int64[Tensor, " num_objects"]
+    """0 visible, 1 partly, 2 largely occluded, 3 unknown; -1 for DontCare."""
+    alpha: Float64[Tensor, " num_objects"]
+    """Observation angle [rad], KITTI's: rotation_y less the bearing; -10 where unknown."""
+
+    def __post_init__(self) -> None:
+        """Checks that the columns belong together."""
+        lengths = {
+            "class_names": len(self.class_names),
+            "boxes2d": len(self.boxes2d),
+            "boxes3d": len(self.boxes3d),
+            "truncation": len(self.truncation),
+        }
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"labels of one frame need columns of one length, got {lengths}")
+
+    def __len__(self) -> int:
+        """Number of objects."""
+        return len(self.class_names)
+
+    @property
+    def has_box3d(self) -> Bool[Tensor, " num_objects"]:
+        """Which objects have a 3D part."""
+        return (self.boxes3d.sizes > 0).all(dim=-1)
+
+    def select(self, mask: Bool[Tensor, " num_objects"]) -> "ObjectLabels":
+        """The objects that the mask marks."""
+        kept = torch.nonzero(mask)[:, 0].tolist()
+        return ObjectLabels(
+            class_names=tuple(self.class_names[index] for index in kept),
+            boxes2d=self.boxes2d[mask],
+            boxes3d=self.boxes3d[mask],
+            truncation=self.truncation[mask],
+            occlusion=self.occlusion[mask],
+            alpha=self.alpha[mask],
+        )

@@ -1,0 +1,36 @@
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from tests.reference import geometry as reference
+
+edges = st.integers(-8, 8)
+boxes = st.lists(st.tuples(edges, edges, edges, edges), min_size=0, max_size=6)
+
+
+@given(a=boxes, b=boxes)
+def test_pairwise_overlap_equals_the_reference(a, b):
+    tensor_a = torch.tensor(a, dtype=torch.float64).reshape(-1, 4)
+    tensor_b = torch.tensor(b, dtype=torch.float64).reshape(-1, 4)
+    overlaps = pairwise_iou2d(Boxes2D(tensor_a), Boxes2D(tensor_b))
+    expected = [[reference.iou2d(box_a, box_b) for box_b in b] for box_a in a]
+    assert overlaps.shape == (len(a), len(b))
+    assert overlaps.tolist() == [pytest.approx(row) for row in expected]
+
+
+def test_convention_area_has_no_plus_one():
+    assert Boxes2D(torch.tensor([[0.0, 0.0, 2.0, 3.0]])).area().tolist() == [6.0]
+
+
+def test_clipping_keeps_the_box_within_the_pixel_centres():
+    clipped = Boxes2D(torch.tensor([[-5.0, 3.0, 2000.0, 400.0]])).clip((375, 1242))
+    assert clipped.tensor.tolist() == [[0.0, 3.0, 1241.0, 374.0]]
+
+
+def test_boxes_are_chosen_by_mask_index_and_slice():
+    three = Boxes2D(torch.arange(12.0).reshape(3, 4))
+    assert three[torch.tensor([True, False, True])].tensor[:, 0].tolist() == [0.0, 8.0]
+    assert three[torch.tensor([2, 0])].tensor[:, 0].tolist() == [8.0, 0.0]
+    assert len(three[1:]) == 2
