@@ -1,0 +1,61 @@
+"""Depth maps as KITTI stores them: PNG of 16 bits, 256 steps to the metre."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32
+
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.image_file import decode_pixels
+from sightline.data.image_header import parse_image_header
+
+STEPS_PER_METRE = 256
+MAX_DEPTH_M = 65535 / STEPS_PER_METRE
+"""The farthest depth that 16 bits hold."""
+
+
+def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
+    """Reads a depth map in metres; 0 = no value. Exact: every step of 1/256 m is a float32.
+
+    Raises:
+        ValueError: The file is no whole PNG of one channel with 16 bits.
+    """
+    content = Path(path).read_bytes()
+    header = parse_image_header(content, path)
+    if (header.file_format, header.bits_per_channel, header.channels) != ("png", 16, 1):
+        raise ValueError(
+            f"{path} is a {header.file_format.upper()} of {header.channels} channels with "
+            f"{header.bits_per_channel} bits, expected a depth map: PNG, 1 channel, 16 bits "
+            "(metres times 256); convert it without a loss of depth or name the depth folder"
+        )
+    steps = decode_pixels(content, header, cv2.IMREAD_ANYDEPTH, path)
+    return steps.astype(np.float32) / np.float32(STEPS_PER_METRE)
+
+
+def write_depth_png(path: Path | str, depth_m: Float[np.ndarray, "height width"]) -> None:
+    """Writes a depth map [m], 0 = no value, rounded half up to steps of 1/256 m.
+
+    A depth above 0 stays one: what would round to 0 becomes the smallest step, as in KITTI's
+    development kit. The file is written aside and renamed.
+
+    Raises:
+        ValueError: A depth is negative, not finite or beyond `MAX_DEPTH_M`, or there is no pixel;
+            nothing is clipped silently.
+    """
+    if depth_m.size == 0:
+        raise ValueError(f"{path} cannot be written: a depth map needs at least one pixel")
+    with np.errstate(over="ignore"):  # an absurd depth becomes infinite, which is refused below
+        steps = np.floor(depth_m.astype(np.float64) * STEPS_PER_METRE + 0.5)
+    # Written so that NaN, which compares false with everything, is refused.
+    writable = (depth_m >= 0) & (steps <= np.iinfo(np.uint16).max)
+    if not writable.all():
+        row, column = np.argwhere(~writable)[0]
+        raise ValueError(
+            f"{path} cannot be written: {np.count_nonzero(~writable)} depths lie outside 0 to "
+            f"{MAX_DEPTH_M:.3f} m, the first is {depth_m[row, column]} m at row {row}, column "
+            f"{column}; use 0 for no value and limit the rest"
+        )
+    steps = np.where((depth_m > 0) & (steps == 0), 1, steps).astype(np.uint16)
+    _, encoded = cv2.imencode(".png", steps)
+    atomic_write_bytes(path, encoded.tobytes())

@@ -1,0 +1,144 @@
+"""Where the LiDAR was during a drive, and when."""
+
+import math
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.calibration_text import read_rigid_transform
+from sightline.data.plain_text import parse_numbers, read_text, shortened
+
+_EARTH_RADIUS_M = 6378137.0
+_OXTS_FIELDS = 30
+_ROTATION_TOLERANCE = 1e-3
+_TIME = re.compile(r"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)(\.\d+)?", re.ASCII)
+
+
+def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
+    """Reads `world_from_lidar` from lines of 12 numbers: the upper 3x4 part, row by row.
+
+    Raises:
+        ValueError: A line holds another number of values, or no rotation.
+    """
+    poses = []
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        words = line.split()
+        if not words:
+            continue
+        if len(words) != 12:
+            raise ValueError(
+                f"{path}:{number}: holds {len(words)} values, expected the 12 of a 3x4 pose; "
+                "correct the line"
+            )
+        pose = np.eye(4)
+        pose[:3] = np.reshape(parse_numbers(words, f"{path}:{number}"), (3, 4))
+        rotation = pose[:3, :3]
+        error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise ValueError(
+                f"{path}:{number}: its left 3x3 part is no rotation, expected orthonormal rows and "
+                "determinant +1; correct the line"
+            )
+        poses.append(pose)
+    return np.array(poses).reshape(-1, 4, 4)
+
+
+def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
+    """Reads lines such as "2011-09-26 13:02:25.964389445" as seconds since the first of them.
+
+    Raises:
+        ValueError: A line is no date with a time.
+    """
+    moments: list[tuple[datetime, float]] = []
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            moments.append(_parse_time(line.strip()))
+        except ValueError as error:
+            raise ValueError(
+                f"{path}:{number}: '{shortened(line.strip(), 40)}' is no time, expected one such "
+                "as 2011-09-26 13:02:25.964389445; extract the file again"
+            ) from error
+    if not moments:
+        return np.zeros(0)
+    first, first_fraction = moments[0]
+    return np.array(
+        [(moment - first).total_seconds() + part - first_fraction for moment, part in moments]
+    )
+
+
+def read_oxts_poses(
+    files: Sequence[Path], imu_to_velodyne: Path | str
+) -> Float64[np.ndarray, "num_frames 4 4"]:
+    """`world_from_lidar` from GPS and IMU readings; the world is the first frame's LiDAR frame.
+
+    Positions by the Mercator projection that keeps lengths true at the first latitude, rotations
+    as yaw after pitch after roll: Geiger et al. 2013, section 3, and the raw development kit.
+
+    Args:
+        files: `oxts/data/N.txt` of the frames, in order.
+        imu_to_velodyne: `calib_imu_to_velo.txt`.
+
+    Raises:
+        ValueError: A file does not hold 30 numbers, or a latitude is none.
+    """
+    lidar_from_imu = read_rigid_transform(imu_to_velodyne)
+    imu_from_lidar = np.linalg.inv(lidar_from_imu)
+    readings = [_read_oxts(path) for path in files]
+    if not readings:
+        return np.zeros((0, 4, 4))
+    scale = math.cos(math.radians(readings[0][0]))
+    poses = np.array([_mercator_from_imu(reading, scale) for reading in readings])
+    world_from_mercator = lidar_from_imu @ np.linalg.inv(poses[0])
+    world_from_lidar: Float64[np.ndarray, "num_frames 4 4"] = (
+        world_from_mercator @ poses @ imu_from_lidar
+    )
+    return world_from_lidar
+
+
+def _parse_time(text: str) -> tuple[datetime, float]:
+    """Whole seconds and the fraction, which has nine digits: more than a datetime holds."""
+    match = _TIME.fullmatch(text)
+    if match is None:
+        raise ValueError
+    return datetime.fromisoformat(match[1]), float(match[2] or 0)
+
+
+def _read_oxts(path: Path) -> list[float]:
+    values = parse_numbers(read_text(path).split(), str(path))
+    if len(values) != _OXTS_FIELDS:
+        raise ValueError(
+            f"{path} holds {len(values)} numbers, expected the {_OXTS_FIELDS} of an OXTS reading; "
+            "extract the file again"
+        )
+    if not abs(values[0]) < 90:
+        raise ValueError(
+            f"{path} has the latitude {values[0]}, expected degrees between -90 and 90"
+        )
+    return values
+
+
+def _mercator_from_imu(reading: Sequence[float], scale: float) -> Float64[np.ndarray, "4 4"]:
+    latitude, longitude, altitude, roll, pitch, yaw = reading[:6]
+    mercator_from_imu = np.eye(4)
+    mercator_from_imu[:3, :3] = _turn(yaw, 0, 1) @ _turn(pitch, 2, 0) @ _turn(roll, 1, 2)
+    mercator_from_imu[:3, 3] = (
+        scale * _EARTH_RADIUS_M * math.radians(longitude),
+        scale * _EARTH_RADIUS_M * math.log(math.tan(math.radians(90 + latitude) / 2)),
+        altitude,
+    )
+    return mercator_from_imu
+
+
+def _turn(angle: float, source: int, target: int) -> Float64[np.ndarray, "3 3"]:
+    """The rotation by `angle` that takes axis `source` towards axis `target`."""
+    rotation = np.eye(3)
+    rotation[source, source] = rotation[target, target] = math.cos(angle)
+    rotation[target, source] = math.sin(angle)
+    rotation[source, target] = -math.sin(angle)
+    return rotation

@@ -1,0 +1,80 @@
+"""Camera pictures in PNG and JPEG."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8, UInt16
+
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.image_header import ImageHeader, check_complete, parse_image_header
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""File names that a picture may end in, the preferred first."""
+
+_JPEG_QUALITY = 95
+
+
+def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
+    """Reads a picture with 8 bits per channel as RGB; grey becomes three equal channels.
+
+    A note on the camera's orientation in the file is not followed: a calibration is that of the
+    pixels as they are stored.
+
+    Raises:
+        ValueError: The file is no whole PNG or JPEG, or has 16 bits per channel (a depth map).
+    """
+    content = Path(path).read_bytes()
+    header = parse_image_header(content, path)
+    if header.bits_per_channel > 8:
+        raise ValueError(
+            f"{path} has {header.bits_per_channel} bits per channel, expected a picture of 8; it "
+            "is perhaps a depth map: name the folder of camera images"
+        )
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    bgr = decode_pixels(content, header, flags, path)
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB, dst=bgr).astype(np.uint8, copy=False)
+
+
+def decode_pixels(
+    content: bytes, header: ImageHeader, flags: int, source: Path | str
+) -> UInt8[np.ndarray, "height width 3"] | UInt16[np.ndarray, "height width"]:
+    """The pixels of a whole file of the announced size: three channels, or one of 16 bits.
+
+    Args:
+        content: The file.
+        header: What it announces.
+        flags: OpenCV's `IMREAD_...`.
+        source: What errors call it.
+
+    Raises:
+        ValueError: The file is cut short or damaged.
+    """
+    check_complete(content, header, source)
+    shape = (*header.size, 3) if flags & cv2.IMREAD_COLOR else header.size
+    try:
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error:  # a side longer than OpenCV takes
+        pixels = None
+    if pixels is None or pixels.shape != shape:
+        raise ValueError(f"{source} is damaged: its pixels cannot be decoded; extract it again")
+    return pixels
+
+
+def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> None:
+    """Writes a picture, aside first and then renamed: `.png` lossless, `.jpg` of quality 95.
+
+    Raises:
+        ValueError: The name ends otherwise, or the picture has no pixel.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in IMAGE_SUFFIXES:
+        raise ValueError(
+            f"{path} cannot be written: expected a name that ends in {', '.join(IMAGE_SUFFIXES)}"
+        )
+    if image.size == 0:
+        raise ValueError(f"{path} cannot be written: a picture needs at least one pixel")
+    parameters = [] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+    bgr = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(suffix, bgr, parameters)
+    atomic_write_bytes(path, encoded.tobytes())

@@ -1,0 +1,161 @@
+"""The depth completion benchmark: sparse depth maps, images and denser ground truth."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from sightline.data.calibration_text import read_intrinsics, read_rectified_intrinsics
+from sightline.data.depth_tree import (
+    Camera,
+    DepthFrame,
+    DriveSplit,
+    SelectedSplit,
+    list_drive_frames,
+    list_selected_frames,
+)
+from sightline.data.kitti_files import read_depth, read_image
+from sightline.data.object_tree import describe_absent
+from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import unproject_pixels
+from sightline.structures.sample import CameraLidarSample
+
+_NOMINAL_CAMERA_FROM_LIDAR = (
+    (0.0, -1.0, 0.0, 0.0),
+    (0.0, 0.0, -1.0, 0.0),
+    (1.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 1.0),
+)
+
+
+class KittiDepthDataset(Dataset[CameraLidarSample]):
+    """Frames of KITTI's depth completion benchmark (Uhrig et al. 2017, arXiv:1708.06500).
+
+    The benchmark gives the sweeps only projected, as sparse depth maps. A sample's `points` are
+    their pixels taken back into space, with reflectance 0, in a LiDAR frame of nominal axes in the
+    camera's own centre: `sparse_depth_map` makes the same map of them again, value for value.
+    `depth` is the ground truth; None in the test split.
+
+    `list_drive_frames` (train, val) and `list_selected_frames` (the other two) say where files lie.
+    """
+
+    def __init__(
+        self,
+        root: Path | str,
+        split: DriveSplit | SelectedSplit = "val_selection_cropped",
+        *,
+        raw_root: Path | str | None = None,
+        cameras: Sequence[Camera] = ("image_02",),
+        load_images: bool = True,
+    ) -> None:
+        """Looks up the files.
+
+        Args:
+            root: The folder that the benchmark's archives were extracted to.
+            split: Which frames.
+            raw_root: The raw recordings' folder, with one folder a day; None: `root`. Images and
+                intrinsics of `train` and `val` come from there.
+            cameras: Left and right colour camera, for `train` and `val`; the other two splits are
+                taken as they are.
+            load_images: Whether samples hold an image.
+
+        Raises:
+            ValueError: There are no frames, or some lack a part.
+        """
+        self.root = Path(root)
+        self.split = split
+        self.load_images = load_images
+        if split == "train" or split == "val":  # mypy narrows by `==` only
+            raw = self.root if raw_root is None else Path(raw_root)
+            frames = list_drive_frames(self.root, split, raw, cameras)
+        else:
+            frames = list_selected_frames(self.root, split)
+        if not frames:
+            raise ValueError(
+                f"{self.root} holds no frames of {split}, expected the tree of KITTI's depth "
+                "completion benchmark; give the folder that its archives were extracted to"
+            )
+        needed = {"sparse": "velodyne_raw", "intrinsics": "intrinsics (calib_cam_to_cam.txt)"}
+        if load_images:
+            needed["image"] = "image"
+        if split != "test_depth_completion_anonymous":
+            needed["truth"] = "groundtruth"
+        _check_whole(self.root, frames, needed)
+        self._frames = tuple(frames)
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """The frames' names, e.g. "2011_09_26_drive_0002_sync_image_0000000005_image_02"."""
+        return tuple(frame.sample_id for frame in self._frames)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self._frames)
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Reads a frame.
+
+        Raises:
+            ValueError: A file of it cannot be understood, or the sizes of its maps and its image
+                differ; the error names it.
+        """
+        keep_opencv_to_one_thread_in_workers()
+        frame = self._frames[index]
+        assert frame.sparse is not None, f"{frame.sample_id} passed the check without a sparse map"
+        sparse = read_depth(frame.sparse)
+        height, width = sparse.shape
+        image = read_image(frame.image) if frame.image is not None and self.load_images else None
+        truth = None if frame.truth is None else read_depth(frame.truth)
+        for picture, path in ((image, frame.image), (truth, frame.truth)):
+            if picture is not None and picture.shape[-2:] != sparse.shape:
+                raise ValueError(
+                    f"{path} is {picture.shape[-2]}x{picture.shape[-1]} (height x width), expected "
+                    f"{height}x{width} like {frame.sparse}; extract both again"
+                )
+        calibration = _read_calibration(frame)
+        return CameraLidarSample(
+            sample_id=frame.sample_id,
+            calibration=calibration,
+            image_size=(height, width),
+            image=image,
+            points=points_from_depth_map(sparse, calibration),
+            depth=truth,
+        )
+
+
+def points_from_depth_map(
+    depth_m: Float32[Tensor, "height width"], calibration: Calibration
+) -> Float32[Tensor, "num_points 4"]:
+    """The pixels that hold a depth [m] as LiDAR-frame points with reflectance 0, row by row."""
+    rows, columns = depth_m.nonzero(as_tuple=True)
+    pixels = torch.stack((columns, rows), dim=-1).double()
+    points = unproject_pixels(pixels, depth_m[rows, columns].double(), calibration)
+    return torch.nn.functional.pad(points.float(), (0, 1))
+
+
+def _read_calibration(frame: DepthFrame) -> Calibration:
+    assert frame.intrinsics is not None, f"{frame.sample_id} passed the check without intrinsics"
+    if frame.camera is None:
+        intrinsics = read_intrinsics(frame.intrinsics)
+    else:
+        intrinsics = read_rectified_intrinsics(frame.intrinsics, int(frame.camera[-2:]))
+    return Calibration(
+        # The maps are relative to their own camera, so the rectified baseline has no place here.
+        image_from_camera=torch.from_numpy(np.hstack((intrinsics, np.zeros((3, 1))))),
+        camera_from_lidar=torch.tensor(_NOMINAL_CAMERA_FROM_LIDAR, dtype=torch.float64),
+    )
+
+
+def _check_whole(root: Path, frames: Sequence[DepthFrame], needed: dict[str, str]) -> None:
+    for part, folder in needed.items():
+        absent = [frame.sample_id for frame in frames if getattr(frame, part) is None]
+        if absent:
+            raise ValueError(
+                f"{root} is incomplete: {folder} lacks {len(absent)} of {len(frames)} frames "
+                f"({describe_absent(absent)}); extract the missing archive"
+            )

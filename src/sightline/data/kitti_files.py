@@ -1,0 +1,96 @@
+"""KITTI's files as tensors and types of the project; every reader names the file it refuses.
+
+Any bytes give a value or a ValueError. Files are written aside and renamed. What needs no PyTorch
+is read by the modules below this one: `velodyne`, `calibration_text`, `image_file`, `depth_png`.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+from torch import Tensor
+
+from sightline.data.atomic import atomic_write_text
+from sightline.data.calibration_text import (
+    CalibrationMatrices,
+    object_calibration_text,
+    raw_calibration_texts,
+    read_object_matrices,
+    read_raw_matrices,
+)
+from sightline.data.depth_png import read_depth_png
+from sightline.data.image_file import read_rgb, write_rgb
+from sightline.data.velodyne import read_sweep, write_sweep
+from sightline.geometry.calibration import Calibration
+
+
+def read_points(
+    path: Path | str, *, drop_non_finite: bool = False
+) -> Float32[Tensor, "num_points 4"]:
+    """Reads a sweep: x, y, z [m] in the LiDAR frame, reflectance [0, 1]; see `read_sweep`."""
+    return torch.from_numpy(read_sweep(path, drop_non_finite=drop_non_finite))
+
+
+def write_points(path: Path | str, points: Float32[Tensor, "num_points 4"]) -> None:
+    """Writes a sweep that `read_points` gives back bit by bit; see `write_sweep`."""
+    write_sweep(path, points.numpy(force=True))
+
+
+def read_image(path: Path | str) -> UInt8[Tensor, "3 height width"]:
+    """Reads a PNG or JPEG picture as RGB, channels first; see `read_rgb`."""
+    return torch.from_numpy(np.ascontiguousarray(read_rgb(path).transpose(2, 0, 1)))
+
+
+def write_image(path: Path | str, image: UInt8[Tensor, "3 height width"]) -> None:
+    """Writes an RGB picture as PNG or JPEG, by the name's end; see `write_rgb`."""
+    write_rgb(path, image.numpy(force=True).transpose(1, 2, 0))
+
+
+def read_depth(path: Path | str) -> Float32[Tensor, "height width"]:
+    """Reads a depth map [m], 0 = no value, from a 16-bit PNG; see `read_depth_png`."""
+    return torch.from_numpy(read_depth_png(path))
+
+
+def read_object_calibration(path: Path | str) -> Calibration:
+    """Reads the object benchmark's calibration of camera 2; see `read_object_matrices`."""
+    return _calibration(read_object_matrices(path), path)
+
+
+def write_object_calibration(path: Path | str, calibration: Calibration) -> None:
+    """Writes a calibration as the object benchmark does; see `object_calibration_text`."""
+    atomic_write_text(path, object_calibration_text(_matrices(calibration)))
+
+
+def read_raw_calibration(folder: Path | str) -> Calibration:
+    """Reads camera 2's calibration from a raw recording's folder; see `read_raw_matrices`."""
+    return _calibration(read_raw_matrices(folder), folder)
+
+
+def write_raw_calibration(folder: Path | str, calibration: Calibration) -> None:
+    """Writes the two files that `read_raw_calibration` reads; see `raw_calibration_texts`."""
+    cameras, lidar = raw_calibration_texts(_matrices(calibration))
+    atomic_write_text(Path(folder, "calib_cam_to_cam.txt"), cameras)
+    atomic_write_text(Path(folder, "calib_velo_to_cam.txt"), lidar)
+
+
+def _calibration(matrices: CalibrationMatrices, source: Path | str) -> Calibration:
+    try:
+        return Calibration(
+            image_from_camera=torch.from_numpy(matrices.image_from_camera),
+            camera_from_lidar=torch.from_numpy(matrices.camera_from_lidar),
+        )
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from error
+
+
+def _matrices(calibration: Calibration) -> CalibrationMatrices:
+    if calibration.image_from_camera.ndim != 2:
+        raise ValueError(
+            f"a calibration file holds one calibration, got a batch of shape "
+            f"{tuple(calibration.image_from_camera.shape[:-2])}; write each on its own"
+        )
+    return CalibrationMatrices(
+        image_from_camera=calibration.image_from_camera.numpy(force=True),
+        camera_from_lidar=calibration.camera_from_lidar.numpy(force=True),
+    )

@@ -1,0 +1,288 @@
+"""KITTI's label and result files: one object a line, 15 fields, and a score in results."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.atomic import atomic_write_text
+
+FIELDS = (
+    "class",
+    "truncation",
+    "occlusion",
+    "alpha",
+    "x_min",
+    "y_min",
+    "x_max",
+    "y_max",
+    "height",
+    "width",
+    "length",
+    "x",
+    "y",
+    "z",
+    "rotation_y",
+    "score",
+)
+"""What stands on a line, in its order; labels end before the score."""
+
+NO_ALPHA = -10.0
+"""Written for an observation angle that is unknown."""
+NO_LOCATION = -1000.0
+"""Written for each coordinate of an object without a 3D part."""
+
+_LABEL_FIELDS = 15
+_RESULT_FIELDS = 16
+_OCCLUSION = 1  # columns of the numbers of a line
+_LOCATION = slice(10, 13)
+_PLACEHOLDERS = {
+    "truncation": -1.0,
+    "alpha": NO_ALPHA,
+    "height": -1.0,
+    "width": -1.0,
+    "length": -1.0,
+    "x": NO_LOCATION,
+    "y": NO_LOCATION,
+    "z": NO_LOCATION,
+    "rotation_y": NO_ALPHA,
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class KittiObjects:
+    """The objects of one label or result file, column by column, in the order of its lines.
+
+    KITTI's own conventions: rectified camera frame (x right, y down, z forward), metres and
+    radians; boxes in pixels. What an object lacks has KITTI's placeholder: -1, -10 or -1000.
+    """
+
+    class_names: tuple[str, ...]
+    """As written, e.g. Car, Pedestrian, DontCare."""
+    truncation: Float64[np.ndarray, " num_objects"]
+    """Share outside the image, 0 to 1; -1 where unknown."""
+    occlusion: Float64[np.ndarray, " num_objects"]
+    """0 visible, 1 partly, 2 largely occluded, 3 unknown; -1 in results and for DontCare."""
+    alpha: Float64[np.ndarray, " num_objects"]
+    """Observation angle [rad]; -10 where unknown."""
+    boxes2d: Float64[np.ndarray, "num_objects 4"]
+    """x_min, y_min, x_max, y_max [px]."""
+    dimensions_hwl: Float64[np.ndarray, "num_objects 3"]
+    """Height, width, length [m]; -1 where there is no 3D part."""
+    locations: Float64[np.ndarray, "num_objects 3"]
+    """Centre of the bottom face [m]; -1000 where there is no 3D part."""
+    rotation_y: Float64[np.ndarray, " num_objects"]
+    """Turn about the camera's y axis [rad], 0 faces +x; -10 where there is no 3D part."""
+    scores: Float64[np.ndarray, " num_objects"] | None = None
+    """Confidence, any scale, higher is surer; None in labels."""
+
+    def __post_init__(self) -> None:
+        """Checks that the columns belong together."""
+        lengths = {
+            "class_names": len(self.class_names),
+            "truncation": len(self.truncation),
+            "occlusion": len(self.occlusion),
+            "alpha": len(self.alpha),
+            "boxes2d": len(self.boxes2d),
+            "dimensions_hwl": len(self.dimensions_hwl),
+            "locations": len(self.locations),
+            "rotation_y": len(self.rotation_y),
+        }
+        if self.scores is not None:
+            lengths["scores"] = len(self.scores)
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"objects of one frame need columns of one length, got {lengths}")
+
+    def __len__(self) -> int:
+        """Number of objects."""
+        return len(self.class_names)
+
+
+def read_labels(path: Path) -> KittiObjects:
+    """Reads a label file (ground truth); an empty file is a frame without objects.
+
+    A line may end with a 16th field, as where results serve as ground truth: it is left out, as
+    KITTI's own evaluation does.
+
+    Raises:
+        ValueError: Names the file, line and field that is missing, not a number or not finite.
+    """
+    return parse_objects(_read_bytes(path), path, with_scores=False)
+
+
+def read_results(path: Path) -> KittiObjects:
+    """Reads a result file (detections with scores); an empty file is a frame without any.
+
+    Raises:
+        ValueError: Names the file, line and field that is missing, not a number or not finite.
+    """
+    return parse_objects(_read_bytes(path), path, with_scores=True)
+
+
+def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> KittiObjects:
+    """Parses what a label file holds, or a result file (`with_scores`).
+
+    Fields are parted by ASCII white space; lines without any are passed over. Numbers are finite
+    decimals (KITTI's C program would also take `nan`, `inf` and hexadecimals, and would lose step
+    with the lines where a field is missing: all four are errors here). The occlusion of a label
+    is a whole number; that of a result means nothing, and any number passes.
+
+    Args:
+        data: The bytes of the file.
+        source: Named in errors.
+        with_scores: Whether lines end with a score.
+
+    Raises:
+        ValueError: Names the source, line and field that is missing, not a number or not finite.
+    """
+    num_fields = _RESULT_FIELDS if with_scores else _LABEL_FIELDS
+    names: list[bytes] = []
+    tokens: list[bytes] = []
+    complete = True
+    for _, fields in _lines(data):
+        complete &= len(fields) == num_fields or (not with_scores and len(fields) == _RESULT_FIELDS)
+        names.append(fields[0])
+        tokens += fields[1:num_fields]
+    try:
+        if not complete:
+            raise ValueError
+        # float takes the underscore of 1_000, the format does not; Person_sitting has one too
+        values = np.array([*map(_number if b"_" in data else float, tokens)])
+        class_names = tuple([name.decode() for name in names])
+    except ValueError:
+        raise ValueError(_first_fault(data, source, with_scores=with_scores)) from None
+    values = values.reshape(len(names), num_fields - 1)
+    whole = with_scores or bool((values[:, _OCCLUSION] % 1 == 0).all())
+    if not (np.isfinite(values).all() and whole):
+        raise ValueError(_first_fault(data, source, with_scores=with_scores))
+    values.setflags(write=False)
+    return KittiObjects(
+        class_names=class_names,
+        truncation=values[:, 0],
+        occlusion=values[:, 1],
+        alpha=values[:, 2],
+        boxes2d=values[:, 3:7],
+        dimensions_hwl=values[:, 7:10],
+        locations=values[:, 10:13],
+        rotation_y=values[:, 13],
+        scores=values[:, 14] if with_scores else None,
+    )
+
+
+def write_objects(path: Path, objects: KittiObjects, *, decimals: int | None = 2) -> None:
+    """Writes a label file, or a result file where the objects have scores.
+
+    The file appears whole or not at all. KITTI's own label files come out byte for byte.
+
+    Args:
+        path: The file.
+        objects: What to write.
+        decimals: Of all fields but the score; KITTI uses 2. None writes as many as it takes to
+            read the same numbers back. Scores are always written so: rounding them would make
+            ties, and ties change the evaluation.
+
+    Raises:
+        ValueError: If a class name is empty or has white space, an occlusion is no whole number
+            or a number is not finite: no reader would understand the file.
+    """
+    columns = [objects.truncation, objects.occlusion, objects.alpha, objects.boxes2d]
+    columns += [objects.dimensions_hwl, objects.locations, objects.rotation_y]
+    if objects.scores is not None:
+        columns.append(objects.scores)
+    rows = np.column_stack(columns).tolist()
+    with_scores = objects.scores is not None
+    lines = []
+    for number, (name, row) in enumerate(zip(objects.class_names, rows, strict=True), start=1):
+        try:
+            lines.append(_format_line(name, row, decimals, with_scores=with_scores))
+        except ValueError as error:
+            raise ValueError(f"{path} cannot be written, line {number}: {error}") from None
+    atomic_write_text(path, "".join(lines))
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ValueError(
+            f"{path} cannot be read ({error.strerror}): give a label or result file of KITTI's"
+        ) from error
+
+
+def _lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
+    """Numbers the lines from 1 and parts their fields; blank ones are left out.
+
+    Bytes, not text: only ASCII white space parts fields, as in C.
+    """
+    for number, line in enumerate(data.splitlines(), start=1):
+        if fields := line.split():
+            yield number, fields
+
+
+def _number(token: bytes) -> float:
+    if b"_" in token:  # Python reads 1_000 as a number, the format does not
+        raise ValueError
+    return float(token)
+
+
+def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> str:
+    """Says what is wrong with the first bad line, and what to do."""
+    expected = FIELDS if with_scores else FIELDS[:_LABEL_FIELDS]
+    kind = "result" if with_scores else "label"
+    for number, fields in _lines(data):
+        line = f"{source}, line {number}"
+        if len(fields) < len(expected):
+            return (
+                f"{line} has {len(fields)} fields, but a {kind} has {len(expected)}: "
+                f"add {', '.join(expected[len(fields) :])}"
+            )
+        if len(fields) > _RESULT_FIELDS:
+            return (
+                f"{line} has {len(fields)} fields, but a {kind} has {len(expected)}: remove "
+                f"what follows {expected[-1]}"
+            )
+        for name, token in zip(expected, fields, strict=False):
+            shown = ascii(token.decode(errors="replace"))
+            try:
+                value = _number(token) if name != "class" else 0.0 * len(token.decode())
+            except UnicodeDecodeError:
+                return f"{line}: class {shown} is not text in UTF-8: write the file as plain text"
+            except ValueError:
+                return f"{line}: {name} is {shown}, not a number: write a decimal number there"
+            if not math.isfinite(value):
+                return f"{line}: {name} is {shown}, not finite: write a decimal number there"
+            if name == "occlusion" and value % 1 and not with_scores:
+                return f"{line}: occlusion is {shown}, not a whole number: write 0, 1, 2 or 3"
+    raise AssertionError(f"{source} was refused, but no line of it is at fault")
+
+
+def _format_line(
+    class_name: str, values: list[float], decimals: int | None, *, with_scores: bool
+) -> str:
+    """One line of the file; raises ValueError, to be completed with the place, if it cannot be."""
+    if class_name.encode().split() != [class_name.encode()]:
+        raise ValueError(f"class is {class_name!r}, but it is one word: rename it")
+    no_box3d = all(value == NO_LOCATION for value in values[_LOCATION])
+    words = [class_name]
+    for field, value in zip(FIELDS[1:], values, strict=False):
+        if not math.isfinite(value):
+            raise ValueError(f"{field} is {value}, not finite: leave the object out")
+        if field == "occlusion" and value % 1 and not with_scores:
+            raise ValueError(f"occlusion is {value}, not a whole number: give 0, 1, 2 or 3")
+        if _is_written_whole(field, value, no_box3d=no_box3d):
+            words.append(str(int(value)))
+        elif field == "score" or decimals is None:
+            words.append(repr(value))
+        else:
+            words.append(f"{value:.{decimals}f}")
+    return " ".join(words) + "\n"
+
+
+def _is_written_whole(field: str, value: float, *, no_box3d: bool) -> bool:
+    """Whether KITTI's files have the number without a point: occlusions and placeholders."""
+    if field == "occlusion":
+        return value % 1 == 0
+    return no_box3d and _PLACEHOLDERS.get(field) == value

@@ -1,0 +1,134 @@
+"""The object benchmark: single frames with image, sweep, calibration and labels."""
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from torch.utils.data import Dataset
+
+from sightline.data.image_header import read_image_size
+from sightline.data.kitti_files import read_image, read_object_calibration, read_points
+from sightline.data.kitti_labels import read_labels
+from sightline.data.object_labels import labels_from_kitti
+from sightline.data.object_tree import (
+    ObjectFrame,
+    Part,
+    Velodyne,
+    describe_absent,
+    list_object_frames,
+    part_folder,
+)
+from sightline.data.sample_list import read_sample_list
+from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.structures.sample import CameraLidarSample
+
+
+class KittiObjectDataset(Dataset[CameraLidarSample]):
+    """Frames of KITTI's object tree, in the order of their list.
+
+    `root`/training or `root`/testing holds `image_2`, `velodyne` (or `velodyne_reduced`), `calib`
+    and, for training, `label_2`. Which files there are is looked up once, so a gap shows at
+    once and not in the middle of a training; their content is read frame by frame.
+    """
+
+    def __init__(
+        self,
+        root: Path | str,
+        split: Literal["training", "testing"] = "training",
+        *,
+        sample_list: str | Path | Sequence[str] | None = None,
+        velodyne: Velodyne = "velodyne",
+        parts: Collection[Part] = ("image", "points", "objects"),
+    ) -> None:
+        """Looks up the files.
+
+        Args:
+            root: The folder with `training` and `testing`.
+            split: Testing has no labels: its samples' `objects` are None.
+            sample_list: Which frames; see `read_sample_list`. None: all that have any file.
+            velodyne: The sweeps' folder; KITTI tools keep those cut to the image's view apart.
+            parts: What samples hold. Calibrations and the sizes of images are always read.
+
+        Raises:
+            ValueError: There are no frames, the list names absent ones, or a frame lacks a part.
+        """
+        self.root = Path(root)
+        self.split = split
+        self.velodyne = velodyne
+        self.parts = frozenset(parts) - ({"objects"} if split == "testing" else set())
+        folder = self.root / split
+        needed: tuple[Part, ...] = ("image", "calibration")
+        needed += tuple(part for part in ("points", "objects") if part in self.parts)
+        found = list_object_frames(folder, needed, velodyne)
+        if not found:
+            folders = ", ".join(f"{split}/{part_folder(part, velodyne)}" for part in needed)
+            raise ValueError(
+                f"{self.root} holds no frames of KITTI's object tree, expected files in {folders}; "
+                f"give the folder that has {split}/ in it"
+            )
+        wanted = tuple(found) if sample_list is None else read_sample_list(sample_list, self.root)
+        _check_whole(folder, wanted, found, needed, velodyne)
+        self._frames = tuple(found[frame_id] for frame_id in wanted)
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """The frames' names, e.g. "000042", in order."""
+        return tuple(frame.sample_id for frame in self._frames)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self._frames)
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Reads a frame.
+
+        Raises:
+            ValueError: A file of it cannot be understood; the error names it.
+        """
+        keep_opencv_to_one_thread_in_workers()
+        frame = self._frames[index]
+        assert frame.image is not None, f"{frame.sample_id} passed the check without an image"
+        assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
+        calibration = read_object_calibration(frame.calibration)
+        image = read_image(frame.image) if "image" in self.parts else None
+        height, width = read_image_size(frame.image) if image is None else image.shape[1:]
+        return CameraLidarSample(
+            sample_id=frame.sample_id,
+            calibration=calibration,
+            image_size=(height, width),
+            image=image,
+            points=None if frame.points is None else read_points(frame.points),
+            objects=(
+                None
+                if frame.objects is None
+                else labels_from_kitti(read_labels(frame.objects), calibration)
+            ),
+        )
+
+
+def _check_whole(
+    folder: Path,
+    wanted: Sequence[str],
+    found: Mapping[str, ObjectFrame],
+    needed: Sequence[Part],
+    velodyne: Velodyne,
+) -> None:
+    absent = [frame_id for frame_id in wanted if frame_id not in found]
+    gaps = [("every part", absent)] if absent else []
+    for part in needed:
+        lacking = [
+            frame_id
+            for frame_id in wanted
+            if frame_id in found and getattr(found[frame_id], part) is None
+        ]
+        if lacking:
+            gaps.append((part_folder(part, velodyne), lacking))
+    if gaps:
+        described = ", ".join(
+            f"{part} of {len(frame_ids)} of {len(wanted)} frames ({describe_absent(frame_ids)})"
+            for part, frame_ids in gaps
+        )
+        raise ValueError(
+            f"{folder} lacks {described}; extract the missing archives or name a list of the "
+            "frames that are there"
+        )

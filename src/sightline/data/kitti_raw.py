@@ -1,0 +1,143 @@
+"""Raw drives: consecutive moments of one recording."""
+
+from pathlib import Path
+
+import torch
+from torch.utils.data import Dataset
+
+from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
+from sightline.data.drive_tree import DriveFiles, list_drive
+from sightline.data.image_header import read_image_size
+from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
+from sightline.data.object_tree import describe_absent
+from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.structures.sample import CameraLidarSample
+
+
+class KittiRawDrive(Dataset[CameraLidarSample]):
+    """One drive, moment after moment at 10 Hz, in the official layout or the flat one.
+
+    `list_drive` says how both look. Calibration, poses and times are read once.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        poses: Path | str | None = None,
+        *,
+        allow_gaps: bool = False,
+    ) -> None:
+        """Looks up the files and reads the short ones.
+
+        Args:
+            folder: The drive, e.g. `2011_09_26/2011_09_26_drive_0052_sync`.
+            poses: A file of `world_from_lidar`, one line of 12 numbers for each frame (3x4, row by
+                row), in order; or "oxts", to calculate them from the drive's GPS and IMU readings.
+            allow_gaps: Whether a frame may lack its image or its sweep, which is then None: some
+                of the published drives miss a few sweeps.
+
+        Raises:
+            ValueError: There are no frames or no calibration, frames lack a part, or the poses or
+                times do not fit the frames.
+        """
+        self.folder = Path(folder)
+        files = list_drive(self.folder)
+        if not files.frames or files.calibration is None:
+            lacking = "frames" if not files.frames else "calib_cam_to_cam.txt"
+            raise ValueError(
+                f"{self.folder} holds no {lacking}, expected a raw drive: image_02/data, "
+                "velodyne_points/data, and the calibration there or one folder up; give the "
+                "folder of one drive"
+            )
+        if not allow_gaps:
+            _check_whole(self.folder, files)
+        self._frames = files.frames
+        self.calibration = read_raw_calibration(files.calibration)
+        """That of every frame."""
+        self._times = _times(files)
+        self._poses = None if poses is None else _poses(files, poses)
+        images = [frame.image for frame in files.frames if frame.image is not None]
+        if not images:
+            raise ValueError(
+                f"{self.folder} holds no image, so the camera's size is unknown; extract image_02"
+            )
+        self._image_size = read_image_size(images[0])
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """The frames' numbers as the files are named, e.g. "0000000005", in order."""
+        return tuple(frame.sample_id for frame in self._frames)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self._frames)
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Reads a frame.
+
+        Raises:
+            ValueError: A file of it cannot be understood, or its image is of another size than
+                the drive's first; the error names it.
+        """
+        keep_opencv_to_one_thread_in_workers()
+        frame = self._frames[index]
+        image = None if frame.image is None else read_image(frame.image)
+        if image is not None and tuple(image.shape[1:]) != self._image_size:
+            raise ValueError(
+                f"{frame.image} is {image.shape[1]}x{image.shape[2]} (height x width), expected "
+                f"{self._image_size[0]}x{self._image_size[1]} like the drive's first image; "
+                "extract the drive again"
+            )
+        return CameraLidarSample(
+            sample_id=frame.sample_id,
+            calibration=self.calibration,
+            image_size=self._image_size,
+            image=image,
+            points=None if frame.points is None else read_points(frame.points),
+            world_from_lidar=None if self._poses is None else self._poses[index],
+            timestamp_s=None if self._times is None else self._times[index],
+        )
+
+
+def _check_whole(folder: Path, files: DriveFiles) -> None:
+    for part, name in (("image", "image_02"), ("points", "velodyne_points")):
+        absent = [frame.sample_id for frame in files.frames if getattr(frame, part) is None]
+        if absent:
+            raise ValueError(
+                f"{folder} is incomplete: {name} lacks {len(absent)} of {len(files.frames)} frames "
+                f"({describe_absent(absent)}); extract the drive again or allow gaps"
+            )
+
+
+def _times(files: DriveFiles) -> tuple[float, ...] | None:
+    """Seconds since the drive's first frame, by the frames' numbers."""
+    if files.timestamps is None:
+        return None
+    times = read_timestamps(files.timestamps)
+    sample_ids = [frame.sample_id for frame in files.frames]
+    if len(times) == len(sample_ids):
+        lines = list(range(len(times)))
+    else:  # KITTI has a time for every number, also where a frame was lost
+        lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
+        if not 0 <= min(lines) <= max(lines) < len(times):
+            raise ValueError(
+                f"{files.timestamps} holds {len(times)} times, expected one for each of the "
+                f"{len(sample_ids)} frames, or for each number up to the last; extract the drive "
+                "again"
+            )
+    return tuple((times[lines] - times[lines[0]]).tolist())
+
+
+def _poses(files: DriveFiles, poses: Path | str) -> torch.Tensor:
+    if poses != "oxts":
+        read = read_poses(poses)
+        if len(read) != len(files.frames):
+            raise ValueError(
+                f"{poses} holds {len(read)} poses, expected one for each of the "
+                f"{len(files.frames)} frames; name the poses of this drive"
+            )
+        return torch.from_numpy(read)
+    if files.oxts is None or files.calibration is None:
+        raise ValueError("the drive has no folder oxts/data; extract it or name a file of poses")
+    readings = [files.oxts / f"{frame.sample_id}.txt" for frame in files.frames]
+    return torch.from_numpy(read_oxts_poses(readings, files.calibration / "calib_imu_to_velo.txt"))

@@ -1,0 +1,84 @@
+"""Which files an object data set has: KITTI's folder tree, listed without reading them."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sightline.data.image_file import IMAGE_SUFFIXES
+from sightline.data.plain_text import shortened
+
+Velodyne = Literal["velodyne", "velodyne_reduced"]
+Part = Literal["image", "points", "calibration", "objects"]
+
+_SUFFIXES: dict[Part, tuple[str, ...]] = {
+    "image": IMAGE_SUFFIXES,
+    "points": (".bin",),
+    "calibration": (".txt",),
+    "objects": (".txt",),
+}
+_NAMED = 5  # so many frames an error lists by name
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectFrame:
+    """The files of one frame; None where there is none."""
+
+    sample_id: str
+    image: Path | None = None
+    points: Path | None = None
+    calibration: Path | None = None
+    objects: Path | None = None
+
+
+def part_folder(part: Part, velodyne: Velodyne = "velodyne") -> str:
+    """KITTI's name for the folder of a part."""
+    if part == "points":
+        return velodyne
+    return {"image": "image_2", "calibration": "calib", "objects": "label_2"}[part]
+
+
+def list_object_frames(
+    folder: Path, parts: Collection[Part], velodyne: Velodyne = "velodyne"
+) -> dict[str, ObjectFrame]:
+    """All frames of which `folder` (e.g. `training`) holds any of the parts, by name, sorted.
+
+    Files that do not end as KITTI's do, and hidden ones, are not looked at.
+    """
+    files = {
+        part: list_files(folder / part_folder(part, velodyne), _SUFFIXES[part]) for part in parts
+    }
+    return {
+        frame_id: ObjectFrame(
+            sample_id=frame_id,
+            image=files.get("image", {}).get(frame_id),
+            points=files.get("points", {}).get(frame_id),
+            calibration=files.get("calibration", {}).get(frame_id),
+            objects=files.get("objects", {}).get(frame_id),
+        )
+        for frame_id in sorted({frame_id for listed in files.values() for frame_id in listed})
+    }
+
+
+def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
+    """The files of a folder that end in one of the suffixes, by stem, sorted.
+
+    Of two with the same stem the one with the earlier suffix counts; a folder that is not there
+    is empty; hidden files are left out.
+    """
+    if not folder.is_dir():
+        return {}
+    paths = [
+        path
+        for path in folder.iterdir()
+        if path.suffix in suffixes and not path.name.startswith(".")
+    ]
+    paths.sort(key=lambda path: (path.stem, -suffixes.index(path.suffix)))
+    return {path.stem: path for path in paths}
+
+
+def describe_absent(frame_ids: Sequence[str]) -> str:
+    """The first few of the frames, and how many more there are."""
+    named = ", ".join(map(shortened, frame_ids[:_NAMED]))
+    more = len(frame_ids) - _NAMED
+    return f"{named} and {more} more" if more > 0 else named

@@ -1,0 +1,143 @@
+"""Opens a data set by what its folder looks like."""
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from torch.utils.data import Dataset
+
+from sightline.data.depth_tree import (
+    DriveSplit,
+    SelectedSplit,
+    list_drive_frames,
+    list_selected_frames,
+)
+from sightline.data.drive_tree import list_drive
+from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.kitti_raw import KittiRawDrive
+from sightline.data.object_tree import Part, Velodyne, describe_absent, list_object_frames
+from sightline.data.sample_list import read_sample_list
+from sightline.structures.sample import CameraLidarSample
+
+_OBJECT_SPLITS = ("training", "testing")
+_DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class SampleDataset(Protocol):
+    """A data set whose samples have names."""
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """The names of the samples, in order; each occurs once."""
+
+    def __len__(self) -> int:
+        """Number of samples."""
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Reads a sample."""
+
+
+class NamedSubset(Dataset[CameraLidarSample]):
+    """Some samples of a data set, by name, in the order of the names."""
+
+    def __init__(self, dataset: SampleDataset, sample_ids: Sequence[str]) -> None:
+        """Looks up the names.
+
+        Raises:
+            ValueError: The data set lacks some of them.
+        """
+        positions = {name: index for index, name in enumerate(dataset.sample_ids)}
+        absent = [name for name in sample_ids if name not in positions]
+        if absent:
+            raise ValueError(
+                f"the list names {len(absent)} frames that the data lacks "
+                f"({describe_absent(absent)}); take them off the list or name another folder"
+            )
+        self.dataset = dataset
+        self.sample_ids = tuple(sample_ids)
+        self._positions = tuple(positions[name] for name in sample_ids)
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self._positions)
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Reads a sample."""
+        return self.dataset[self._positions[index]]
+
+
+def open_dataset(
+    path: Path,
+    *,
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne = "velodyne",
+    parts: Collection[Part] = ("image", "points", "objects"),
+) -> SampleDataset:
+    """Opens KITTI's object tree, its depth completion tree or a raw drive, whichever `path` is.
+
+    A tree of several splits gives `training`, or the depth tree's cropped selection, `val`,
+    anonymous test frames or `train`, the first that is there; name the split's own folder for
+    another.
+
+    Args:
+        path: Folder of the tree, of one of its splits, or of a drive.
+        sample_list: Which samples; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder in an object tree.
+        parts: What samples hold; images may be there all the same.
+
+    Raises:
+        ValueError: `path` is none of the three, or lacks files.
+    """
+    if not path.is_dir():
+        what = "is no folder" if path.exists() else "does not exist"
+        raise ValueError(f"{path} {what}; give the folder of a KITTI data set")
+    root = path.parent if path.name in _OBJECT_SPLITS else path
+    names = _OBJECT_SPLITS if root == path else (path.name,)
+    for split in names:
+        if list_object_frames(root / split, ("image", "points"), velodyne):
+            return KittiObjectDataset(
+                root,
+                "training" if split == "training" else "testing",
+                sample_list=sample_list,
+                velodyne=velodyne,
+                parts=parts,
+            )
+    dataset = _open_depth_tree(path, load_images="image" in parts) or _open_drive(path)
+    if dataset is None:
+        raise ValueError(
+            f"{path} is no KITTI data set, expected an object tree (training/image_2, ..), a depth "
+            "completion tree (val_selection_cropped/velodyne_raw, val/DRIVE/proj_depth, ..) or a "
+            "raw drive (image_02, velodyne_points, ..); name the folder that holds those"
+        )
+    if sample_list is None:
+        return dataset
+    return NamedSubset(dataset, read_sample_list(sample_list, path))
+
+
+def _open_depth_tree(path: Path, *, load_images: bool) -> SampleDataset | None:
+    split = _find_depth_split(path)
+    if split is None:
+        return None
+    root = path.parent if path.name == split and split in _DRIVE_SPLITS else path
+    return KittiDepthDataset(root, split, load_images=load_images)
+
+
+def _find_depth_split(path: Path) -> DriveSplit | SelectedSplit | None:
+    if path.name in _DRIVE_SPLITS and any(path.glob("*/proj_depth")):
+        return "train" if path.name == "train" else "val"
+    if (path / "velodyne_raw").is_dir():
+        is_validation = (path / "groundtruth_depth").is_dir()
+        return "val_selection_cropped" if is_validation else "test_depth_completion_anonymous"
+    if list_selected_frames(path, "val_selection_cropped"):
+        return "val_selection_cropped"
+    if list_drive_frames(path, "val", path, ("image_02",)):
+        return "val"
+    if list_selected_frames(path, "test_depth_completion_anonymous"):
+        return "test_depth_completion_anonymous"
+    return "train" if list_drive_frames(path, "train", path, ("image_02",)) else None
+
+
+def _open_drive(path: Path) -> SampleDataset | None:
+    return KittiRawDrive(path) if list_drive(path).frames else None

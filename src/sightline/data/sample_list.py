@@ -1,0 +1,55 @@
+"""Lists of frames: which of them make up a split."""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from sightline.data.plain_text import read_text, shortened
+
+_PACKAGED = Path(__file__).with_name("splits")
+
+
+def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) -> tuple[str, ...]:
+    """The frames of a list, in its order.
+
+    Args:
+        sample_list: The frames themselves; or the name of a list that comes with the package
+            ("kitti-object-train": 3712 frames, "kitti-object-val": 3769, as commonly published) or
+            that stands in `root`/ImageSets, without ".txt"; or the path of a file of one frame a
+            line.
+        root: The data set's folder.
+
+    Raises:
+        ValueError: There is no such list, it is empty or it names a frame twice.
+    """
+    if isinstance(sample_list, str | Path):
+        path = _find(sample_list, Path(root))
+        lines = (line.strip() for line in read_text(path).split("\n"))
+        frames, source = tuple(line for line in lines if line), str(path)
+    else:
+        frames, source = tuple(sample_list), "the list of frames"
+    if not frames:
+        raise ValueError(f"{source} names no frames, expected one a line; name another list")
+    if len(set(frames)) < len(frames):
+        twice = next(frame for frame, count in Counter(frames).items() if count > 1)
+        raise ValueError(
+            f"{source} names frame '{shortened(twice)}' twice; remove one of the lines"
+        )
+    return frames
+
+
+def _find(sample_list: str | Path, root: Path) -> Path:
+    candidates = (
+        Path(sample_list),
+        _PACKAGED / f"{sample_list}.txt",
+        root / "ImageSets" / f"{sample_list}.txt",
+    )
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    known = sorted(path.stem for path in _PACKAGED.glob("*.txt"))
+    known += sorted(path.stem for path in (root / "ImageSets").glob("*.txt"))
+    raise ValueError(
+        f"there is no list {str(sample_list)!r}; give the path of a file with one frame a line, or "
+        f"one of {', '.join(known)}"
+    )

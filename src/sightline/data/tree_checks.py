@@ -1,0 +1,196 @@
+"""The trees that a folder holds, with what each lacks and what there is to check in it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from sightline.data.calibration_text import read_raw_matrices
+from sightline.data.depth_tree import (
+    DepthFrame,
+    DriveSplit,
+    SelectedSplit,
+    list_drive_frames,
+    list_selected_frames,
+    selection_folder,
+)
+from sightline.data.drive_tree import DriveFrame, list_drive
+from sightline.data.frame_checks import check_depth_frame, check_drive_frame, check_object_frame
+from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_object_frames, part_folder
+from sightline.data.problem import Problem, problem_from_error
+
+_REMEDY = "extract the archive again"
+
+Check = Callable[[], list[Problem]]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PartCount:
+    """How many frames have a part."""
+
+    name: str
+    """As KITTI calls it, e.g. "velodyne"."""
+    num_files: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TreeSummary:
+    """What one tree of a data set holds; `str` gives it as one line."""
+
+    folder: Path
+    kind: str
+    """E.g. "object frames"."""
+    num_frames: int
+    parts: tuple[PartCount, ...]
+
+    def __str__(self) -> str:
+        """The folder, its number of frames and of the files of each part."""
+        parts = ", ".join(f"{part.name} {part.num_files}" for part in self.parts)
+        return f"{self.folder}: {self.num_frames} {self.kind} ({parts})"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tree:
+    """One tree: its frames, the files it lacks, and a check for each frame."""
+
+    summary: TreeSummary
+    gaps: tuple[Problem, ...]
+    checks: tuple[Check, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _ExpectedPart:
+    """A part that every frame should have."""
+
+    attribute: str
+    """Its name on a frame."""
+    folder: Path
+    suffix: str = ""
+    """How its files end that are named like the frame; empty where they have other names."""
+
+
+def find_trees(root: Path) -> list[Tree]:
+    """All trees of KITTI's formats in a folder, in a fixed order; empty where there is none."""
+    object_trees = [_object_tree(root / split) for split in ("training", "testing")]
+    drive_splits: tuple[DriveSplit, ...] = ("train", "val")
+    selections: tuple[SelectedSplit, ...] = (
+        "val_selection_cropped",
+        "test_depth_completion_anonymous",
+    )
+    # Both are the same folder where `root` is itself a selection.
+    by_folder = {selection_folder(root, split): split for split in selections}
+    trees = [
+        *(object_trees if any(object_trees) else [_object_tree(root)]),
+        *(_drives_tree(root, split) for split in drive_splits),
+        *(_selection_tree(root, folder, split) for folder, split in by_folder.items()),
+        _raw_drive_tree(root),
+    ]
+    return [tree for tree in trees if tree is not None]
+
+
+def _object_tree(folder: Path) -> Tree | None:
+    if not any((folder / name).is_dir() for name in ("image_2", "calib", "label_2")):
+        return None
+    suffixes: dict[Part, str] = {"image": ".png", "points": ".bin", "calibration": ".txt"}
+    if folder.name != "testing":
+        suffixes["objects"] = ".txt"
+    # Some keep only the sweeps cut to the image's view; where both are, both are looked at.
+    reduced = (folder / "velodyne_reduced").is_dir()
+    velodyne: Velodyne = (
+        "velodyne_reduced" if reduced and not (folder / "velodyne").is_dir() else "velodyne"
+    )
+    frames = list(list_object_frames(folder, suffixes, velodyne).values())
+    checks: list[Check] = [partial(check_object_frame, frame) for frame in frames]
+    if reduced and velodyne == "velodyne":
+        points: tuple[Part, ...] = ("points",)
+        others = list_object_frames(folder, points, "velodyne_reduced").values()
+        checks += [partial(check_object_frame, frame) for frame in others]
+    expected = [
+        _ExpectedPart(attribute=part, folder=folder / part_folder(part, velodyne), suffix=suffix)
+        for part, suffix in suffixes.items()
+    ]
+    return _tree(folder, "object frames", frames, expected, checks)
+
+
+def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
+    # Images and calibrations come with the raw recordings, which may lie anywhere.
+    expected = [
+        _ExpectedPart(attribute=attribute, folder=root / split / "*" / "proj_depth" / name)
+        for attribute, name in (("sparse", "velodyne_raw"), ("truth", "groundtruth"))
+    ]
+    frames = list_drive_frames(root, split, root, ("image_02", "image_03"))
+    checks = [partial(check_depth_frame, frame) for frame in frames]
+    return _tree(root / split, "depth frames", frames, expected, checks)
+
+
+def _selection_tree(root: Path, folder: Path, split: SelectedSplit) -> Tree | None:
+    names = {"image": "image", "sparse": "velodyne_raw", "intrinsics": "intrinsics"}
+    if folder.name.startswith("val") or (folder / "groundtruth_depth").is_dir():
+        names["truth"] = "groundtruth_depth"
+    expected = [
+        _ExpectedPart(attribute=attribute, folder=folder / name)
+        for attribute, name in names.items()
+    ]
+    frames = list_selected_frames(root, split)
+    checks = [partial(check_depth_frame, frame) for frame in frames]
+    return _tree(folder, "depth frames", frames, expected, checks)
+
+
+def _raw_drive_tree(folder: Path) -> Tree | None:
+    files = list_drive(folder)
+    if not files.image_folder.is_dir():
+        return None
+    expected = [
+        _ExpectedPart(attribute=attribute, folder=place, suffix=suffix)
+        for attribute, place, suffix in (
+            ("image", files.image_folder, ".png"),
+            ("points", files.points_folder, ".bin"),
+        )
+    ]
+    checks: list[Check] = [partial(_check_raw_calibration, folder, files.calibration)]
+    checks += [partial(check_drive_frame, frame) for frame in files.frames]
+    return _tree(folder, "raw frames", files.frames, expected, checks)
+
+
+def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
+    if folder is None:
+        path = drive / "calib_cam_to_cam.txt"
+        return [Problem(path=path, problem="is missing, here and one folder up", remedy=_REMEDY)]
+    try:
+        read_raw_matrices(folder)
+    except (ValueError, OSError) as error:
+        return [problem_from_error(folder, error)]
+    return []
+
+
+def _tree(
+    folder: Path,
+    kind: str,
+    frames: Sequence[ObjectFrame | DepthFrame | DriveFrame],
+    expected: Sequence[_ExpectedPart],
+    checks: Sequence[Check],
+) -> Tree | None:
+    if not frames:
+        return None
+    parts, gaps = [], []
+    for part in expected:
+        absent = [frame.sample_id for frame in frames if getattr(frame, part.attribute) is None]
+        name = part.folder.parent.name if part.folder.name == "data" else part.folder.name
+        parts.append(PartCount(name=name, num_files=len(frames) - len(absent)))
+        if len(absent) == len(frames):
+            gaps.append(
+                Problem(path=part.folder, problem="holds no files of the frames", remedy=_REMEDY)
+            )
+        elif part.suffix:
+            paths = (part.folder / f"{sample_id}{part.suffix}" for sample_id in absent)
+            gaps += [Problem(path=path, problem="is missing", remedy=_REMEDY) for path in paths]
+        else:
+            gaps += [
+                Problem(path=part.folder, problem=f"lacks a file of {sample_id}", remedy=_REMEDY)
+                for sample_id in absent
+            ]
+    return Tree(
+        summary=TreeSummary(folder=folder, kind=kind, num_frames=len(frames), parts=tuple(parts)),
+        gaps=tuple(gaps),
+        checks=tuple(checks),
+    )

@@ -1,0 +1,37 @@
+"""What all tests share."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# Read when PyTorch is first imported: on small tensors, and beside other test processes, its
+# threads only wait for each other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# No deadline: compiling a kernel and the first call of a library take long and prove nothing.
+settings.register_profile("sightline", deadline=None, print_blob=True)
+settings.load_profile("sightline")
+
+
+@pytest.fixture(scope="session")
+def kitti_root() -> Path:
+    """The folder of real KITTI frames; tests that need it are skipped where there is none."""
+    folder = os.environ.get("SIGHTLINE_KITTI")
+    if not folder:
+        pytest.skip("SIGHTLINE_KITTI is unset: set it to a folder of real KITTI frames")
+    root = Path(folder).resolve()
+    if not (root / "training").is_dir():
+        pytest.fail(f"SIGHTLINE_KITTI is {folder}, which holds no folder training/")
+    return root
+
+
+@pytest.fixture(scope="session")
+def block_street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The embedded frames, written once; not to be changed."""
+    from sightline.simulation.block_street import write_block_street
+
+    folder = tmp_path_factory.mktemp("block_street")
+    write_block_street(folder)
+    return folder

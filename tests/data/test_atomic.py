@@ -1,0 +1,99 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from sightline.data.atomic import atomic_path, atomic_write_bytes, atomic_write_text
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_file_appears_under_its_name_only_when_the_block_ends(tmp_path):
+    target = tmp_path / "scores.json"
+    with atomic_path(target) as temporary:
+        temporary.write_text("half")
+        assert not target.exists()
+        assert temporary.parent.parent == tmp_path  # the same file system, so renaming is atomic
+        temporary.write_text("whole")
+    assert target.read_text() == "whole"
+    assert names(tmp_path) == ["scores.json"]
+
+
+def test_the_temporary_file_has_the_same_name_so_that_suffixes_keep_their_meaning(tmp_path):
+    with atomic_path(tmp_path / "view.png") as temporary:
+        assert temporary.name == "view.png"
+        temporary.touch()
+
+
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt, SystemExit, GeneratorExit])
+def test_any_exception_leaves_the_old_file_and_nothing_else(tmp_path, failure):
+    target = tmp_path / "scores.json"
+    target.write_text("old")
+
+    def write() -> None:
+        with atomic_path(target) as temporary:
+            temporary.write_text("new")
+            (temporary.parent / "scratch").write_text("by the library that writes")
+            raise failure
+
+    with pytest.raises(failure):
+        write()
+    assert target.read_text() == "old"
+    assert names(tmp_path) == ["scores.json"]
+
+
+def test_a_hidden_folder_left_by_a_killed_process_is_in_no_listing_of_its_suffix(tmp_path):
+    with atomic_path(tmp_path / "0.png") as temporary:
+        temporary.touch()
+        assert list(tmp_path.glob("*.png")) == []
+
+
+def test_missing_parent_folders_are_made(tmp_path):
+    atomic_write_text(tmp_path / "a" / "b" / "note.txt", "grün\n")
+    assert (tmp_path / "a" / "b" / "note.txt").read_bytes() == "grün\n".encode()
+
+
+def test_files_get_the_permissions_that_the_user_chose_for_new_files(tmp_path):
+    atomic_write_bytes(tmp_path / "new", b"")
+    (tmp_path / "plain").touch()
+    assert (tmp_path / "new").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_symbolic_link_is_followed_and_stays(tmp_path):
+    (tmp_path / "store").mkdir()
+    (tmp_path / "link.txt").symlink_to(tmp_path / "store" / "real.txt")
+    atomic_write_text(tmp_path / "link.txt", "content")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "store" / "real.txt").read_text() == "content"
+
+
+def test_a_file_in_place_of_the_output_folder_is_named_with_the_remedy(tmp_path):
+    (tmp_path / "out").touch()
+    with pytest.raises(ValueError, match=r"folder .*out: .*; make it writable or choose another"):
+        atomic_write_text(tmp_path / "out" / "0.txt", "")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the super-user may write everywhere")
+def test_an_unwritable_folder_is_named_with_the_remedy(tmp_path):
+    (tmp_path / "out").mkdir(mode=0o555)
+    with pytest.raises(ValueError, match=r"folder .*out: permission denied; make it writable"):
+        atomic_write_text(tmp_path / "out" / "0.txt", "")
+
+
+def test_a_folder_that_refuses_is_named_with_the_remedy(tmp_path, monkeypatch):
+    def refuse(**_: object) -> str:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    with pytest.raises(ValueError, match="permission denied; make it writable or choose") as caught:
+        atomic_write_text(tmp_path / "0.txt", "")
+    assert str(tmp_path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_or_a_device_is_no_place_for_a_file(tmp_path):
+    for place in (tmp_path, Path("/dev/null")):
+        with pytest.raises(ValueError, match="no regular file; choose another name"):
+            atomic_write_text(place, "")

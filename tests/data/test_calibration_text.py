@@ -1,0 +1,177 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.data.calibration_text import (
+    read_intrinsics,
+    read_object_matrices,
+    read_raw_matrices,
+    read_rectified_intrinsics,
+)
+from sightline.data.kitti_files import (
+    read_object_calibration,
+    read_raw_calibration,
+    write_object_calibration,
+    write_raw_calibration,
+)
+from sightline.geometry.calibration import Calibration
+from tests.data.trees import calibration, intrinsics_text
+
+ENTRIES = {
+    "P2": "7.0 0 6.0 45.5 0 7.0 1.8 -0.3 0 0 1 4.9e-3",
+    "R0_rect": "0 -1 0 1 0 0 0 0 1",
+    "Tr_velo_to_cam": "0 -1 0 0.1 0 0 -1 0.2 1 0 0 0.3",
+}
+
+
+def write(path: Path, **changes: str | None) -> Path:
+    entries = {**ENTRIES, **changes}
+    lines = [f"{name}: {value}\n" for name, value in entries.items() if value is not None]
+    path.write_text("".join(lines))
+    return path
+
+
+def test_the_camera_frame_is_the_rectified_one_and_p2_is_taken_as_it_is(tmp_path):
+    read = read_object_matrices(write(tmp_path / "0.txt"))
+    assert read.image_from_camera[0].tolist() == [7.0, 0, 6.0, 45.5]
+    # R0_rect turns x to y: the mounting's row 0 becomes row 1, its row 1 the negative row 0.
+    assert read.camera_from_lidar.tolist() == [
+        [0, 0, 1, -0.2],
+        [0, -1, 0, 0.1],
+        [1, 0, 0, 0.3],
+        [0, 0, 0, 1],
+    ]
+
+
+@pytest.mark.parametrize("name", ["P2", "R0_rect", "Tr_velo_to_cam"])
+def test_a_missing_matrix_is_named_with_file_and_size(tmp_path, name):
+    path = write(tmp_path / "0.txt", **{name: None})
+    with pytest.raises(ValueError, match=rf"0\.txt lacks {name}, expected .* (12|9) numbers"):
+        read_object_matrices(path)
+
+
+@pytest.mark.parametrize("name", ["P2", "R0_rect", "Tr_velo_to_cam"])
+@pytest.mark.parametrize("change", ["", "1", " 0.0", "x"])
+def test_a_wrong_number_of_values_is_named(tmp_path, name, change):
+    value = f"{ENTRIES[name]} {change}" if change else ENTRIES[name].rsplit(" ", 1)[0]
+    with pytest.raises(ValueError, match=rf"0\.txt: {name} holds \d+ values, expected (12|9)"):
+        read_object_matrices(write(tmp_path / "0.txt", **{name: value}))
+
+
+@pytest.mark.parametrize("word", ["x", "nan", "inf", "1e400", "-1e30", "1_0", "٣", "0x1p3", "--1"])
+def test_a_value_that_is_no_finite_plausible_number_is_named(tmp_path, word):
+    path = write(tmp_path / "0.txt", P2=ENTRIES["P2"].replace("45.5", word))
+    with pytest.raises(ValueError, match=r"0\.txt: P2: value 4 is .* expected a finite number"):
+        read_object_matrices(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "complaint"),
+    [
+        ("P2", "0 0 0 0 0 0 0 0 0 0 0 0", "P2 is singular"),
+        ("P2", "7 0 6 0 7 0 6 0 0 0 1 0", "P2 is singular"),
+        ("P2", "7 0 6 0 0 7 1.8 0 0 0 2 0", "P2 has the third row .* expected 0 0 1"),
+        ("R0_rect", "0 0 0 0 0 0 0 0 0", "R0_rect holds no rotation"),
+        ("R0_rect", "2 0 0 0 2 0 0 0 2", "R0_rect holds no rotation"),
+        ("R0_rect", "-1 0 0 0 1 0 0 0 1", "R0_rect holds no rotation"),
+        ("Tr_velo_to_cam", "1 0 0 0 1 0 0 0 0 0 1 0", "Tr_velo_to_cam holds no rotation"),
+        ("Tr_velo_to_cam", "0 0 0 0 0 0 0 0 0 0 0 0", "Tr_velo_to_cam holds no rotation"),
+    ],
+)
+def test_singular_matrices_and_false_rotations_are_named(tmp_path, name, value, complaint):
+    with pytest.raises(ValueError, match=rf"0\.txt: {complaint}"):
+        read_object_matrices(write(tmp_path / "0.txt", **{name: value}))
+
+
+def test_a_name_given_twice_and_a_line_without_a_colon_are_named_with_their_line(tmp_path):
+    path = write(tmp_path / "0.txt")
+    path.write_text(path.read_text() + "\nP2: 1\n")
+    with pytest.raises(ValueError, match=r"0\.txt:5: 'P2' stands there twice"):
+        read_object_matrices(path)
+    path.write_text("P2 7 0 6\n")
+    with pytest.raises(ValueError, match=r"0\.txt:1: 'P2 7 0 6' has no colon"):
+        read_object_matrices(path)
+
+
+def test_the_other_cameras_and_the_imu_may_be_there_or_not(tmp_path):
+    plain = read_object_matrices(write(tmp_path / "0.txt"))
+    more = write(tmp_path / "1.txt", P0="not looked at", Tr_imu_to_velo="")
+    assert np.array_equal(read_object_matrices(more).image_from_camera, plain.image_from_camera)
+
+
+def test_bytes_that_are_no_text_are_named(tmp_path):
+    (tmp_path / "0.txt").write_bytes(b"P2: \xff")
+    with pytest.raises(ValueError, match=r"0\.txt is no text: byte 4 is not UTF-8"):
+        read_object_matrices(tmp_path / "0.txt")
+
+
+angles = st.floats(-3, 3)
+numbers = st.floats(-1e3, 1e3)
+
+
+@given(turns=st.tuples(angles, angles, angles), values=st.lists(numbers, min_size=9, max_size=9))
+def test_both_formats_give_a_written_calibration_back_bit_by_bit(tmp_path_factory, turns, values):
+    folder = tmp_path_factory.mktemp("calibration")
+    focal, image = values[0] + 2e3, torch.zeros(3, 4, dtype=torch.float64)
+    image[:, 3] = torch.tensor(values[3:6], dtype=torch.float64)
+    image[:, :3] = torch.tensor([[focal, 0, values[1]], [0, focal, values[2]], [0, 0, 1]])
+    skew = torch.tensor(
+        [[0, -turns[2], turns[1]], [turns[2], 0, -turns[0]], [-turns[1], turns[0], 0]]
+    )
+    camera_from_lidar = torch.eye(4, dtype=torch.float64)
+    camera_from_lidar[:3, :3] = torch.matrix_exp(skew.double())
+    camera_from_lidar[:3, 3] = torch.tensor(values[6:], dtype=torch.float64)
+    written = Calibration(image_from_camera=image, camera_from_lidar=camera_from_lidar)
+    write_object_calibration(folder / "0.txt", written)
+    write_raw_calibration(folder, written)
+    for read in (read_object_calibration(folder / "0.txt"), read_raw_calibration(folder)):
+        assert torch.equal(read.image_from_camera, written.image_from_camera)
+        assert torch.equal(read.camera_from_lidar, written.camera_from_lidar)
+
+
+def test_the_written_object_file_has_all_lines_in_the_order_that_other_tools_expect(tmp_path):
+    write_object_calibration(tmp_path / "0.txt", calibration())
+    names = [line.split(":")[0] for line in (tmp_path / "0.txt").read_text().splitlines()]
+    assert names == ["P0", "P1", "P2", "P3", "R0_rect", "Tr_velo_to_cam", "Tr_imu_to_velo"]
+
+
+def test_a_batch_of_calibrations_fits_no_file(tmp_path):
+    one = calibration()
+    batch = Calibration(
+        image_from_camera=one.image_from_camera.expand(2, 3, 4),
+        camera_from_lidar=one.camera_from_lidar.expand(2, 4, 4),
+    )
+    with pytest.raises(ValueError, match=r"holds one calibration, got a batch of shape \(2,\)"):
+        write_object_calibration(tmp_path / "0.txt", batch)
+
+
+def test_raw_files_are_named_by_the_one_that_is_at_fault(tmp_path):
+    write_raw_calibration(tmp_path, calibration())
+    lidar = tmp_path / "calib_velo_to_cam.txt"
+    lidar.write_text(lidar.read_text().replace("R:", "S:"))
+    with pytest.raises(ValueError, match=r"calib_velo_to_cam\.txt lacks R"):
+        read_raw_matrices(tmp_path)
+    (tmp_path / "calib_cam_to_cam.txt").write_text("calib_time: 09-Jan-2012 13:57:47\n")
+    with pytest.raises(ValueError, match=r"calib_cam_to_cam\.txt lacks P_rect_02"):
+        read_raw_matrices(tmp_path)
+
+
+def test_intrinsics_of_the_depth_benchmark_are_nine_numbers(tmp_path):
+    (tmp_path / "k.txt").write_text(intrinsics_text() + "\n")
+    assert read_intrinsics(tmp_path / "k.txt")[0].tolist() == [20.0, 0.0, 19.5]
+    for text, complaint in (("1 2 3", "holds 3 numbers"), ("0 " * 9, "is singular")):
+        (tmp_path / "k.txt").write_text(text)
+        with pytest.raises(ValueError, match=rf"k\.txt {complaint}"):
+            read_intrinsics(tmp_path / "k.txt")
+
+
+def test_intrinsics_of_a_raw_recording_are_those_of_the_camera_asked_for(tmp_path):
+    path = tmp_path / "calib_cam_to_cam.txt"
+    path.write_text("P_rect_02: 7 0 6 1 0 7 2 1 0 0 1 1\nP_rect_03: 8 0 6 1 0 8 2 1 0 0 1 1\n")
+    assert read_rectified_intrinsics(path, 3).tolist() == [[8, 0, 6], [0, 8, 2], [0, 0, 1]]
+    with pytest.raises(ValueError, match="lacks P_rect_01"):
+        read_rectified_intrinsics(path, 1)

@@ -1,0 +1,252 @@
+import shutil
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sightline.data.check import _answers, check_tree, summarize_tree
+from sightline.data.depth_png import write_depth_png
+from sightline.data.image_file import write_rgb
+from tests.data.trees import (
+    LABELS,
+    depth_map,
+    picture,
+    write_depth_drive,
+    write_drive,
+    write_object_frame,
+    write_object_tree,
+    write_selection,
+)
+
+
+def lines(root: Path) -> list[str]:
+    return [str(problem) for problem in check_tree(root, num_workers=1)]
+
+
+def rewrite(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return write_object_tree(tmp_path, "000001", "000002", "000003") / "training"
+
+
+def test_whole_trees_have_no_problems(tmp_path):
+    write_object_tree(tmp_path / "object", "000001", "000002")
+    write_object_frame(tmp_path / "object", "000001", split="testing")
+    write_selection(tmp_path / "depth")
+    write_depth_drive(tmp_path / "depth", tmp_path / "raw")
+    write_drive(tmp_path / "day" / "drive")
+    write_drive(tmp_path / "flat", official=False)
+    for root in ("object", "object/training", "depth", "day/drive", "flat"):
+        assert lines(tmp_path / root) == []
+
+
+def test_the_summary_counts_frames_and_parts_of_each_tree(tmp_path):
+    write_object_tree(tmp_path, "000001", "000002")
+    (tmp_path / "training" / "velodyne" / "000001.bin").unlink()
+    write_selection(tmp_path)
+    training, selection = summarize_tree(tmp_path)
+    assert (training.num_frames, selection.num_frames) == (2, 1)
+    assert str(training) == (
+        f"{tmp_path / 'training'}: 2 object frames (image_2 2, velodyne 1, calib 2, label_2 2)"
+    )
+    assert {part.name: part.num_files for part in selection.parts} == {
+        "image": 1,
+        "velodyne_raw": 1,
+        "intrinsics": 1,
+        "groundtruth_depth": 1,
+    }
+    write_drive(tmp_path / "day" / "drive")
+    (drive,) = summarize_tree(tmp_path / "day" / "drive")
+    assert str(drive).endswith("drive: 3 raw frames (image_02 3, velodyne_points 3)")
+
+
+@pytest.mark.parametrize("content", ["nothing", "empty folders"])
+def test_a_folder_without_frames_is_one_problem(tmp_path, content):
+    if content == "empty folders":
+        for folder in ("image_2", "velodyne", "calib", "label_2"):
+            (tmp_path / "training" / folder).mkdir(parents=True)
+    (line,) = lines(tmp_path)
+    assert line.startswith(f"{tmp_path}: holds no frames of KITTI's")
+    assert "give the folder" in line
+    assert summarize_tree(tmp_path) == ()
+
+
+def test_a_path_that_is_no_folder_is_one_problem(tmp_path):
+    (line,) = lines(tmp_path / "nowhere")
+    assert line.startswith(f"{tmp_path / 'nowhere'}: is no folder; give the folder")
+
+
+def test_an_empty_folder_among_full_ones_is_one_problem_however_many_frames(tree):
+    for path in (tree / "velodyne").iterdir():
+        path.unlink()
+    (line,) = lines(tree.parent)
+    assert line.startswith(f"{tree / 'velodyne'}: holds no files of the frames; extract")
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["image_2/000002.png", "velodyne/000002.bin", "calib/000002.txt", "label_2/000002.txt"],
+)
+def test_a_missing_file_is_named(tree, file):
+    (tree / file).unlink()
+    assert lines(tree.parent) == [f"{tree / file}: is missing; extract the archive again"]
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "complaint"),
+    [
+        ("velodyne/000002.bin", bytes(17), "holds 17 bytes, expected a multiple of 16"),
+        ("velodyne/000002.bin", np.full(4, np.nan, "<f4").tobytes(), "1 points with NaN"),
+        ("velodyne/000002.bin", np.full(4, np.inf, "<f4").tobytes(), "1 points with NaN"),
+        ("velodyne/000002.bin", np.float32([6e5, 0, 0, 0]).tobytes(), "farther away than 300 m"),
+        ("velodyne/000002.bin", np.float32([9, 0, 0, 255]).tobytes(), "reflectances outside 0 to"),
+        ("velodyne/000002.bin", np.float32([-9, 0, 0, 0]).tobytes(), "none of its 1 points falls"),
+        ("image_2/000002.png", b"\x89PNG", "neither a PNG nor a JPEG|cut short"),
+        ("image_2/000002.png", b"", "neither a PNG nor a JPEG"),
+        ("calib/000002.txt", b"", "lacks P2"),
+        ("calib/000002.txt", b"P2: 1\n", "P2 holds 1 values"),
+        ("label_2/000002.txt", b"Car 0 0\n", "has 3 fields"),
+        ("label_2/000002.txt", LABELS.replace("3.90", "long").encode(), "is 'long', not a number"),
+    ],
+)
+def test_a_file_that_readers_refuse_or_doubt_is_one_line(tree, file, content, complaint):
+    (tree / file).write_bytes(content)
+    (problem,) = check_tree(tree.parent)
+    assert problem.path == tree / file
+    assert any(part in problem.problem for part in complaint.split("|"))
+    assert problem.remedy
+    assert str(problem).count(str(tree / file)) == 1
+    assert "\n" not in str(problem)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("20.00 9.00", "60.00 9.00", "has a 2D box far outside the image"),
+        ("5.00 3.00", "-50.00 3.00", "has a 2D box far outside the image"),
+        ("20.00 9.00", "4.00 9.00", "has a 2D box with its maximum below its minimum"),
+        ("1.50 1.60 3.90", "1.50 0.00 3.90", "has a 3D box of a size that is not positive"),
+        ("-1.53", "-91.0", "has an angle outside -pi to pi"),
+        ("Car 0.10 0", "Car 0.10 7", "has an occlusion other than -1 to 3"),
+    ],
+)
+def test_labels_that_cannot_be_right_are_named_with_the_object(tree, old, new, complaint):
+    rewrite(tree / "label_2" / "000003.txt", old, new)
+    (line,) = lines(tree.parent)
+    assert line.startswith(f"{tree / 'label_2' / '000003.txt'}: object 1 of 2 (Car) {complaint}; ")
+
+
+def test_a_box_a_little_over_the_edge_is_no_problem(tree):
+    rewrite(tree / "label_2" / "000003.txt", "20.00 9.00", "41.00 12.00")
+    assert lines(tree.parent) == []
+
+
+def test_an_empty_sweep_and_a_frame_without_objects_are_no_problems(tree):
+    (tree / "velodyne" / "000001.bin").write_bytes(b"")
+    (tree / "label_2" / "000001.txt").write_bytes(b"")
+    assert lines(tree.parent) == []
+
+
+def test_it_goes_on_after_every_problem_and_tells_them_in_the_order_of_the_frames(tree):
+    (tree / "image_2" / "000003.png").unlink()
+    (tree / "calib" / "000001.txt").write_text("")
+    (tree / "velodyne" / "000002.bin").write_bytes(bytes(3))
+    (tree / "label_2" / "000003.txt").write_text("Car")
+    found = [problem.path.relative_to(tree) for problem in check_tree(tree.parent, num_workers=3)]
+    assert [str(path) for path in found] == [
+        "image_2/000003.png",
+        "calib/000001.txt",
+        "velodyne/000002.bin",
+        "label_2/000003.txt",
+    ]
+
+
+def test_sweeps_in_both_folders_are_looked_at(tree):
+    shutil.copytree(tree / "velodyne", tree / "velodyne_reduced")
+    (tree / "velodyne_reduced" / "000002.bin").write_bytes(bytes(3))
+    (line,) = lines(tree.parent)
+    assert line.startswith(str(tree / "velodyne_reduced" / "000002.bin"))
+
+
+def test_reduced_sweeps_alone_are_enough(tree):
+    (tree / "velodyne").rename(tree / "velodyne_reduced")
+    assert lines(tree.parent) == []
+    assert "velodyne_reduced 3" in str(summarize_tree(tree.parent)[0])
+
+
+def test_only_a_few_frames_are_looked_at_ahead_of_whoever_asks():
+    drawn = []
+
+    def checks():
+        for number in range(100):
+            drawn.append(number)
+            yield list
+
+    answers = _answers(checks(), num_workers=1)
+    next(answers)
+    assert len(drawn) < 10
+    assert len(list(answers)) == 99
+
+
+def test_stopping_early_leaves_no_thread_and_no_check_behind():
+    begun, stop = [], threading.Event()
+
+    def check():
+        begun.append(None)
+        if len(begun) > 1:
+            stop.wait()
+        return []
+
+    before = threading.active_count()
+    answers = _answers([check] * 9, num_workers=1)
+    next(answers)
+    threading.Timer(0.1, stop.set).start()
+    answers.close()
+    assert len(begun) <= 2
+    stop_timers = [
+        thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)
+    ]
+    assert threading.active_count() - len(stop_timers) == before
+
+
+@pytest.mark.parametrize("kind", ["velodyne_raw", "groundtruth_depth"])
+def test_an_image_of_another_size_than_its_depth_map_is_a_problem_with_both_sizes(tmp_path, kind):
+    write_selection(tmp_path)
+    path = next(tmp_path.rglob(f"{kind}/*.png"))
+    write_depth_png(path, depth_map(size=(12, 41)))
+    (line,) = lines(tmp_path)
+    assert line.startswith(f"{path}: is 12x41 (height x width) but the image ")
+    assert "is 12x40; " in line
+
+
+def test_depth_maps_of_8_bits_and_truths_without_depth_are_problems(tmp_path):
+    write_selection(tmp_path)
+    sparse = next(tmp_path.rglob("velodyne_raw/*.png"))
+    write_rgb(sparse, picture())
+    write_depth_png(next(tmp_path.rglob("groundtruth_depth/*.png")), np.zeros((12, 40)))
+    next(tmp_path.rglob("intrinsics/*.txt")).write_text("1 2 3")
+    assert [line.split(": ", 1)[1].split(",")[0] for line in lines(tmp_path)] == [
+        "is a PNG of 3 channels with 8 bits",
+        "holds no depth; extract it again",
+        "holds 3 numbers",
+    ]
+
+
+def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):
+    write_selection(tmp_path, "0000000005")
+    write_selection(tmp_path, "0000000008")
+    next(tmp_path.rglob("groundtruth_depth/*08_image_02.png")).unlink()
+    (line,) = lines(tmp_path)
+    assert "groundtruth_depth: lacks a file of 2011_09_26_drive_0002_sync_image_0000000008" in line
+    folder = write_drive(tmp_path / "day" / "drive")
+    (folder / "velodyne_points" / "data" / "0000000001.bin").unlink()
+    (folder.parent / "calib_cam_to_cam.txt").unlink()
+    gap, calibration = lines(folder)
+    assert "velodyne_points/data/0000000001.bin: is missing; " in gap
+    assert "calib_cam_to_cam.txt: is missing, here and one folder up; " in calibration

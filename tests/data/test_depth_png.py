@@ -1,0 +1,87 @@
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from sightline.data.depth_png import MAX_DEPTH_M, read_depth_png, write_depth_png
+from tests.data.trees import depth_map
+
+steps = arrays.arrays(np.uint16, arrays.array_shapes(min_dims=2, max_dims=2, max_side=9))
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return tmp_path_factory.mktemp("depth") / "0.png"
+
+
+@given(values=steps)
+def test_every_16_bit_value_survives_reading_and_writing(path, values):
+    depth_m = (values / 256).astype(np.float32)
+    write_depth_png(path, depth_m)
+    assert np.array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), values)
+    assert np.array_equal(read_depth_png(path), depth_m)
+    assert read_depth_png(path).dtype == np.float32
+
+
+@given(depth=st.floats(0, 255.99))
+def test_depths_are_rounded_half_up_and_none_vanishes(path, depth):
+    write_depth_png(path, np.array([[depth]]))
+    expected = max(math.floor(depth * 256 + 0.5), 1 if depth > 0 else 0)
+    assert read_depth_png(path)[0, 0] * 256 == expected
+
+
+def test_convention_a_half_step_is_rounded_up_and_zero_stays_no_value(path):
+    write_depth_png(path, np.array([[0.0, 1 / 512, 2.5 / 256, 1e-9]]))
+    assert (read_depth_png(path) * 256).tolist() == [[0, 1, 3, 1]]
+
+
+@pytest.mark.parametrize("depth", [256.0, MAX_DEPTH_M + 1 / 256, -1.0, math.nan, math.inf, 1e308])
+def test_a_depth_that_16_bits_cannot_hold_is_refused_with_its_place(tmp_path, depth):
+    depth_m = np.zeros((3, 4))
+    depth_m[1, 2] = depth
+    with pytest.raises(ValueError, match=r"1 depths lie outside .* at row 1, column 2"):
+        write_depth_png(tmp_path / "0.png", depth_m)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_depth_map_without_pixels_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="at least one pixel"):
+        write_depth_png(tmp_path / "0.png", np.zeros((0, 4)))
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.ones((3, 4), np.uint8),
+        np.ones((3, 4, 3), np.uint8),
+        np.ones((3, 4, 3), np.uint16),
+        np.ones((3, 4, 4), np.uint16),
+    ],
+    ids=["8 bits", "8-bit colour", "16-bit colour", "16-bit colour and opacity"],
+)
+def test_pictures_that_are_no_depth_maps_are_refused_by_name(tmp_path, pixels):
+    cv2.imwrite(str(tmp_path / "0.png"), pixels)
+    with pytest.raises(ValueError, match=r"0\.png is a PNG of .* expected a depth map: PNG, 1 ch"):
+        read_depth_png(tmp_path / "0.png")
+
+
+@pytest.mark.parametrize("length", [0, 10, 40, 200, -1])
+def test_a_file_cut_short_is_refused_by_name(tmp_path, length):
+    write_depth_png(tmp_path / "0.png", depth_map())
+    whole = (tmp_path / "0.png").read_bytes()
+    (tmp_path / "0.png").write_bytes(whole[:length])
+    with pytest.raises(ValueError, match=r"0\.png is"):
+        read_depth_png(tmp_path / "0.png")
+
+
+def test_a_flipped_bit_is_found_by_the_checksum(tmp_path):
+    write_depth_png(tmp_path / "0.png", depth_map())
+    content = bytearray((tmp_path / "0.png").read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / "0.png").write_bytes(content)
+    with pytest.raises(ValueError, match=r"0\.png is damaged: a PNG checksum is wrong"):
+        read_depth_png(tmp_path / "0.png")

@@ -1,0 +1,133 @@
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from sightline.data.image_file import read_rgb, write_rgb
+from sightline.data.image_header import MAX_PIXELS, parse_image_header, read_image_size
+from tests.data.trees import IMAGE_SIZE, depth_map, picture
+
+
+def png(
+    height: int, width: int, *, data: bytes = b"", bits: int = 8, colour_type: int = 2
+) -> bytes:
+    """A PNG with right checksums, whatever stands in it."""
+
+    def chunk(kind: bytes, payload: bytes) -> bytes:
+        checksum = zlib.crc32(kind + payload)
+        return struct.pack(">I", len(payload)) + kind + payload + struct.pack(">I", checksum)
+
+    header = struct.pack(">IIBBBBB", width, height, bits, colour_type, 0, 0, 0)
+    chunks = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + chunks
+
+
+def test_png_pictures_survive_reading_and_writing(tmp_path):
+    write_rgb(tmp_path / "0.png", picture())
+    assert np.array_equal(read_rgb(tmp_path / "0.png"), picture())
+
+
+def test_convention_the_first_channel_is_red(tmp_path):
+    red = np.zeros((2, 3, 3), np.uint8)
+    red[..., 0] = 255
+    write_rgb(tmp_path / "0.png", red)
+    write_rgb(tmp_path / "0.jpg", red)
+    assert cv2.imread(str(tmp_path / "0.png"))[0, 0].tolist() == [0, 0, 255]  # OpenCV has BGR
+    assert read_rgb(tmp_path / "0.png")[0, 0].tolist() == [255, 0, 0]
+    assert np.abs(read_rgb(tmp_path / "0.jpg").astype(int) - red).max() < 8
+
+
+@pytest.mark.parametrize("name", ["0.png", "0.jpg", "0.JPEG"])
+def test_the_size_is_read_from_the_header_alone(tmp_path, name):
+    write_rgb(tmp_path / name, picture())
+    assert read_image_size(tmp_path / name) == IMAGE_SIZE
+    (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:-100])
+    assert read_image_size(tmp_path / name) == IMAGE_SIZE
+
+
+def test_the_size_of_a_jpeg_is_found_behind_a_long_colour_profile(tmp_path):
+    write_rgb(tmp_path / "0.jpg", picture())
+    content = (tmp_path / "0.jpg").read_bytes()
+    profile = b"\xff\xe2" + struct.pack(">H", 65000) + bytes(64998)
+    (tmp_path / "0.jpg").write_bytes(content[:2] + 3 * profile + content[2:])
+    assert read_image_size(tmp_path / "0.jpg") == IMAGE_SIZE
+    assert read_rgb(tmp_path / "0.jpg").shape == (*IMAGE_SIZE, 3)
+
+
+def test_huffman_tables_before_the_frame_are_not_mistaken_for_it():
+    tables = b"\xff\xc4\x00\x0a\x08\x00\x01\x00\x02\x03\x00\x00"
+    frame = b"\xff\xc0\x00\x11\x08\x00\x07\x00\x09\x03"
+    header = parse_image_header(b"\xff\xd8" + tables + frame, "0.jpg")
+    assert (header.size, header.bits_per_channel, header.channels) == ((7, 9), 8, 3)
+
+
+def test_a_note_on_the_cameras_orientation_is_not_followed(tmp_path):
+    write_rgb(tmp_path / "0.jpg", picture())
+    upright = read_rgb(tmp_path / "0.jpg")
+    # One entry of TIFF's directory: orientation (0x112), one short number, 6: turn to the right.
+    entry = b"\x00\x01" + b"\x01\x12\x00\x03\x00\x00\x00\x01\x00\x06\x00\x00" + bytes(4)
+    note = b"Exif\x00\x00MM\x00\x2a\x00\x00\x00\x08" + entry
+    content = (tmp_path / "0.jpg").read_bytes()
+    marker = b"\xff\xe1" + struct.pack(">H", len(note) + 2) + note
+    (tmp_path / "0.jpg").write_bytes(content[:2] + marker + content[2:])
+    assert cv2.imread(str(tmp_path / "0.jpg")).shape == (*IMAGE_SIZE[::-1], 3)
+    assert np.array_equal(read_rgb(tmp_path / "0.jpg"), upright)
+
+
+def test_grey_pictures_become_three_equal_channels_and_opacity_goes(tmp_path):
+    grey = picture()[..., 0]
+    cv2.imwrite(str(tmp_path / "grey.png"), grey)
+    assert np.array_equal(read_rgb(tmp_path / "grey.png"), np.stack([grey] * 3, axis=-1))
+    cv2.imwrite(str(tmp_path / "opaque.png"), np.dstack((picture(), grey)))
+    assert np.array_equal(read_rgb(tmp_path / "opaque.png"), picture()[..., ::-1])
+
+
+def test_a_depth_map_is_no_picture(tmp_path):
+    cv2.imwrite(str(tmp_path / "0.png"), (depth_map() * 256).astype(np.uint16))
+    with pytest.raises(ValueError, match=r"0\.png has 16 bits .* perhaps a depth map"):
+        read_rgb(tmp_path / "0.png")
+
+
+@pytest.mark.parametrize("name", ["0.png", "0.jpg"])
+@pytest.mark.parametrize("kept", [0.0, 0.01, 0.5, 0.95])
+def test_a_picture_cut_short_is_refused_though_decoders_would_guess_the_rest(tmp_path, name, kept):
+    write_rgb(tmp_path / name, picture(size=(200, 200)))
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content[: int(kept * len(content))])
+    with pytest.raises(ValueError, match=rf"{name} is (cut short|neither a PNG nor a JPEG)"):
+        read_rgb(tmp_path / name)
+
+
+def test_other_formats_are_refused_by_name(tmp_path):
+    cv2.imwrite(str(tmp_path / "0.bmp"), picture())
+    with pytest.raises(ValueError, match=r"0\.bmp is neither a PNG nor a JPEG picture"):
+        read_rgb(tmp_path / "0.bmp")
+
+
+@pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (1, MAX_PIXELS + 1), (0, 5), (5, 0)])
+def test_a_forged_size_is_refused_before_memory_is_taken(tmp_path, size):
+    (tmp_path / "0.png").write_bytes(png(*size))
+    with pytest.raises(ValueError, match=r"0\.png announces \d+x\d+ pixels"):
+        read_rgb(tmp_path / "0.png")
+
+
+@pytest.mark.parametrize("size", [(1, 2**21), (2**21, 1), (3, 4)])
+def test_a_size_that_the_pixels_do_not_fill_is_damage(tmp_path, size):
+    (tmp_path / "0.png").write_bytes(png(*size, data=b"\0" * 7))
+    with pytest.raises(ValueError, match=r"0\.png is damaged: its pixels cannot be decoded"):
+        read_rgb(tmp_path / "0.png")
+
+
+def test_headers_tell_bits_and_channels():
+    header = parse_image_header(png(3, 4, bits=16, colour_type=0), "0.png")
+    assert (header.size, header.bits_per_channel, header.channels) == ((3, 4), 16, 1)
+
+
+def test_a_name_without_a_known_end_or_a_picture_without_pixels_is_not_written(tmp_path):
+    with pytest.raises(ValueError, match="expected a name that ends in"):
+        write_rgb(tmp_path / "0.tiff", picture())
+    with pytest.raises(ValueError, match="at least one pixel"):
+        write_rgb(tmp_path / "0.png", picture()[:0])
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+
+from sightline.data.depth_png import write_depth_png
+from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.kitti_raw import KittiRawDrive
+from sightline.data.open import open_dataset
+from tests.inference.trees import write_object_tree
+
+DRIVE = "2011_09_26_drive_0002_sync"
+INTRINSICS = "721.5 0 609.5 0 721.5 172.8 0 0 1\n"
+
+
+def write_selection(folder, *, with_truth):
+    kinds = ["image", "velodyne_raw"] + ["groundtruth_depth"] * with_truth
+    for kind in kinds:
+        name = f"{DRIVE}_{kind}_0000000005_image_02" if with_truth else "0000000005"
+        write_depth_png(folder / kind / f"{name}.png", np.ones((4, 6)))
+    name = f"{DRIVE}_image_0000000005_image_02" if with_truth else "0000000005"
+    (folder / "intrinsics").mkdir()
+    (folder / "intrinsics" / f"{name}.txt").write_text(INTRINSICS)
+
+
+def test_an_object_tree_is_known_by_its_root_and_by_its_split(tmp_path):
+    write_object_tree(tmp_path, 3)
+    for path in (tmp_path, tmp_path / "training"):
+        dataset = open_dataset(path, parts=("points",))
+        assert isinstance(dataset, KittiObjectDataset)
+        assert dataset.sample_ids == ("000000", "000001", "000002")
+
+
+def test_training_comes_before_testing_unless_testing_is_named(tmp_path):
+    write_object_tree(tmp_path, 2)
+    (tmp_path / "elsewhere").mkdir()
+    write_object_tree(tmp_path / "elsewhere", 1)
+    (tmp_path / "elsewhere" / "training").rename(tmp_path / "testing")
+    assert len(open_dataset(tmp_path, parts=("points",))) == 2
+    assert len(open_dataset(tmp_path / "testing")) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "with_truth"),
+    [
+        ("val_selection_cropped", True),
+        ("depth_selection/val_selection_cropped", True),
+        ("test_depth_completion_anonymous", False),
+    ],
+)
+def test_a_depth_selection_is_known_by_its_own_folder_and_those_above(tmp_path, place, with_truth):
+    write_selection(tmp_path / place, with_truth=with_truth)
+    for path in (tmp_path, tmp_path / place):
+        dataset = open_dataset(path, parts=("points",))
+        assert isinstance(dataset, KittiDepthDataset)
+        assert dataset.split == place.split("/")[-1]
+        assert len(dataset[0].points) == 24
+        assert (dataset[0].depth is not None) == with_truth
+
+
+@pytest.mark.parametrize("split", ["val", "train"])
+def test_annotated_drives_are_known_by_their_split_and_the_folder_above(tmp_path, split):
+    maps = tmp_path / split / DRIVE / "proj_depth"
+    for kind in ("velodyne_raw", "groundtruth"):
+        write_depth_png(maps / kind / "image_02" / "0000000005.png", np.ones((4, 6)))
+    (tmp_path / DRIVE[:10]).mkdir()
+    matrix = "P_rect_02: 721.5 0 609.5 0 0 721.5 172.8 0 0 0 1 0\n"
+    (tmp_path / DRIVE[:10] / "calib_cam_to_cam.txt").write_text(matrix)
+    for path in (tmp_path, tmp_path / split):
+        dataset = open_dataset(path, parts=("points",))
+        assert isinstance(dataset, KittiDepthDataset)
+        assert dataset.sample_ids == (f"{DRIVE}_image_0000000005_image_02",)
+
+
+def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
+    write_object_tree(tmp_path / "objects", 3)
+    write_selection(tmp_path / "depth", with_truth=False)
+    listed = open_dataset(tmp_path / "objects", sample_list=["000002", "000000"], parts=("points",))
+    assert listed.sample_ids == ("000002", "000000")
+    listed = open_dataset(tmp_path / "depth", sample_list=["0000000005"], parts=("points",))
+    assert (len(listed), listed[0].sample_id) == (1, "0000000005")
+    with pytest.raises(ValueError, match=r"the list names 1 frames that the data lacks \(x\)"):
+        open_dataset(tmp_path / "depth", sample_list=["x"], parts=("points",))
+
+
+def test_folders_that_are_no_data_set_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="nowhere does not exist"):
+        open_dataset(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match="is no KITTI data set, expected an object tree"):
+        open_dataset(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="file is no folder"):
+        open_dataset(tmp_path / "file")
+
+
+def test_a_real_drive_and_the_real_frames_open(kitti_root):
+    drive = open_dataset(kitti_root / "raw" / "2011_09_26_drive_0052_sync")
+    assert isinstance(drive, KittiRawDrive)
+    assert len(drive) == 78
+    assert len(open_dataset(kitti_root, sample_list="sample_val")) == 29

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.data.rings import NUM_RINGS, ring_numbers
+from tests.reference import rings as reference
+
+LOWEST_IN_VIEW = 45
+
+azimuths_behind = st.lists(st.integers(61, 299), max_size=3)
+
+
+def sweep(azimuths_by_ring, *, range_m=10.0):
+    """A sweep in KITTI's order from the azimuths [degrees] of each ring, the top one first."""
+    points = []
+    for ring, azimuths in enumerate(azimuths_by_ring):
+        elevation = np.radians(2 - 0.4 * ring)
+        for azimuth in np.radians(np.asarray(azimuths, dtype=float)):
+            ahead, left = range_m * np.cos(azimuth), range_m * np.sin(azimuth)
+            points.append((ahead, left, range_m * np.tan(elevation), 0.5))
+    return np.array(points, dtype=np.float32).reshape(-1, 4)
+
+
+@given(st.lists(azimuths_behind, min_size=NUM_RINGS, max_size=NUM_RINGS))
+def test_a_whole_sweep_is_numbered_by_laser(behind):
+    azimuths = [[1, *sorted(set(one)), 180, 359] for one in behind]
+    expected = [ring for ring, one in enumerate(azimuths) for _ in one]
+    azimuths = [sorted(one) for one in azimuths]
+    assert ring_numbers(sweep(azimuths)).tolist() == expected
+
+
+@given(st.lists(st.lists(st.integers(-40, 40), max_size=5), max_size=20))
+def test_a_sweep_cut_to_the_camera_is_numbered_where_the_azimuth_jumps_back(rings):
+    # from straight ahead to the left edge, then from the right edge to straight ahead
+    ordered = [sorted(set(one), key=lambda azimuth: (azimuth < 0, azimuth)) for one in rings]
+    points = sweep(ordered)
+    assert ring_numbers(points).tolist() == reference.ring_numbers(points.tolist())
+
+
+def test_a_number_of_a_cut_sweep_holds_one_laser_on_the_right_and_the_next_on_the_left():
+    left_then_right = [5, 35, -35, -5]
+    assert ring_numbers(sweep([left_then_right] * 3)).tolist() == [
+        0,
+        0,
+        1,
+        1,
+        1,
+        1,
+        2,
+        2,
+        2,
+        2,
+        3,
+        3,
+    ]
+
+
+def test_a_sweep_that_starts_each_ring_at_the_right_edge_is_numbered_by_laser():
+    assert ring_numbers(sweep([[-35, 0, 35]] * 3)).tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+
+
+def test_a_step_back_of_less_than_30_degrees_does_not_end_a_ring():
+    assert ring_numbers(sweep([[10, -19, 0]])).tolist() == [0, 0, 0]
+    assert ring_numbers(sweep([[10, -21, 0]])).tolist() == [0, 1, 1]
+
+
+def test_a_sweep_of_no_points_has_no_rings():
+    assert ring_numbers(np.zeros((0, 4), np.float32)).tolist() == []
+
+
+def test_a_whole_sweep_that_lacks_a_ring_is_refused():
+    with pytest.raises(ValueError, match=r"starts again 62 times.*KITTI's order has 63"):
+        ring_numbers(sweep([[1, 180, 359]] * 63))
+
+
+def test_points_in_any_other_order_are_refused():
+    points = sweep([[5, 20, 35, -35, -20, -5]] * 40)
+    shuffled = np.random.default_rng(0).permutation(points)
+    with pytest.raises(ValueError, match="give the points in the order of KITTI's own files"):
+        ring_numbers(shuffled)
+
+
+def test_rings_from_the_bottom_up_are_refused():
+    from_the_top = sweep([[-35, 0, 35]] * 40).reshape(40, 3, 4)
+    with pytest.raises(ValueError, match="KITTI's order has the highest ring first"):
+        ring_numbers(from_the_top[::-1].reshape(-1, 4))
+
+
+def real_sweeps(kitti_root, folder):
+    return [np.fromfile(path, "<f4").reshape(-1, 4) for path in sorted(kitti_root.glob(folder))]
+
+
+def test_each_whole_sweep_of_kitti_has_64_rings(kitti_root):
+    sweeps = real_sweeps(kitti_root, "full_sweeps/*.bin")
+    assert len(sweeps) == 6
+    for points in sweeps:
+        assert np.unique(ring_numbers(points)).tolist() == list(range(NUM_RINGS))
+
+
+def test_numbers_of_cut_sweeps_are_the_lasers_left_of_ahead_and_one_more_right_of_it(kitti_root):
+    for path in sorted(kitti_root.glob("full_sweeps/*.bin")):
+        whole = np.fromfile(path, "<f4").reshape(-1, 4)
+        cut_path = kitti_root / "training/velodyne" / path.name
+        cut = np.fromfile(cut_path, "<f4").reshape(-1, 4)
+        lasers = dict(zip(map(bytes, whole), ring_numbers(whole), strict=True))
+        laser = np.array([lasers[bytes(point)] for point in cut])
+        expected = laser + (cut[:, 1] < 0)
+        differ = ring_numbers(cut) != expected
+        # the lowest in view show only a few degrees around straight ahead, without a jump back
+        assert np.count_nonzero(differ & (laser < LOWEST_IN_VIEW)) <= 2
+
+
+def test_the_first_ring_in_view_of_the_camera_is_the_top_one_in_every_frame(kitti_root):
+    sweeps = real_sweeps(kitti_root, "training/velodyne/*.bin")
+    assert len(sweeps) == 90
+    # the lasers of the upper block leave 0.21 m above the origin, the topmost at +1.9 degrees
+    upper_block = [1.94 - 0.34 * laser for laser in range(32)]
+    for points in sweeps:
+        numbers = ring_numbers(points)
+        assert 44 <= numbers.max() + 1 <= 48
+        first = reference.laser_by_elevation(np.median(points[:9], axis=0), 0.21, upper_block)
+        assert first == 0

@@ -1,0 +1,38 @@
+import pytest
+
+from sightline.data.sample_list import read_sample_list
+
+
+def test_the_published_lists_part_the_7481_training_frames(tmp_path):
+    train = read_sample_list("kitti-object-train", tmp_path)
+    val = read_sample_list("kitti-object-val", tmp_path)
+    assert (len(train), len(val)) == (3712, 3769)
+    assert sorted(train + val) == [f"{number:06}" for number in range(7481)]
+    assert (train[:3], val[:3]) == (("000000", "000003", "000007"), ("000001", "000002", "000004"))
+
+
+def test_a_list_is_a_path_or_a_name_in_image_sets_or_the_frames_themselves(tmp_path):
+    (tmp_path / "ImageSets").mkdir()
+    (tmp_path / "ImageSets" / "mine.txt").write_text("000003\r\n\n 000001\n")
+    expected = ("000003", "000001")
+    assert read_sample_list("mine", tmp_path) == expected
+    assert read_sample_list(tmp_path / "ImageSets" / "mine.txt", "elsewhere") == expected
+    assert read_sample_list(str(tmp_path / "ImageSets" / "mine.txt"), "elsewhere") == expected
+    assert read_sample_list(["000003", "000001"], tmp_path) == expected
+
+
+def test_an_unknown_list_is_answered_with_those_there_are(tmp_path):
+    (tmp_path / "ImageSets").mkdir()
+    (tmp_path / "ImageSets" / "mine.txt").write_text("000003")
+    with pytest.raises(ValueError, match=r"'trian'; .* kitti-object-train, kitti-object-val, mine"):
+        read_sample_list("trian", tmp_path)
+
+
+def test_an_empty_list_and_a_frame_named_twice_are_refused_by_name(tmp_path):
+    path = tmp_path / "mine.txt"
+    path.write_text("\n \n")
+    with pytest.raises(ValueError, match=r"mine\.txt names no frames"):
+        read_sample_list(path, tmp_path)
+    path.write_text("0\n1\n2\n1\n")
+    with pytest.raises(ValueError, match=r"mine\.txt names frame '1' twice"):
+        read_sample_list(path, tmp_path)
