@@ -57,5 +57,6 @@ def write_depth_png(path: Path | str, depth_m: Float[np.ndarray, "height width"]
             f"{column}; use 0 for no value and limit the rest"
         )
     steps = np.where((depth_m > 0) & (steps == 0), 1, steps).astype(np.uint16)
-    _, encoded = cv2.imencode(".png", steps)
+    # OpenCV's own choice makes smooth maps half as large again; higher levels take far longer.
+    _, encoded = cv2.imencode(".png", steps, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     atomic_write_bytes(path, encoded.tobytes())

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.atomic import atomic_write_text
+from sightline.data.plain_text import shortened
 
 FIELDS = (
     "class",
@@ -245,7 +246,7 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> str:
                 f"what follows {expected[-1]}"
             )
         for name, token in zip(expected, fields, strict=False):
-            shown = ascii(token.decode(errors="replace"))
+            shown = f"'{shortened(token.decode(errors='replace'), 24)}'"
             try:
                 value = _number(token) if name != "class" else 0.0 * len(token.decode())
             except UnicodeDecodeError:

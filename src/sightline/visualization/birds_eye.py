@@ -1,0 +1,187 @@
+"""A frame seen from above."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M, unproject_pixels
+from sightline.visualization.canvas import put_lines, put_points, put_polygon
+from sightline.visualization.colors import RGB, class_color
+from sightline.visualization.lettering import put_text, text_width
+
+_BACKGROUND: RGB = (17, 19, 24)
+_IN_VIEW: RGB = (150, 165, 190)
+_RING: RGB = (64, 70, 80)
+_RING_TEXT: RGB = (150, 156, 166)
+_EGO: RGB = (235, 235, 235)
+_RING_STEP_M = 10
+_EGO_SIZE_M = (4.0, 1.8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BirdsEyeView:
+    """The rectangle of the LiDAR frame's ground plane that a picture shows: x up, y to the left."""
+
+    x_min_m: float = -4.0
+    x_max_m: float = 76.0
+    y_min_m: float = -22.0
+    y_max_m: float = 22.0
+    pixels_per_m: float = 14.0
+
+    def __post_init__(self) -> None:
+        """Checks that there is something to see."""
+        if self.x_max_m <= self.x_min_m or self.y_max_m <= self.y_min_m or self.pixels_per_m <= 0:
+            raise ValueError(
+                "a bird's-eye view needs x_min_m < x_max_m, y_min_m < y_max_m and pixels_per_m "
+                f"above 0, got {self}"
+            )
+
+    @property
+    def picture_size(self) -> tuple[int, int]:
+        """Height, width [px]."""
+        height = round((self.x_max_m - self.x_min_m) * self.pixels_per_m)
+        return height, round((self.y_max_m - self.y_min_m) * self.pixels_per_m)
+
+    def pixels(self, xy: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
+        """Where points x, y [m] of the LiDAR frame fall in the picture, (column, row)."""
+        column = (self.y_max_m - xy[..., 1]) * self.pixels_per_m - 0.5
+        row = (self.x_max_m - xy[..., 0]) * self.pixels_per_m - 0.5
+        return np.stack((column, row), axis=-1)
+
+
+def draw_birds_eye(
+    points: Float[Tensor, "num_points fields"] | None,
+    boxes: Boxes3D | None = None,
+    class_names: Sequence[str] = (),
+    *,
+    calibration: Calibration | None = None,
+    image_size: tuple[int, int] | None = None,
+    view: BirdsEyeView | None = None,
+    color: RGB | None = None,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Points, boxes with their headings, range rings and the camera's field of view, from above.
+
+    Args:
+        points: LiDAR frame, x, y, z first; the brighter the higher.
+        boxes: LiDAR frame; those without a size are left out. A line leads from the centre
+            through the front, which is drawn stronger.
+        class_names: One for each box.
+        calibration: With `image_size` (height, width), shows what the camera sees.
+        image_size: Of the camera.
+        view: What is shown.
+        color: One for all boxes instead of their classes' colours.
+    """
+    view = view or BirdsEyeView()
+    canvas = np.full((*view.picture_size, 3), _BACKGROUND, np.uint8)
+    if calibration is not None and image_size is not None:
+        _put_field_of_view(canvas, view, calibration, image_size)
+    _put_rings(canvas, view)
+    if points is not None:
+        _put_cloud(canvas, view, points)
+    _put_ego(canvas, view)
+    if boxes is not None:
+        put_boxes_from_above(canvas, view, boxes, class_names, color=color)
+    _put_ring_labels(canvas, view)
+    return canvas
+
+
+def put_boxes_from_above(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    view: BirdsEyeView,
+    boxes: Boxes3D,
+    class_names: Sequence[str],
+    *,
+    color: RGB | None = None,
+) -> None:
+    """Draws boxes into a bird's-eye view that exists."""
+    has_size = (boxes.sizes > 0).all(dim=-1).tolist()
+    corners = boxes.corners()[:, :4, :2].detach().cpu().double().numpy()
+    for name, outline, drawn in zip(class_names, corners, has_size, strict=True):
+        # Far outside the view fixed-point coordinates would overflow.
+        if not drawn or np.abs(outline).max() > 10_000:
+            continue
+        chosen = color or class_color(name)
+        ring = view.pixels(outline)
+        middle, front = ring.mean(axis=0), ring[:2].mean(axis=0)
+        tip = front + 0.5 * (front - middle)
+        put_polygon(canvas, ring, chosen, opacity=0.3)
+        put_lines(canvas, np.stack((ring, np.roll(ring, -1, axis=0)), axis=1), chosen)
+        put_lines(canvas, np.stack((ring[:2], np.stack((front, tip)))), chosen, width_px=2)
+
+
+def _put_field_of_view(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    view: BirdsEyeView,
+    calibration: Calibration,
+    image_size: tuple[int, int],
+) -> None:
+    height, width = image_size
+    middle = (height - 1) / 2
+    edges = torch.tensor([[-0.5, middle], [width - 0.5, middle]], dtype=torch.float64)
+    # The borders of the view, from next to the camera to beyond the picture.
+    near = unproject_pixels(edges, torch.full((2,), 0.01, dtype=torch.float64), calibration)
+    far = unproject_pixels(edges, torch.full((2,), 300.0, dtype=torch.float64), calibration)
+    corners = view.pixels(torch.cat((near, far.flip(0)))[:, :2].numpy())
+    put_polygon(canvas, corners, _IN_VIEW, opacity=0.07)
+    put_lines(canvas, corners[[[0, 3], [1, 2]]], _IN_VIEW, opacity=0.5)
+
+
+def _ring_ranges(view: BirdsEyeView) -> range:
+    return range(_RING_STEP_M, int(view.x_max_m) + 1, _RING_STEP_M)
+
+
+def _put_rings(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) -> None:
+    # OpenCV draws circles of few corners, which shows on large ones.
+    turn = np.linspace(0, 2 * np.pi, 721)
+    unit = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
+    for range_m in _ring_ranges(view):
+        ring = view.pixels(range_m * unit)
+        put_lines(canvas, np.stack((ring[:-1], ring[1:]), axis=1), _RING)
+
+
+def _put_ring_labels(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) -> None:
+    """Names the rings on plates, ahead on the right or where they leave the picture."""
+    for range_m in _ring_ranges(view):
+        text = f"{range_m} m"
+        width = text_width(text, 9)
+        side = np.deg2rad(-52.0)
+        at = view.pixels(range_m * np.array([np.cos(side), np.sin(side)]))
+        if at[0] + width > canvas.shape[1] - 4:  # there the ring has left the picture
+            y = -min(range_m, -view.y_min_m - (width + 8) / view.pixels_per_m)
+            at = view.pixels(np.array([np.sqrt(range_m**2 - y**2), y]))
+        left, baseline = round(float(at[0])) + 4, round(float(at[1])) - 4
+        plate = canvas[max(baseline - 12, 0) : max(baseline + 4, 0), left - 3 : left + width + 3]
+        plate[:] = np.rint(0.7 * np.array(_BACKGROUND) + 0.3 * plate)
+        put_text(canvas, text, left, baseline, height_px=9, color=_RING_TEXT)
+
+
+def _put_cloud(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    view: BirdsEyeView,
+    points: Float[Tensor, "num_points fields"],
+) -> None:
+    xyz = points[:, :3].detach().cpu().double().numpy()
+    pixels = view.pixels(xyz[:, :2])
+    inside = ((pixels > -1) & (pixels < np.array(canvas.shape[1::-1]))).all(axis=1)
+    xyz, pixels = xyz[inside], pixels[inside]
+    order = np.argsort(xyz[:, 2], kind="stable")
+    height_share = np.clip((xyz[order, 2] + KITTI_LIDAR_HEIGHT_M) / 2.5, 0, 1)
+    low, high = np.array([70.0, 78.0, 92.0]), np.array([232.0, 236.0, 240.0])
+    colors = np.rint(low + height_share[:, None] * (high - low)).astype(np.uint8)
+    put_points(canvas, pixels[order], colors, diameter_px=1.7)
+
+
+def _put_ego(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) -> None:
+    """A chevron at the LiDAR, as long as a car, that points ahead."""
+    length, width = _EGO_SIZE_M
+    outline = np.array([[length / 2, 0.0], [-length / 2, width / 2], [-length / 4, 0.0]])
+    left = view.pixels(outline)
+    right = view.pixels(outline * np.array([1.0, -1.0]))
+    put_polygon(canvas, left, _EGO, opacity=0.95)
+    put_polygon(canvas, right, _EGO, opacity=0.95)

@@ -1,0 +1,94 @@
+"""Strokes, areas and points with sub-pixel positions, the parts that all pictures are drawn from.
+
+`put_...` functions write into the canvas that they are given.
+"""
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from sightline.visualization.colors import RGB
+
+_SHIFT = 4  # OpenCV takes coordinates in sixteenths of a pixel
+_HALO: RGB = (10, 10, 14)
+_HALO_OPACITY = 0.55
+_OVERSAMPLING = 3
+
+
+def scale_of(canvas: UInt8[np.ndarray, "height width 3"]) -> float:
+    """How large strokes and letters are drawn: 1 on KITTI's 1242 columns, 4 at most."""
+    width = int(canvas.shape[1])
+    return min(max(width / 1242, 0.75), 4.0)
+
+
+def put_lines(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    segments: Float[np.ndarray, "num_segments 2 2"],
+    color: RGB,
+    *,
+    width_px: int = 1,
+    halo: bool = False,
+    opacity: float = 1.0,
+) -> None:
+    """Draws segments of (x, y) [px]; a dark halo parts them from a bright background."""
+    fixed = np.rint(segments * 2**_SHIFT).astype(np.int32)
+    if halo:
+        target = canvas.copy()
+        cv2.polylines(target, fixed, False, _HALO, width_px + 2, cv2.LINE_AA, _SHIFT)
+        _blend(canvas, target, _HALO_OPACITY * opacity)
+    target = canvas if opacity == 1 else canvas.copy()
+    cv2.polylines(target, fixed, False, color, width_px, cv2.LINE_AA, _SHIFT)
+    if opacity < 1:
+        _blend(canvas, target, opacity)
+
+
+def put_polygon(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    vertices: Float[np.ndarray, "num_vertices 2"],
+    color: RGB,
+    *,
+    opacity: float,
+) -> None:
+    """Fills a convex polygon of (x, y) [px]."""
+    if len(vertices) < 3:
+        return
+    filled = canvas.copy()
+    fixed = np.rint(vertices * 2**_SHIFT).astype(np.int32)
+    cv2.fillConvexPoly(filled, fixed, color, cv2.LINE_AA, _SHIFT)
+    _blend(canvas, filled, opacity)
+
+
+def put_points(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    pixels: Float[np.ndarray, "num_points 2"],
+    colors: UInt8[np.ndarray, "num_points 3"],
+    *,
+    diameter_px: float,
+) -> None:
+    """Draws discs at (x, y) [px]; later points cover earlier ones."""
+    height, width = canvas.shape[:2]
+    layer = np.zeros((height * _OVERSAMPLING, width * _OVERSAMPLING, 4), np.uint8)
+    radius = diameter_px * _OVERSAMPLING / 2
+    reach = np.arange(-int(radius), int(radius) + 1)
+    dy, dx = (axis.ravel() for axis in np.meshgrid(reach, reach, indexing="ij"))
+    disc = dx**2 + dy**2 <= radius**2
+    centers = np.floor((pixels + 0.5) * _OVERSAMPLING).astype(np.int64)
+    columns = centers[:, 0, None] + dx[disc]
+    rows = centers[:, 1, None] + dy[disc]
+    inside = (columns >= 0) & (columns < layer.shape[1]) & (rows >= 0) & (rows < layer.shape[0])
+    inked = np.concatenate((colors, np.full_like(colors[:, :1], 255)), axis=1)
+    # Row by row of a points-by-disc table: numpy lets the last assignment win.
+    spread = np.broadcast_to(inked[:, None], (*inside.shape, 4))
+    layer[rows[inside], columns[inside]] = spread[inside]
+    small = cv2.resize(layer, (width, height), interpolation=cv2.INTER_AREA)
+    covered = small[..., 3] > 0
+    uncovered = 255 - small[covered, 3:].astype(np.float32)
+    canvas[covered] = np.rint(small[covered, :3] + canvas[covered] * (uncovered / 255))
+
+
+def _blend(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    over: UInt8[np.ndarray, "height width 3"],
+    opacity: float,
+) -> None:
+    cv2.addWeighted(over, opacity, canvas, 1 - opacity, 0, dst=canvas)

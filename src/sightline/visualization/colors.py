@@ -1,0 +1,102 @@
+"""Colours of classes and of measured values, chosen to be told apart by colour-blind people."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+RGB = tuple[int, int, int]
+
+INVALID: RGB = (17, 19, 24)
+"""Where a map has no value."""
+
+_CLASS_COLORS: dict[str, RGB] = {
+    "Car": (86, 180, 233),
+    "Van": (64, 120, 240),
+    "Truck": (204, 121, 167),
+    "Tram": (240, 228, 66),
+    "Pedestrian": (240, 150, 20),
+    "Person_sitting": (226, 94, 20),
+    "Cyclist": (20, 190, 140),
+    "Misc": (190, 190, 190),
+    "DontCare": (130, 130, 130),
+}
+_UNKNOWN_CLASS: RGB = (235, 235, 235)
+
+
+def class_color(class_name: str) -> RGB:
+    """The colour of a KITTI class; white for any other.
+
+    After the palette of Okabe and Ito 2008 ("Color universal design"), whose blue and greens are
+    lightened here because pictures of streets are dark.
+    """
+    return _CLASS_COLORS.get(class_name, _UNKNOWN_CLASS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColorScale:
+    """From a measured value to a colour, and the marks that a legend shows."""
+
+    kind: Literal["log", "symmetric_log"]
+    """`symmetric_log` has a sign: logarithmic away from zero, linear within `lowest_m` of it."""
+    lowest_m: float
+    highest_m: float
+    """Values beyond either end take the colour of that end."""
+    ticks_m: tuple[float, ...]
+    table: UInt8[np.ndarray, "256 3"]
+    """RGB of the positions 0 to 1."""
+
+    def positions(self, values_m: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Where values [m] lie on the scale, 0 to 1."""
+        share: Float[np.ndarray, "*shape"]
+        if self.kind == "log":
+            clipped = np.clip(values_m, self.lowest_m, self.highest_m)
+            share = np.log(clipped / self.lowest_m) / np.log(self.highest_m / self.lowest_m)
+            return share
+        size = np.log1p(np.minimum(np.abs(values_m), self.highest_m) / self.lowest_m)
+        share = np.sign(values_m) * size / np.log1p(self.highest_m / self.lowest_m)
+        return 0.5 + 0.5 * share
+
+    def colors(self, values_m: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape 3"]:
+        """RGB of values [m]."""
+        rgb: UInt8[np.ndarray, "*shape 3"]
+        rgb = self.table[np.rint(255 * self.positions(values_m)).astype(np.int64)]
+        return rgb
+
+
+def _near_is_warm() -> UInt8[np.ndarray, "256 3"]:
+    """OpenCV's Turbo (Mikhailov 2019) from red to blue, without its darkest ends."""
+    ramp = np.rint(np.linspace(245, 15, 256)).astype(np.uint8)
+    bgr = cv2.applyColorMap(ramp[:, None], cv2.COLORMAP_TURBO)
+    return np.ascontiguousarray(bgr[:, 0, ::-1])
+
+
+def _blue_grey_orange() -> UInt8[np.ndarray, "256 3"]:
+    anchors = np.array(
+        [[20, 60, 190], [80, 160, 235], [222, 224, 226], [240, 160, 60], [190, 50, 10]]
+    )
+    at = np.linspace(0, 1, len(anchors))
+    columns = [np.interp(np.linspace(0, 1, 256), at, channel) for channel in anchors.T]
+    table: UInt8[np.ndarray, "256 3"] = np.rint(np.stack(columns, axis=-1)).astype(np.uint8)
+    return table
+
+
+DEPTH_SCALE = ColorScale(
+    kind="log",
+    lowest_m=2.0,
+    highest_m=80.0,
+    ticks_m=(2.0, 5.0, 10.0, 20.0, 40.0, 80.0),
+    table=_near_is_warm(),
+)
+"""Depth and range: logarithmic, because errors of depth grow with it; near is red, far is blue."""
+
+ERROR_SCALE = ColorScale(
+    kind="symmetric_log",
+    lowest_m=0.1,
+    highest_m=10.0,
+    ticks_m=(-10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0),
+    table=_blue_grey_orange(),
+)
+"""Predicted less true depth: blue where too near, orange where too far, grey where right."""

@@ -1,0 +1,101 @@
+"""Depth maps and their errors as colours."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, RGB, ColorScale
+from sightline.visualization.lettering import put_text, text_width
+
+MISSING: RGB = (112, 48, 100)
+"""In an error map: depth is known there, but none was predicted."""
+
+_MUTED: RGB = (150, 156, 166)
+
+
+def colorize_depth(
+    depth_m: Float[Tensor, "height width"],
+    *,
+    scale: ColorScale = DEPTH_SCALE,
+    point_size_px: int = 1,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """A depth map [m] in colours; pixels without a depth (0, negative or not finite) are dark.
+
+    Args:
+        depth_m: Metres along the optical axis.
+        scale: Colours of the depths.
+        point_size_px: Odd; single measurements of a sparse map grow to squares of this size, the
+            nearest on top, so that they can be seen.
+    """
+    depth = _known(depth_m)
+    if point_size_px > 1:
+        square = np.ones((point_size_px, point_size_px), np.uint8)
+        far = np.where(depth > 0, depth, np.float32(np.inf))
+        nearest = cv2.erode(far, square, borderType=cv2.BORDER_REPLICATE)
+        depth = np.where(np.isfinite(nearest), nearest, np.float32(0))
+    picture = np.full((*depth.shape, 3), INVALID, np.uint8)
+    picture[depth > 0] = scale.colors(depth[depth > 0])
+    return picture
+
+
+def colorize_error(
+    predicted_m: Float[Tensor, "height width"],
+    truth_m: Float[Tensor, "height width"],
+    *,
+    scale: ColorScale = ERROR_SCALE,
+    point_size_px: int = 1,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Predicted less true depth in colours, dark where no truth is known.
+
+    Where the truth is known and the prediction has no value, the pixel is `MISSING`.
+
+    Args:
+        predicted_m: Metres; no value where 0, negative or not finite.
+        truth_m: Metres; likewise.
+        scale: Colours of the differences.
+        point_size_px: Odd; single pixels of a sparse truth grow to squares of this size, the
+            largest error on top.
+    """
+    predicted, truth = _known(predicted_m), _known(truth_m)
+    picture = np.full((*truth.shape, 3), INVALID, np.uint8)
+    scored = (truth > 0) & (predicted > 0)
+    missing = (truth > 0) & (predicted == 0)
+    error = np.where(scored, predicted - truth, np.float32(0))
+    if point_size_px > 1:
+        square = np.ones((point_size_px, point_size_px), np.uint8)
+        lowest, highest = cv2.erode(error, square), cv2.dilate(error, square)
+        error = np.where(-lowest > highest, lowest, highest)
+        scored = cv2.dilate(scored.astype(np.uint8), square) > 0
+        missing = (cv2.dilate(missing.astype(np.uint8), square) > 0) & ~scored
+    picture[scored] = scale.colors(error[scored])
+    picture[missing] = MISSING
+    return picture
+
+
+def put_legend(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    scale: ColorScale,
+    *,
+    right: int,
+    top: int,
+    width_px: int = 300,
+) -> None:
+    """Writes a scale's bar with its marks in metres, its right end at column `right`."""
+    left, height = right - width_px, 8
+    bar = scale.table[np.linspace(0, 255, width_px).astype(np.int64)]
+    canvas[top : top + height, left:right] = bar
+    sign = "+" if scale.kind == "symmetric_log" else ""
+    for tick, at in zip(scale.ticks_m, scale.positions(np.array(scale.ticks_m)), strict=True):
+        text = f"{tick:{sign}g}" if tick else "0"
+        column = left + round(float(at) * (width_px - 1))
+        canvas[top + height : top + height + 3, column] = _MUTED
+        text_left = min(max(column - text_width(text, 8) // 2, left - 4), right)
+        put_text(canvas, text, text_left, top + height + 14, height_px=8, color=_MUTED)
+    after = text_left + text_width(text, 8) + 4
+    put_text(canvas, "m", after, top + height + 14, height_px=8, color=_MUTED)
+
+
+def _known(depth_m: Float[Tensor, "height width"]) -> Float[np.ndarray, "height width"]:
+    depth = depth_m.detach().cpu().float().numpy()
+    return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))

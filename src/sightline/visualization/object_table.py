@@ -1,0 +1,131 @@
+"""The objects of a frame as a table in the picture: what a drawing cannot show exactly."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int64, UInt8
+from torch import Tensor
+
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.structures.labels import ObjectLabels
+from sightline.structures.predictions import Detections3D
+from sightline.visualization.colors import RGB, class_color
+from sightline.visualization.lettering import put_text, text_width
+
+_BACKGROUND: RGB = (22, 25, 30)
+_TEXT: RGB = (222, 225, 230)
+_MUTED: RGB = (150, 156, 166)
+_ROW_PX = 20
+_TEXT_PX = 9
+_LEFT_PX = 14
+# Right ends of the columns after the class, as shares of the width.
+_COLUMN_ENDS = (0.36, 0.62, 0.76, 0.86, 0.97)
+_LABEL_COLUMNS = ("range m", "l x w x h m", "points", "trunc.", "occl.")
+_DETECTION_COLUMNS = ("range m", "l x w x h m", "points", "", "score")
+_OCCLUSION = {-1: "-", 0: "none", 1: "partly", 2: "largely", 3: "unknown"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Row:
+    class_name: str
+    range_m: float
+    cells: tuple[str, ...]
+
+
+def draw_object_table(
+    objects: ObjectLabels | Detections3D,
+    points: Float32[Tensor, "num_points 4"] | None,
+    *,
+    width_px: int,
+    max_height_px: int,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """A table of the objects with a 3D part, nearest first; what has no room is counted.
+
+    Args:
+        objects: Labels (with truncation and occlusion) or detections (with scores).
+        points: The sweep whose points within each box are counted; None leaves them out.
+        width_px: Of the picture.
+        max_height_px: The picture is as high as its rows need, but no higher.
+    """
+    if isinstance(objects, ObjectLabels):
+        rows, columns = _label_rows(objects, points), _LABEL_COLUMNS
+    else:
+        rows, columns = _detection_rows(objects, points), _DETECTION_COLUMNS
+    rows.sort(key=lambda row: row.range_m)
+    room = (max_height_px - 6) // _ROW_PX - 1
+    shown = rows if len(rows) <= room else rows[: max(room - 1, 0)]
+    num_lines = 1 + len(shown) + (len(shown) < len(rows))
+    canvas = np.full((num_lines * _ROW_PX + 6, width_px, 3), _BACKGROUND, np.uint8)
+    _put_row(canvas, 0, "class", columns, color=_MUTED)
+    for number, row in enumerate(shown, start=1):
+        top = number * _ROW_PX
+        swatch = slice(top + 6, top + _ROW_PX - 5)
+        canvas[swatch, _LEFT_PX : _LEFT_PX + 9] = class_color(row.class_name)
+        _put_row(canvas, number, row.class_name, row.cells, color=_TEXT)
+    if len(shown) < len(rows):
+        more = f"and {len(rows) - len(shown)} more, farther away"
+        _put_row(canvas, len(shown) + 1, more, (), color=_MUTED)
+    return canvas
+
+
+def _label_rows(labels: ObjectLabels, points: Float32[Tensor, "num_points 4"] | None) -> list[_Row]:
+    counts = _points_within(labels.boxes3d, points)
+    rows = []
+    for index in labels.has_box3d.nonzero()[:, 0].tolist():
+        truncation = float(labels.truncation[index])
+        occlusion = int(labels.occlusion[index])
+        last = (
+            f"{truncation:.2f}" if truncation >= 0 else "-",
+            _OCCLUSION.get(occlusion, str(occlusion)),
+        )
+        rows.append(_row(labels.class_names[index], labels.boxes3d, counts, index, last))
+    return rows
+
+
+def _detection_rows(
+    detections: Detections3D, points: Float32[Tensor, "num_points 4"] | None
+) -> list[_Row]:
+    counts = _points_within(detections.boxes, points)
+    return [
+        _row(name, detections.boxes, counts, index, ("", f"{float(detections.scores[index]):.2f}"))
+        for index, name in enumerate(detections.class_names)
+    ]
+
+
+def _row(
+    class_name: str,
+    boxes: Boxes3D,
+    counts: Int64[Tensor, " num_boxes"] | None,
+    index: int,
+    last: tuple[str, str],
+) -> _Row:
+    length, width, height = boxes.sizes[index].tolist()
+    range_m = float(boxes.centers[index, :2].norm())
+    size = f"{length:.1f} x {width:.1f} x {height:.1f}"
+    count = "-" if counts is None else str(int(counts[index]))
+    return _Row(
+        class_name=class_name, range_m=range_m, cells=(f"{range_m:.1f}", size, count, *last)
+    )
+
+
+def _points_within(
+    boxes: Boxes3D, points: Float32[Tensor, "num_points 4"] | None
+) -> Int64[Tensor, " num_boxes"] | None:
+    if points is None:
+        return None
+    return boxes.contain(points[:, :3].to(boxes.tensor)).sum(dim=1)
+
+
+def _put_row(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    number: int,
+    first: str,
+    cells: tuple[str, ...],
+    *,
+    color: RGB,
+) -> None:
+    baseline = number * _ROW_PX + 15
+    put_text(canvas, first, _LEFT_PX + 18, baseline, height_px=_TEXT_PX, color=color)
+    for cell, end in zip(cells, _COLUMN_ENDS, strict=False):
+        left = round(end * canvas.shape[1]) - text_width(cell, _TEXT_PX)
+        put_text(canvas, cell, left, baseline, height_px=_TEXT_PX, color=color)

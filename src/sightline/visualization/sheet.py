@@ -1,0 +1,316 @@
+"""One page that shows what is known about a frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+from torch import Tensor
+
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.predictions import DepthMap, Detections2D, Detections3D
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
+from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, RGB, ColorScale
+from sightline.visualization.depth import colorize_depth, colorize_error, put_legend
+from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points
+from sightline.visualization.lettering import put_text, text_width
+from sightline.visualization.object_table import draw_object_table
+
+_PAGE: RGB = (36, 39, 46)
+_TITLE: RGB = (236, 238, 242)
+_MUTED: RGB = (150, 156, 166)
+_LABEL_BESIDE_DETECTION: RGB = (245, 245, 245)
+_COLUMN_PX = 1242  # KITTI's pictures at their own size
+_SIDE_PX = 616
+_GAP_PX = 14
+_TITLE_PX = 36
+_HEAD_PX = 46
+_MIN_TABLE_PX = 130
+_FARTHEST_M = 90.0  # no point of KITTI's LiDAR lies farther away
+_WIDE = 2.0  # pictures at least so many times as wide as high stand one above the other
+_SPARSE_SHARE = 0.3  # maps with values on fewer pixels are drawn with larger points
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Panel:
+    title: str
+    picture: UInt8[np.ndarray, "height width 3"]
+    scale: ColorScale | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Frame:
+    """What the page shows, at the size at which it shows it."""
+
+    sample: CameraLidarSample
+    dense_depth: DepthMap | None
+    detections2d: Detections2D | None
+    detections3d: Detections3D | None
+
+
+def frame_sheet(
+    sample: CameraLidarSample,
+    dense_depth: DepthMap | None = None,
+    *,
+    dense_name: str = "",
+    detections2d: Detections2D | None = None,
+    detections3d: Detections3D | None = None,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """An RGB page of the frame's boxes, sweep and depth maps, titled and with legends.
+
+    Shows the image with 2D and 3D boxes, the LiDAR coloured by range on it, the sparse depth, the
+    dense depth (and its error where the sample has true depth), a bird's-eye view and a table of
+    the objects. What the sample lacks is said where it would stand. Where there are detections,
+    they have the colours and labels are white.
+
+    Args:
+        sample: Any of image, points, objects and depth may be None.
+        dense_depth: A completed depth map of the sample's image size.
+        dense_name: How it was made, for its title.
+        detections2d: Drawn on the image.
+        detections3d: Drawn on the image and from above, and listed.
+
+    Raises:
+        ValueError: `dense_depth` is not of the sample's image size.
+    """
+    if dense_depth is not None and tuple(dense_depth.depth_m.shape) != sample.image_size:
+        raise ValueError(
+            f"dense depth is {dense_depth.depth_m.shape[0]}x{dense_depth.depth_m.shape[1]} (height "
+            f"x width), expected {sample.image_size[0]}x{sample.image_size[1]} like sample "
+            f"{sample.sample_id}; complete the depth at the image's size"
+        )
+    num_columns = 1 if sample.image_size[1] >= _WIDE * sample.image_size[0] else 2
+    panel_px = (_COLUMN_PX - (num_columns - 1) * _GAP_PX) // num_columns
+    frame = _zoomed(
+        _Frame(
+            sample=sample,
+            dense_depth=dense_depth,
+            detections2d=detections2d,
+            detections3d=detections3d,
+        ),
+        panel_px,
+    )
+    panels = [_boxes_panel(frame), _lidar_panel(frame), *_depth_panels(frame, dense_name)]
+    main = _arranged([_titled(panel, panel_px) for panel in panels], num_columns)
+    side = _side_column(frame, main.shape[0])
+    body = np.concatenate((main, _blank(main.shape[0], _GAP_PX), side), axis=1)
+    framed = cv2.copyMakeBorder(
+        body, _HEAD_PX, _GAP_PX, _GAP_PX, _GAP_PX, cv2.BORDER_CONSTANT, value=_PAGE
+    )
+    page = framed.astype(np.uint8, copy=False)
+    _put_head(page, sample)
+    return page
+
+
+def _zoomed(frame: _Frame, panel_px: int) -> _Frame:
+    """The frame at a size that fits the panel; kept pixel by pixel where it nearly does."""
+    height, width = frame.sample.image_size
+    if 0.75 * panel_px <= width <= panel_px:
+        return frame
+    zoom = panel_px / width
+    size = (max(round(height * zoom), 1), panel_px)
+    sample, dense, found = frame.sample, frame.dense_depth, frame.detections2d
+    objects = sample.objects
+    if objects is not None:
+        objects = replace(objects, boxes2d=_resized_boxes(objects.boxes2d, zoom))
+    if found is not None:
+        found = replace(found, boxes=_resized_boxes(found.boxes, zoom))
+    if dense is not None:
+        valid = _resized_map(dense.valid.float(), size) > 0
+        dense = DepthMap(depth_m=_resized_map(dense.depth_m, size), valid=valid)
+    zoomed_sample = replace(
+        sample,
+        calibration=sample.calibration.resize(size[1] / width, size[0] / height),
+        image_size=size,
+        image=None if sample.image is None else _resized_image(sample.image, size),
+        depth=None if sample.depth is None else _resized_map(sample.depth, size),
+        objects=objects,
+    )
+    return _Frame(
+        sample=zoomed_sample,
+        dense_depth=dense,
+        detections2d=found,
+        detections3d=frame.detections3d,
+    )
+
+
+def _resized_image(
+    image: UInt8[Tensor, "3 height width"], size: tuple[int, int]
+) -> UInt8[Tensor, "3 new_height new_width"]:
+    how = cv2.INTER_AREA if size[1] < image.shape[2] else cv2.INTER_CUBIC
+    resized = cv2.resize(image.permute(1, 2, 0).cpu().numpy(), size[::-1], interpolation=how)
+    return torch.from_numpy(resized).permute(2, 0, 1)
+
+
+def _resized_map(
+    values: Float32[Tensor, "height width"], size: tuple[int, int]
+) -> Float32[Tensor, "new_height new_width"]:
+    # Nearest: a mean of a depth and a missing one, or of two surfaces, would be no depth.
+    nearest = cv2.INTER_NEAREST
+    return torch.from_numpy(cv2.resize(values.cpu().numpy(), size[::-1], interpolation=nearest))
+
+
+def _resized_boxes(boxes: Boxes2D, zoom: float) -> Boxes2D:
+    return Boxes2D((boxes.tensor + 0.5) * zoom - 0.5)
+
+
+def _backdrop(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
+    if sample.image is None:
+        return _notice(sample.image_size, "no camera image")
+    return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
+
+
+def _notice(size: tuple[int, int], text: str) -> UInt8[np.ndarray, "height width 3"]:
+    picture = np.full((*size, 3), INVALID, np.uint8)
+    left = (size[1] - text_width(text, 12)) // 2
+    put_text(picture, text, left, size[0] // 2 + 6, height_px=12, color=_MUTED)
+    return picture
+
+
+def _boxes_panel(frame: _Frame) -> _Panel:
+    sample, picture = frame.sample, _backdrop(frame.sample)
+    in_2d, in_3d, labels = frame.detections2d, frame.detections3d, sample.objects
+    has_detections = in_2d is not None or in_3d is not None
+    if labels is not None:
+        color = _LABEL_BESIDE_DETECTION if has_detections else None
+        kept = labels.select(labels.has_box3d)
+        picture = draw_boxes3d(
+            picture, kept.boxes3d, kept.class_names, sample.calibration, color=color, tags=False
+        )
+        picture = draw_boxes2d(
+            picture, labels.boxes2d, labels.class_names, color=color, tags=not has_detections
+        )
+    if in_3d is not None:
+        picture = draw_boxes3d(
+            picture,
+            in_3d.boxes,
+            in_3d.class_names,
+            sample.calibration,
+            scores=in_3d.scores,
+            tags=in_2d is None,
+        )
+    if in_2d is not None:
+        picture = draw_boxes2d(picture, in_2d.boxes, in_2d.class_names, scores=in_2d.scores)
+    if has_detections:
+        title = "2D and 3D boxes: detections, and labels in white"
+    else:
+        title = "2D and 3D boxes: labels" if labels is not None else "Image: no labels"
+    return _Panel(title=title, picture=picture)
+
+
+def _lidar_panel(frame: _Frame) -> _Panel:
+    sample = frame.sample
+    title = "LiDAR by range on the image"
+    if sample.points is None:
+        return _Panel(title=title, picture=_notice(sample.image_size, "no LiDAR sweep"))
+    dimmed = np.rint(_backdrop(sample) * 0.55).astype(np.uint8)
+    picture = draw_points(dimmed, sample.points, sample.calibration)
+    return _Panel(title=title, picture=picture, scale=DEPTH_SCALE)
+
+
+def _depth_panels(frame: _Frame, dense_name: str) -> list[_Panel]:
+    sample, dense, truth = frame.sample, frame.dense_depth, frame.sample.depth
+    panels = []
+    if sample.points is None:
+        picture = _notice(sample.image_size, "no LiDAR sweep")
+        panels.append(_Panel(title="Sparse depth", picture=picture))
+    else:
+        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+        share = f"{100 * float((sparse > 0).float().mean()):.1f} % of the pixels"
+        picture = colorize_depth(sparse, point_size_px=3)
+        panels.append(_Panel(title=f"Sparse depth: {share}", picture=picture, scale=DEPTH_SCALE))
+    if truth is not None and dense is None:
+        picture = colorize_depth(truth, point_size_px=_point_size(truth))
+        panels.append(_Panel(title="True depth", picture=picture, scale=DEPTH_SCALE))
+    if dense is not None:
+        depth = torch.where(dense.valid, dense.depth_m, 0.0)
+        title = "Dense depth" + (f": {dense_name}" if dense_name else "")
+        panels.append(_Panel(title=title, picture=colorize_depth(depth), scale=DEPTH_SCALE))
+        if truth is not None:
+            picture = colorize_error(depth, truth, point_size_px=_point_size(truth))
+            title = "Dense depth less true depth; violet where none was predicted"
+            panels.append(_Panel(title=title, picture=picture, scale=ERROR_SCALE))
+    return panels
+
+
+def _point_size(depth_m: Float32[Tensor, "height width"]) -> int:
+    return 3 if float((depth_m > 0).float().mean()) < _SPARSE_SHARE else 1
+
+
+def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 3"]:
+    """The bird's-eye view and, where it leaves room, the table of the objects."""
+    sample, found, labels = frame.sample, frame.detections3d, frame.sample.objects
+    listed = found if found is not None else labels
+    view = BirdsEyeView(pixels_per_m=_SIDE_PX / (BirdsEyeView.y_max_m - BirdsEyeView.y_min_m))
+    room = height - _TITLE_PX
+    left_over = room - view.picture_size[0] - _GAP_PX - _TITLE_PX
+    if listed is None or left_over < _MIN_TABLE_PX:
+        left_over = 0
+        farthest_m = min(view.x_min_m + room / view.pixels_per_m, _FARTHEST_M)
+        view = replace(view, x_max_m=farthest_m)
+    picture = draw_birds_eye(
+        sample.points,
+        None if labels is None else labels.boxes3d,
+        () if labels is None else labels.class_names,
+        calibration=sample.calibration,
+        image_size=sample.image_size,
+        view=view,
+        color=None if found is None else _LABEL_BESIDE_DETECTION,
+    )
+    if found is not None:
+        put_boxes_from_above(picture, view, found.boxes, found.class_names)
+    column = [_titled(_Panel(title="Bird's-eye view", picture=picture), _SIDE_PX)]
+    if listed is not None and left_over > 0:
+        table = draw_object_table(listed, sample.points, width_px=_SIDE_PX, max_height_px=left_over)
+        title = "Labelled objects" if found is None else "Detected objects"
+        column += [_blank(_GAP_PX, _SIDE_PX), _titled(_Panel(title=title, picture=table), _SIDE_PX)]
+    filled = sum(part.shape[0] for part in column)
+    return np.concatenate((*column, _blank(height - filled, _SIDE_PX)))
+
+
+def _titled(panel: _Panel, width_px: int) -> UInt8[np.ndarray, "height width 3"]:
+    """The picture under a line with its title and its legend, padded to the panel's width."""
+    line = _blank(_TITLE_PX, width_px)
+    put_text(line, panel.title, 0, _TITLE_PX - 12, height_px=11, color=_TITLE)
+    if panel.scale is not None and text_width(panel.title, 11) + 350 < width_px:
+        put_legend(line, panel.scale, right=width_px - 24, top=8)
+    height, width = panel.picture.shape[:2]
+    padded = np.concatenate((panel.picture, _blank(height, width_px - width)), axis=1)
+    return np.concatenate((line, padded))
+
+
+def _arranged(
+    pictures: Sequence[UInt8[np.ndarray, "_height _width 3"]], num_columns: int
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Pictures of one size in rows of `num_columns`."""
+    height, width = pictures[0].shape[:2]
+    blanks = [_blank(height, width)] * (-len(pictures) % num_columns)
+    cells = [*pictures, *blanks]
+    rows = []
+    for start in range(0, len(cells), num_columns):
+        row = [cells[start]]
+        for cell in cells[start + 1 : start + num_columns]:
+            row += [_blank(height, _GAP_PX), cell]
+        joined = np.concatenate(row, axis=1)
+        rows += [_blank(_GAP_PX, joined.shape[1])] * (start > 0) + [joined]
+    return np.concatenate(rows)
+
+
+def _blank(height: int, width: int) -> UInt8[np.ndarray, "height width 3"]:
+    return np.full((height, width, 3), _PAGE, np.uint8)
+
+
+def _put_head(page: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample) -> None:
+    height, width = sample.image_size
+    facts = [f"{width} x {height} px"]
+    if sample.points is not None:
+        facts.append(f"{len(sample.points):,} LiDAR points")
+    if sample.objects is not None:
+        facts.append(f"{int(sample.objects.has_box3d.sum())} objects")
+    put_text(page, sample.sample_id, _GAP_PX, 32, height_px=15, color=_TITLE)
+    left = _GAP_PX + text_width(sample.sample_id, 15) + 18
+    put_text(page, "   ".join(facts), left, 32, height_px=11, color=_MUTED)

@@ -1,0 +1,56 @@
+"""Pictures from above."""
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
+from sightline.visualization.colors import class_color
+
+VIEW = BirdsEyeView(x_min_m=0.0, x_max_m=40.0, y_min_m=-20.0, y_max_m=20.0, pixels_per_m=10.0)
+
+
+def test_ahead_is_up_and_left_is_left():
+    assert VIEW.picture_size == (400, 400)
+    assert VIEW.pixels(np.array([[39.95, 19.95], [0.05, -19.95]])) == pytest.approx(
+        np.array([[0.0, 0.0], [399.0, 399.0]])
+    )
+
+
+def test_a_point_is_drawn_at_its_place():
+    empty = draw_birds_eye(torch.zeros(0, 4), view=VIEW)
+    picture = draw_birds_eye(torch.tensor([[33.05, -7.05, 1.0, 0.5]]), view=VIEW)
+    rows, columns = np.nonzero((picture != empty).any(axis=2))
+    assert rows.mean() == pytest.approx(69, abs=1)
+    assert columns.mean() == pytest.approx(270, abs=1)
+
+
+def test_the_front_of_a_box_is_drawn_stronger_and_leads_on():
+    box = Boxes3D(torch.tensor([[30.0, 0.0, 0.0, 6.0, 2.0, 1.5, 0.0]]))
+    picture = draw_birds_eye(None, box, ["Car"], view=VIEW).astype(int)
+    is_car = np.abs(picture - class_color("Car")).max(axis=2) < 40
+    front, rear = 400 - 330, 400 - 270  # rows of x = 33 m and 27 m
+    assert is_car[front - 12, 199:201].any()  # the line ahead of the front
+    assert not is_car[rear + 12, 190:210].any()
+    assert is_car[front - 2 : front + 3, 193:207].sum() > is_car[rear - 2 : rear + 3, 193:207].sum()
+
+
+def test_boxes_without_a_size_or_far_away_are_left_out():
+    boxes = Boxes3D(torch.tensor([[0.0] * 7, [1e9, 1e9, 0.0, 4.0, 2.0, 1.5, 0.0]]))
+    with_boxes = draw_birds_eye(None, boxes, ["DontCare", "Car"], view=VIEW)
+    assert (with_boxes == draw_birds_eye(None, view=VIEW)).all()
+
+
+def test_the_field_of_view_is_lighter_within_than_beside(calibration):
+    picture = draw_birds_eye(None, calibration=calibration, image_size=(120, 400), view=VIEW)
+    assert picture[150, 180].sum() > picture[350, 20].sum()  # 45 degrees to each side
+
+
+def test_no_points_and_no_sweep_look_alike():
+    assert (draw_birds_eye(None, view=VIEW) == draw_birds_eye(torch.zeros(0, 4), view=VIEW)).all()
+
+
+def test_an_empty_view_is_refused():
+    with pytest.raises(ValueError, match="x_min_m < x_max_m"):
+        BirdsEyeView(x_min_m=10.0, x_max_m=10.0)

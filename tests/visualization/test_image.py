@@ -1,0 +1,175 @@
+"""Boxes and points on the image: where pixels change, and where they must not."""
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.visualization.colors import DEPTH_SCALE, class_color
+from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points
+
+CAR_AHEAD = [10.0, 1.0, -0.5, 4.0, 1.8, 1.5, 0.4]
+
+
+def pixel_of(point: np.ndarray) -> tuple[int, int]:
+    """Row and column of a LiDAR point, by the fixture's camera (written out once more)."""
+    x, y, z = point
+    return round(59.5 - 200 * z / x), round(199.5 - 200 * y / x)
+
+
+def corners_of(box: list[float]) -> np.ndarray:
+    x, y, z, length, width, height, yaw = box
+    corners = []
+    for ahead, left, up in np.ndindex(2, 2, 2):
+        forward, sideward = length * (ahead - 0.5), width * (left - 0.5)
+        corners.append(
+            [
+                x + np.cos(yaw) * forward - np.sin(yaw) * sideward,
+                y + np.sin(yaw) * forward + np.cos(yaw) * sideward,
+                z + height * (up - 0.5),
+            ]
+        )
+    return np.array(corners).reshape(2, 2, 2, 3)
+
+
+def test_a_2d_box_is_drawn_on_its_four_edges_and_leaves_the_middle(black):
+    picture = draw_boxes2d(
+        black, Boxes2D(torch.tensor([[100.0, 40.0, 180.0, 90.0]])), ["Car"], tags=False
+    )
+    color = class_color("Car")
+    for row, column in ((40, 140), (90, 140), (65, 100), (65, 180)):
+        assert np.abs(picture[row, column].astype(int) - color).max() <= 25  # anti-aliased
+    assert (picture[45:86, 105:176] == 0).all()
+    assert (picture[:, 190:] == 0).all()
+
+
+def test_the_given_picture_is_left_as_it_is(black, calibration):
+    boxes = Boxes3D(torch.tensor([CAR_AHEAD]))
+    draw_boxes2d(black, Boxes2D(torch.tensor([[1.0, 2.0, 30.0, 40.0]])), ["Car"])
+    draw_boxes3d(black, boxes, ["Car"], calibration)
+    draw_points(black, torch.tensor([[10.0, 0.0, 0.0, 0.5]]), calibration)
+    assert (black == 0).all()
+
+
+def test_a_dont_care_region_has_an_outline_and_no_name(black):
+    box = Boxes2D(torch.tensor([[100.0, 60.0, 180.0, 90.0]]))
+    named = draw_boxes2d(black, box, ["DontCare"])
+    assert (named == draw_boxes2d(black, box, ["DontCare"], tags=False)).all()
+    assert named[60, 140].max() > 40
+
+
+def test_a_score_changes_the_tag(black):
+    box = Boxes2D(torch.tensor([[100.0, 60.0, 180.0, 90.0]]))
+    low = draw_boxes2d(black, box, ["Car"], scores=torch.tensor([0.11]))
+    high = draw_boxes2d(black, box, ["Car"], scores=torch.tensor([0.97]))
+    assert (low != high).any()
+
+
+def test_a_2d_box_far_outside_neither_draws_nor_raises(black):
+    boxes = Boxes2D(torch.tensor([[-1e9, -1e9, -1e8, -1e8], [1e9, 10.0, 2e9, 20.0]]))
+    assert (draw_boxes2d(black, boxes, ["Car", "Car"], tags=False) == 0).all()
+
+
+def test_every_edge_of_a_3d_box_is_drawn_where_projection_says(black, calibration):
+    picture = draw_boxes3d(
+        black, Boxes3D(torch.tensor([CAR_AHEAD])), ["Car"], calibration, tags=False
+    )
+    corners = corners_of(CAR_AHEAD)
+    drawn = picture.max(axis=2) > 100
+    num_checked = 0
+    for index in np.ndindex(2, 2, 2):
+        for axis in range(3):
+            if index[axis]:
+                continue
+            other = tuple(1 if place == axis else value for place, value in enumerate(index))
+            for share in (0.25, 0.5, 0.75):
+                row, column = pixel_of((1 - share) * corners[index] + share * corners[other])
+                assert drawn[row - 1 : row + 2, column - 1 : column + 2].any()
+                num_checked += 1
+    assert num_checked == 36
+
+
+def test_nothing_is_drawn_outside_the_projected_corners(black, calibration):
+    picture = draw_boxes3d(
+        black, Boxes3D(torch.tensor([CAR_AHEAD])), ["Car"], calibration, tags=False
+    )
+    pixels = np.array([pixel_of(corner) for corner in corners_of(CAR_AHEAD).reshape(-1, 3)])
+    rows, columns = np.nonzero(picture.max(axis=2))
+    assert rows.min() >= pixels[:, 0].min() - 3
+    assert rows.max() <= pixels[:, 0].max() + 3
+    assert columns.min() >= pixels[:, 1].min() - 3
+    assert columns.max() <= pixels[:, 1].max() + 3
+
+
+def test_the_front_face_is_filled_and_the_rear_is_not(black, calibration):
+    away = [10.0, 0.0, 0.0, 4.0, 4.0, 2.0, 0.0]
+    facing = [*away[:6], np.pi]
+    # Between the smaller far face and the border of the near one only the near face covers.
+    row, column = pixel_of(np.array([8.0, 1.65, 0.0]))
+    fill = []
+    for box in (away, facing):
+        picture = draw_boxes3d(
+            black, Boxes3D(torch.tensor([box])), ["Car"], calibration, tags=False
+        )
+        fill.append(int(picture[row, column].max()))
+    assert fill[0] == 0
+    assert fill[1] > 30
+
+
+def test_a_box_behind_the_camera_draws_nothing(black, calibration):
+    boxes = Boxes3D(torch.tensor([[-10.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.3]]))
+    assert (draw_boxes3d(black, boxes, ["Car"], calibration) == 0).all()
+
+
+def test_a_box_without_a_size_draws_nothing(black, calibration):
+    assert (draw_boxes3d(black, Boxes3D(torch.zeros(2, 7)), ["Car", "Car"], calibration) == 0).all()
+
+
+def test_a_box_around_the_camera_is_drawn_ahead_only(black, calibration):
+    # A tunnel of 3 x 2 m around the camera, 20 m long: its far end is a rectangle at 10 m.
+    boxes = Boxes3D(torch.tensor([[0.0, 0.0, 0.0, 20.0, 3.0, 2.0, 0.0]]))
+    picture = draw_boxes3d(black, boxes, ["Car"], calibration, tags=False)
+    row, column = pixel_of(np.array([10.0, 1.5, 0.0]))
+    assert picture[row, column - 1 : column + 2].max() > 100  # left edge of the far end
+    near_row, near_column = pixel_of(np.array([5.0, 1.5, 1.0]))
+    assert picture[near_row - 1 : near_row + 2, near_column].max() > 100  # edge that passes by
+    assert picture[60, 100].max() == 0  # the side wall: edges only
+
+
+def test_no_boxes_and_no_points_give_the_picture_back(black, calibration):
+    assert (draw_boxes2d(black, Boxes2D(torch.zeros(0, 4)), []) == black).all()
+    assert (draw_boxes3d(black, Boxes3D(torch.zeros(0, 7)), [], calibration) == black).all()
+    assert (draw_points(black, torch.zeros(0, 4), calibration) == black).all()
+
+
+def test_a_point_has_the_colour_of_its_range_at_its_pixel(black, calibration):
+    point = torch.tensor([[16.0, 12.0, 0.0, 0.5]])  # range 20
+    picture = draw_points(black, point, calibration, diameter_px=5.0)
+    expected = DEPTH_SCALE.colors(np.array([20.0]))[0]
+    row, column = pixel_of(np.array([16.0, 12.0, 0.0]))
+    assert np.abs(picture[row, column].astype(int) - expected).max() <= 2
+    assert np.count_nonzero(picture.max(axis=2)) < 50
+
+
+def test_the_nearer_of_two_points_is_on_top(black, calibration):
+    points = torch.tensor([[5.0, 0.0, 0.0, 0.5], [50.0, 0.0, 0.0, 0.5]])
+    expected = DEPTH_SCALE.colors(np.array([5.0]))[0]
+    for order in ([0, 1], [1, 0]):
+        picture = draw_points(black, points[order], calibration, diameter_px=5.0)
+        assert np.abs(picture[60, 200].astype(int) - expected).max() <= 2
+
+
+def test_points_behind_the_camera_are_not_drawn(black, calibration):
+    points = torch.tensor([[-5.0, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 0.5]])
+    assert (draw_points(black, points, calibration) == 0).all()
+
+
+@pytest.mark.parametrize("width", [64, 1242, 3840])
+def test_a_box_is_drawn_at_any_picture_size(width):
+    picture = np.zeros((width // 4, width, 3), np.uint8)
+    box = Boxes2D(torch.tensor([[0.25, 0.25, 0.75, 0.75]]) * torch.tensor([width, width // 4] * 2))
+    drawn = draw_boxes2d(picture, box, ["Pedestrian"])
+    assert drawn.shape == picture.shape
+    assert drawn.dtype == np.uint8
+    assert drawn[width // 8, width // 4].max() > 100
