@@ -1,0 +1,57 @@
+"""The depth completion benchmark's scores as a metric to update and compute, for training."""
+
+from dataclasses import asdict, fields
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torchmetrics import Metric
+
+from sightline.evaluation.depth_scores import DepthScores, score_depth
+
+
+class DepthCompletionScores(Metric):
+    """Means over images of `sightline.evaluation.depth_scores.score_depth`.
+
+    Adds up each image's scores, in float64, so it may run on any number of processes: the sums
+    are brought together by torchmetrics.
+    """
+
+    is_differentiable = False
+    higher_is_better = None  # coverage is better higher, the errors lower
+    full_state_update = False
+
+    sums: Tensor
+    num_images: Tensor
+
+    def __init__(self) -> None:
+        """Starts without images."""
+        super().__init__()
+        zeros = torch.zeros(len(fields(DepthScores)), dtype=torch.float64)
+        self.add_state("sums", default=zeros, dist_reduce_fx="sum")
+        self.add_state("num_images", default=torch.tensor(0), dist_reduce_fx="sum")
+
+    def update(
+        self,
+        prediction_m: Float[Tensor, "batch height width"],
+        truth_m: Float[Tensor, "batch height width"],
+    ) -> None:
+        """Adds a batch of predicted depth maps and their ground truth [m], 0 = none.
+
+        Raises:
+            ValueError: As `score_depth` does.
+        """
+        predictions, truths = prediction_m.detach().cpu().numpy(), truth_m.detach().cpu().numpy()
+        for prediction, truth in zip(predictions, truths, strict=True):
+            scores = asdict(score_depth(prediction, truth))
+            self.sums += self.sums.new_tensor(list(scores.values()))
+            self.num_images += 1
+
+    def compute(self) -> dict[str, Float[Tensor, ""]]:
+        """Each score's mean by name, as torchmetrics and Lightning's logging take several values.
+
+        NaN before the first image.
+        """
+        means = self.sums / self.num_images
+        names = [field.name for field in fields(DepthScores)]
+        return dict(zip(names, means.unbind(), strict=True))

@@ -1,0 +1,293 @@
+"""Scores depth completion on frames without ground truth: some rings are held out as truth.
+
+The protocol of all our tables on raw frames. Rings are numbered as
+`sightline.data.rings.ring_numbers` does, after the sweep is cut to the image, so that whole sweeps
+and KITTI's reduced ones score alike. Every eighth ring, from number 4, is never given to any
+method: its returns are the truth. A method sees, of the other rings, all ("64 beams"), every
+second ("32"), every fourth ("16") or every eighth ("8"); the truth is the same for all.
+"""
+
+import statistics
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import torch
+from beartype import beartype
+from jaxtyping import Bool, Float32, Int64, jaxtyped
+from scipy import ndimage
+from torch import Tensor
+
+from sightline.data.progress import track
+from sightline.data.rings import NUM_RINGS, ring_numbers
+from sightline.geometry.projection import project_points, sparse_depth_map
+from sightline.structures.predictions import DepthMap
+from sightline.structures.sample import CameraLidarSample
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+BEAMS = (64, 32, 16, 8)
+"""Densities of the tables."""
+CROP_SIZE = (352, 1216)
+"""Height and width of the bottom-centre crop, as in the depth benchmark's own selection."""
+
+_HELD_OUT_EVERY = 8
+_FIRST_HELD_OUT = 4
+# A return farther than this behind the nearest point around it is hidden from the camera, which
+# sits elsewhere than the LiDAR: it is no truth for the pixel that it falls on.
+_VISIBILITY_WINDOW = (15, 7)  # rows, columns
+_VISIBILITY_FACTOR = 1.15
+_VISIBILITY_MARGIN_M = 0.5
+
+Complete = Callable[[CameraLidarSample], DepthMap]
+"""A depth completion method: image, calibration and the rings it may see, in; dense depth out."""
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeldOutFrame:
+    """One frame parted into what methods may see and what they are scored on."""
+
+    sample: CameraLidarSample
+    """Cropped; its points are the returns in view of the rings that are not held out."""
+    rings: Int64[Tensor, " num_points"]
+    """Ring number of each point of `sample`."""
+    truth_m: Float32[Tensor, "height width"]
+    """Depths of the held-out returns that the camera sees; 0 = none."""
+
+    def with_beams(self, beams: int) -> CameraLidarSample:
+        """The sample as a sensor of so many beams would have taken it.
+
+        Raises:
+            ValueError: 64 is no multiple of `beams`.
+        """
+        if beams < 1 or NUM_RINGS % beams:
+            raise ValueError(
+                f"beams must divide {NUM_RINGS} evenly (64, 32, 16, 8, ..), got {beams}"
+            )
+        given = [ring for ring in range(NUM_RINGS) if not _is_held_out(ring)]
+        kept = torch.tensor(given[:: NUM_RINGS // beams])
+        points = self.sample.points
+        assert points is not None, "split_rings sets the points"
+        return replace(self.sample, points=points[torch.isin(self.rings, kept)])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeldOutScore:
+    """How well a method did with so many beams, over one frame or many."""
+
+    beams: int
+    rmse_mm: float
+    mae_mm: float
+    coverage: float
+    """Share of the truth's pixels for which the method had a depth; the rest were filled."""
+    milliseconds: float
+    """Wall-clock time of the method for a frame: the median over several frames."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeldOutReport:
+    """Scores of one method, per density."""
+
+    scores: tuple[HeldOutScore, ...]
+    """Mean over the frames, one for each density."""
+    frames: tuple[tuple[str, tuple[HeldOutScore, ...]], ...]
+    """Sample id and its scores, one for each density."""
+
+    def to_json(self) -> dict[str, object]:
+        """What the report file holds."""
+        return {
+            "frames": len(self.frames),
+            "beams": {str(score.beams): _to_json(score) for score in self.scores},
+            "per_frame": {
+                sample_id: {str(score.beams): _to_json(score) for score in scores}
+                for sample_id, scores in self.frames
+            },
+        }
+
+    def table(self) -> "Table":
+        """One row for each density."""
+        from rich.table import Table
+
+        title = f"depth on held-out rings, mean of {len(self.frames):,} frames"
+        table = Table(title=title, title_justify="left")
+        for column in ("beams", "RMSE mm", "MAE mm", "coverage", "time ms"):
+            table.add_column(column, justify="right", no_wrap=True)
+        for score in self.scores:
+            table.add_row(
+                str(score.beams),
+                f"{score.rmse_mm:.0f}",
+                f"{score.mae_mm:.0f}",
+                f"{score.coverage:.1%}",
+                f"{score.milliseconds:.1f}",
+            )
+        return table
+
+
+def evaluate_held_out(
+    samples: Iterable[CameraLidarSample],
+    complete: Complete,
+    *,
+    beams: Sequence[int] = BEAMS,
+    total: int | None = None,
+) -> HeldOutReport:
+    """Scores a method on the held-out rings of samples that have points.
+
+    RMSE and MAE are taken per image and averaged, as KITTI's depth benchmark does. Pixels without a
+    prediction take the nearest one (Euclidean, in the image). Samples are drawn one at a time.
+
+    Args:
+        samples: Frames with a sweep in KITTI's order.
+        complete: The method. It gets a cropped sample with the rings it may see, without truth.
+        beams: Densities to score.
+        total: Number of samples, for the progress bar, where `samples` does not know it.
+
+    Raises:
+        ValueError: A frame has no points, or no held-out return in view; or the method gives a map
+            of another size, a depth that is not finite, or no depth at all.
+    """
+    if not beams:
+        raise ValueError("beams is empty; name at least one density, e.g. 64")
+    frames = []
+    for sample in track(samples, description="scoring", total=total):
+        frame = split_rings(sample)
+        scores = tuple(_score_frame(frame, complete, number) for number in beams)
+        frames.append((sample.sample_id, scores))
+    if not frames:
+        raise ValueError("there is no frame to score; name a folder or a list that holds some")
+    by_density = zip(*(scores for _, scores in frames), strict=True)
+    return HeldOutReport(scores=tuple(map(_mean_score, by_density)), frames=tuple(frames))
+
+
+def split_rings(sample: CameraLidarSample) -> HeldOutFrame:
+    """Parts a frame: held-out rings to truth, the others to the sample that methods get.
+
+    Both are cropped to `CROP_SIZE` at the bottom centre; a smaller image is kept whole. Labels and
+    depth are taken off the sample.
+
+    Raises:
+        ValueError: The sample has no points, they are not in KITTI's order, or none of the
+            held-out ones is in view.
+    """
+    if sample.points is None or len(sample.points) == 0:
+        raise ValueError(
+            f"sample {sample.sample_id} has no points, but held-out rings need a sweep; leave the "
+            "sample out"
+        )
+    points = sample.points[_falls_in_image(sample)]
+    try:
+        rings = torch.from_numpy(ring_numbers(points.numpy()))
+    except ValueError as error:
+        raise ValueError(f"sample {sample.sample_id}: {error}") from error
+    held_out = _is_held_out(rings)
+    truth = sparse_depth_map(points[held_out], sample.calibration, sample.image_size)
+    everything = sparse_depth_map(points, sample.calibration, sample.image_size)
+    truth = torch.where(_is_visible(truth, everything), truth, 0.0)
+    top, left, height, width = _crop(sample.image_size)
+    truth = truth[top : top + height, left : left + width].contiguous()
+    if not truth.any():
+        raise ValueError(
+            f"sample {sample.sample_id} has no return of a held-out ring in view, so there is "
+            "nothing to score; leave the sample out"
+        )
+    image = sample.image
+    cropped = CameraLidarSample(
+        sample_id=sample.sample_id,
+        calibration=sample.calibration.crop(left, top),
+        image_size=(height, width),
+        image=None if image is None else image[:, top : top + height, left : left + width],
+        points=points[~held_out],
+        world_from_lidar=sample.world_from_lidar,
+        timestamp_s=sample.timestamp_s,
+    )
+    return HeldOutFrame(sample=cropped, rings=rings[~held_out], truth_m=truth)
+
+
+def _is_held_out(ring: int | Int64[Tensor, " num_points"]) -> bool | Bool[Tensor, " num_points"]:
+    return ring % _HELD_OUT_EVERY == _FIRST_HELD_OUT
+
+
+def _falls_in_image(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
+    """The cut that KITTI's reduced sweeps were made with; leaves those as they are."""
+    assert sample.points is not None, "the caller has checked"
+    height, width = sample.image_size
+    pixels, _ = project_points(sample.points[:, :3].double(), sample.calibration)
+    # Written so that NaN, which compares false with everything, is outside.
+    return (pixels >= 0).all(dim=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
+
+
+def _is_visible(
+    depth_m: Float32[Tensor, "height width"], everything_m: Float32[Tensor, "height width"]
+) -> Bool[Tensor, "height width"]:
+    """Which depths have no nearer point of the sweep around them that would hide them."""
+    occupied = np.where(everything_m.numpy() > 0, everything_m.numpy(), np.inf)
+    nearest = torch.from_numpy(cv2.erode(occupied, np.ones(_VISIBILITY_WINDOW, np.uint8)))
+    return depth_m <= _VISIBILITY_FACTOR * nearest + _VISIBILITY_MARGIN_M
+
+
+def _crop(image_size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Top, left, height and width of the bottom-centre crop."""
+    height, width = min(image_size[0], CROP_SIZE[0]), min(image_size[1], CROP_SIZE[1])
+    return image_size[0] - height, (image_size[1] - width) // 2, height, width
+
+
+def _score_frame(frame: HeldOutFrame, complete: Complete, beams: int) -> HeldOutScore:
+    given = frame.with_beams(beams)
+    start = time.perf_counter()
+    prediction = complete(given).depth_m.cpu()  # fetched inside, so that a GPU has really finished
+    milliseconds = (time.perf_counter() - start) * 1e3
+    depth_m = prediction.numpy().astype(np.float64)
+    place = f"sample {given.sample_id} with {beams} beams"
+    if depth_m.shape != given.image_size:
+        raise ValueError(
+            f"the method gave a depth map of {depth_m.shape[0]}x{depth_m.shape[1]} for {place}, "
+            f"expected {given.image_size[0]}x{given.image_size[1]} (height x width)"
+        )
+    if not np.isfinite(depth_m).all():
+        raise ValueError(f"the method gave depths that are not finite for {place}; use 0 for none")
+    is_predicted = depth_m > 0
+    if not is_predicted.any():
+        raise ValueError(f"the method gave no depth at all for {place}; leave the sample out")
+    truth = frame.truth_m.numpy().astype(np.float64)
+    scored = truth > 0
+    if not is_predicted[scored].all():
+        depth_m = _fill_by_nearest(depth_m)
+    error_mm = 1e3 * (depth_m - truth)[scored]
+    return HeldOutScore(
+        beams=beams,
+        rmse_mm=float(np.sqrt(np.mean(error_mm**2))),
+        mae_mm=float(np.mean(np.abs(error_mm))),
+        coverage=float(is_predicted[scored].mean()),
+        milliseconds=milliseconds,
+    )
+
+
+def _fill_by_nearest(depth_m: np.ndarray) -> np.ndarray:
+    rows, columns = ndimage.distance_transform_edt(
+        depth_m <= 0, return_distances=False, return_indices=True
+    )
+    filled: np.ndarray = depth_m[rows, columns]
+    return filled
+
+
+def _mean_score(scores: Sequence[HeldOutScore]) -> HeldOutScore:
+    return HeldOutScore(
+        beams=scores[0].beams,
+        rmse_mm=statistics.fmean(score.rmse_mm for score in scores),
+        mae_mm=statistics.fmean(score.mae_mm for score in scores),
+        coverage=statistics.fmean(score.coverage for score in scores),
+        milliseconds=statistics.median(score.milliseconds for score in scores),
+    )
+
+
+def _to_json(score: HeldOutScore) -> dict[str, float]:
+    return {
+        "rmse_mm": score.rmse_mm,
+        "mae_mm": score.mae_mm,
+        "coverage": score.coverage,
+        "milliseconds": score.milliseconds,
+    }

@@ -1,0 +1,236 @@
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sightline.data.depth_png import write_depth_png
+from sightline.evaluation.depth import evaluate_depth
+from tests.reference import depth_metrics as reference
+
+
+def random_map(rng, density, size=(8, 12)):
+    steps = rng.integers(256, 80 * 256, size) * (rng.random(size) < density)
+    return (steps / 256).astype(np.float32)
+
+
+def write_set(folder, *, names, seed=0, density=0.6):
+    """Predictions and ground truth by name; also as lists, for the reference."""
+    rng = np.random.default_rng(seed)
+    lists = {}
+    for name in names:
+        prediction, truth = random_map(rng, density), random_map(rng, 0.3)
+        truth[0, 0] = 7
+        write_depth_png(folder / "predictions" / f"{name}.png", prediction)
+        write_depth_png(folder / "truth" / f"{name}.png", truth)
+        lists[name] = (prediction.astype(float).tolist(), truth.astype(float).tolist())
+    return folder / "predictions", folder / "truth", lists
+
+
+def agree(got, expected):
+    assert list(got) == list(expected)
+    for name, value in expected.items():
+        if math.isnan(value):
+            assert got[name] is None, name
+        else:
+            assert got[name] == pytest.approx(value, rel=1e-9, abs=1e-9), name
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1), density=st.sampled_from([0.02, 0.1, 0.5, 0.95, 1.0]))
+def test_the_report_agrees_with_a_calculation_pixel_by_pixel(tmp_path_factory, seed, density):
+    predictions, truth, lists = write_set(
+        tmp_path_factory.mktemp("set"), names=["a", "b", "c"], seed=seed, density=density
+    )
+    report = evaluate_depth(predictions, truth).to_json()
+    assert list(report) == ["images", "mean", "per_image", "predicted_pixels_only"]
+    assert report["images"] == 3
+    per_image = {name: reference.scores(*pair) for name, pair in lists.items()}
+    for name, expected in per_image.items():
+        agree(report["per_image"][name], expected)
+    agree(report["mean"], reference.mean_of_images(list(per_image.values())))
+    masked = [reference.scores(*pair, predicted_pixels_only=True) for pair in lists.values()]
+    if any(masked):
+        agree(report["predicted_pixels_only"], reference.mean_of_images(masked))
+    json.dumps(report, allow_nan=False)
+
+
+def test_each_image_counts_alike_however_many_pixels_it_has(tmp_path):
+    for name, prediction, pixels in (("one", 11, 1), ("many", 13, 99)):
+        truth = np.zeros((10, 10), np.float32)
+        truth.flat[:pixels] = 10
+        write_depth_png(tmp_path / "truth" / f"{name}.png", truth)
+        write_depth_png(
+            tmp_path / "predictions" / f"{name}.png", np.full((10, 10), prediction, np.float32)
+        )
+    report = evaluate_depth(tmp_path / "predictions", tmp_path / "truth")
+    assert report.mean.mae_mm == 2000
+
+
+def test_images_without_any_predicted_pixel_count_in_the_official_mean_only(tmp_path):
+    for name, prediction in (("a", 11.0), ("b", 0.0)):
+        write_depth_png(tmp_path / "truth" / f"{name}.png", np.full((2, 2), 10.0))
+        write_depth_png(tmp_path / "predictions" / f"{name}.png", np.full((2, 2), prediction))
+    report = evaluate_depth(tmp_path / "predictions", tmp_path / "truth")
+    assert report.mean.mae_mm == (1000 + 11000) / 2
+    assert report.predicted_pixels_only.mae_mm == 1000
+    assert report.mean.coverage == 0.5
+
+
+def test_two_files_are_scored_as_a_set_of_one(tmp_path):
+    predictions, truth, lists = write_set(tmp_path, names=["a"])
+    report = evaluate_depth(predictions / "a.png", truth / "a.png").to_json()
+    agree(report["mean"], reference.scores(*lists["a"]))
+    assert list(report["per_image"]) == ["a"]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_the_number_of_workers_changes_nothing(tmp_path, workers):
+    predictions, truth, _ = write_set(tmp_path, names=[f"{i:03}" for i in range(30)])
+    report = evaluate_depth(predictions, truth, workers=workers)
+    assert [image.name for image in report.images] == [f"{i:03}" for i in range(30)]
+    assert report == evaluate_depth(predictions, truth, workers=3, progress=False)
+
+
+def test_subfolders_are_part_of_the_name(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["x/000", "y/000"])
+    assert [i.name for i in evaluate_depth(predictions, truth).images] == ["x/000", "y/000"]
+
+
+@pytest.mark.parametrize(
+    ("prediction", "truth"),
+    [
+        (
+            "2011_09_26_drive_0002_sync_image_0000000005_image_02",
+            "2011_09_26_drive_0002_sync_groundtruth_depth_0000000005_image_02",
+        ),
+        (
+            "2011_09_26_drive_0002_sync_velodyne_raw_0000000005_image_02",
+            "2011_09_26_drive_0002_sync_groundtruth_depth_0000000005_image_02",
+        ),
+        (
+            "2011_09_26_drive_0002_sync_image_0000000005_image_02",
+            "val/2011_09_26_drive_0002_sync/proj_depth/groundtruth/image_02/0000000005",
+        ),
+    ],
+)
+def test_names_of_the_benchmarks_archives_match_across_kinds(tmp_path, prediction, truth):
+    write_depth_png(tmp_path / "predictions" / f"{prediction}.png", np.ones((2, 2)))
+    write_depth_png(tmp_path / "truth" / f"{truth}.png", np.ones((2, 2)))
+    (image,) = evaluate_depth(tmp_path / "predictions", tmp_path / "truth").images
+    assert image.name == "2011_09_26_drive_0002_sync_image_0000000005_image_02"
+
+
+def test_two_files_for_one_frame_are_refused(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["d_image_0_image_02"])
+    write_depth_png(truth / "d_groundtruth_depth_0_image_02.png", np.ones((8, 12)))
+    with pytest.raises(ValueError, match="both stand for frame d_image_0_image_02"):
+        evaluate_depth(predictions, truth)
+
+
+def test_a_missing_prediction_is_an_error_that_names_it(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a", "b", "c"])
+    (predictions / "b.png").unlink()
+    with pytest.raises(ValueError, match=r"lacks predictions for 1 of the 3 images .* \(b\)"):
+        evaluate_depth(predictions, truth)
+
+
+def test_predictions_without_ground_truth_are_counted_but_not_scored(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a", "b", "c"])
+    (truth / "b.png").unlink()
+    report = evaluate_depth(predictions, truth)
+    assert report.unused_predictions == 1
+    assert list(report.to_json()["per_image"]) == ["a", "c"]
+    assert "1 predictions without ground truth left out" in report.table().title
+
+
+def test_files_that_are_still_being_written_do_not_count(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a"])
+    (predictions / ".sightline-x").mkdir()
+    (predictions / ".sightline-x" / "b.png").write_bytes(b"half")
+    assert evaluate_depth(predictions, truth).unused_predictions == 0
+
+
+def bad_files(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a"])
+    return predictions / "a.png", truth / "a.png"
+
+
+def eight_bits(prediction, _truth):
+    cv2.imwrite(str(prediction), np.ones((8, 12), np.uint8))
+    return f"{prediction} is a PNG of 1 channels with 8 bits"
+
+
+def three_channels(prediction, _truth):
+    cv2.imwrite(str(prediction), np.ones((8, 12, 3), np.uint16))
+    return f"{prediction} is a PNG of 3 channels with 16 bits"
+
+
+def other_size(prediction, _truth):
+    write_depth_png(prediction, np.ones((4, 12)))
+    return "the prediction is 4x12 but the ground truth is 8x12"
+
+
+def empty_truth(_prediction, truth):
+    write_depth_png(truth, np.zeros((8, 12)))
+    return f"{truth}: the ground truth holds no depth at all"
+
+
+def cut_short(prediction, _truth):
+    prediction.write_bytes(prediction.read_bytes()[:-30])
+    return f"{prediction}"
+
+
+@pytest.mark.parametrize("spoil", [eight_bits, three_channels, other_size, empty_truth, cut_short])
+def test_a_bad_file_is_one_line_that_names_it(tmp_path, spoil):
+    prediction, truth = bad_files(tmp_path)
+    message = spoil(prediction, truth)
+    with pytest.raises(ValueError, match=r"^[^\n]+$") as raised:
+        evaluate_depth(prediction.parent, truth.parent)
+    assert message in str(raised.value)
+
+
+def test_folders_that_are_absent_empty_or_files_are_refused(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match="nowhere does not exist"):
+        evaluate_depth(predictions, tmp_path / "nowhere")
+    with pytest.raises(ValueError, match="empty holds no PNG"):
+        evaluate_depth(tmp_path / "empty", truth)
+    with pytest.raises(ValueError, match=r"a\.png is a file where the other is a folder"):
+        evaluate_depth(predictions, truth / "a.png")
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        evaluate_depth(predictions, truth, workers=0)
+
+
+def test_the_table_has_both_variants_side_by_side(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a"])
+    table = evaluate_depth(predictions, truth).table()
+    assert (len(table.columns), table.row_count) == (3, 8)
+
+
+def test_scoring_depth_needs_no_torch():
+    # a command should not wait seconds for a library that it makes no use of
+    code = "import sys, sightline.evaluation.depth; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_memory_holds_scores_and_not_maps(tmp_path, monkeypatch):
+    predictions, truth, _ = write_set(tmp_path, names=[f"{i:03}" for i in range(40)])
+    read = []
+    from sightline.evaluation import depth
+
+    original = depth.read_depth_png
+    monkeypatch.setattr(
+        depth, "read_depth_png", lambda path: (read.append(Path(path)), original(path))[1]
+    )
+    images = depth._score_files(depth._match(predictions, truth)[0], 2)
+    next(images)
+    assert len(read) <= 2 * 2 * (depth._QUEUED_PER_WORKER + 1)
+    images.close()

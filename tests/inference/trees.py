@@ -1,0 +1,37 @@
+"""Small data sets in KITTI's layouts, for the tests of this folder."""
+
+from pathlib import Path
+
+import torch
+
+from sightline.data.kitti_files import write_image, write_object_calibration, write_points
+from sightline.geometry.calibration import Calibration
+
+IMAGE_SIZE = (24, 32)
+
+
+def small_calibration() -> Calibration:
+    """Looks along the LiDAR's x axis from its origin."""
+    return Calibration(
+        image_from_camera=torch.tensor(
+            [[20.0, 0, 16, 0], [0, 20, 12, 0], [0, 0, 1, 0]], dtype=torch.float64
+        ),
+        camera_from_lidar=torch.tensor(
+            [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=torch.float64
+        ),
+    )
+
+
+def write_object_tree(root: Path, num_frames: int, *, num_points: int = 200) -> Path:
+    """Frames 000000 and on, of points in front of the camera."""
+    generator = torch.Generator().manual_seed(0)
+    for number in range(num_frames):
+        name = f"{number:06}"
+        ahead = 5 + 40 * torch.rand(num_points, generator=generator)
+        aside = (torch.rand(num_points, 2, generator=generator) - 0.5) * ahead[:, None]
+        points = torch.cat((ahead[:, None], aside, torch.ones(num_points, 1)), dim=1)
+        write_points(root / "training" / "velodyne" / f"{name}.bin", points)
+        write_object_calibration(root / "training" / "calib" / f"{name}.txt", small_calibration())
+        image = torch.zeros(3, *IMAGE_SIZE, dtype=torch.uint8)
+        write_image(root / "training" / "image_2" / f"{name}.png", image)
+    return root
