@@ -28,7 +28,9 @@ def tiny_calibration():
 
 @given(x=st.floats(0.5, 100), y=st.floats(-50, 50), z=st.floats(-5, 5))
 def test_projection_equals_the_reference(x, y, z):
-    projected = project_points(torch.tensor([[x, y, z]]).double(), kitti_like_calibration())
+    projected = project_points(
+        torch.tensor([[x, y, z]], dtype=torch.float64), kitti_like_calibration()
+    )
     expected = reference.project((x, y, z), IMAGE_FROM_CAMERA, CAMERA_FROM_LIDAR)
     assert [*projected.pixels[0].tolist(), projected.depths[0].item()] == pytest.approx(expected)
 

@@ -1,0 +1,241 @@
+"""The compiled steps of adaptive completion, without torch. See `adaptive` for what they are for.
+
+All work on inverse depths [1/m] in image layout, 0 = none.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+from numpy import ndarray
+
+from sightline.ops.compiled import compiled
+
+NO_NEIGHBOUR = 0
+"""Gap that stands for no neighbour."""
+
+_RING_SLOPE = 0.4  # rows per column that a ring may rise or fall on its way to the next return
+_GROWTH_BELOW = 2  # below the lowest ring the ground goes on for so many times the last gap
+
+
+@compiled
+def right_neighbours(
+    inverse_depth: Float32[ndarray, "height width"],
+    pixels: Int64[ndarray, "n 2"],
+    reach_columns: int,
+    reach_rows: int,
+) -> Int64[ndarray, "n 2"]:
+    """Columns and rows from each measured pixel to the next one of its ring on the right.
+
+    That is the one the fewest columns away, of those the fewest rows away, the upper one at a tie.
+    (`NO_NEIGHBOUR`, 0) where there is none within reach. The rows searched grow with the columns.
+    """
+    height, width = inverse_depth.shape
+    steps = np.zeros((len(pixels), 2), dtype=np.int64)
+    for i in range(len(pixels)):
+        row, column = pixels[i]
+        for gap in range(1, min(reach_columns, width - 1 - column) + 1):
+            span = min(1 + int(_RING_SLOPE * gap), reach_rows)
+            best = span + 1
+            for offset in range(-span, span + 1):
+                if not 0 <= row + offset < height:
+                    continue
+                if inverse_depth[row + offset, column + gap] > 0 and abs(offset) < abs(best):
+                    best = offset
+            if best <= span:
+                steps[i, 0] = gap
+                steps[i, 1] = best
+                break
+    return steps
+
+
+@compiled
+def gap_counts(
+    is_covered: Bool[ndarray, "height width"],
+) -> Int64[ndarray, " height_plus_1"]:
+    """How often each number of rows lies between the tops of covered runs, along all columns."""
+    height, width = is_covered.shape
+    counts = np.zeros(height + 1, dtype=np.int64)
+    top = np.full(width, -1, dtype=np.int64)
+    for row in range(height):
+        for column in range(width):
+            if is_covered[row, column] and not (row > 0 and is_covered[row - 1, column]):
+                if top[column] >= 0:
+                    counts[row - top[column]] += 1
+                top[column] = row
+    return counts
+
+
+@compiled
+def hidden_pixels(
+    inverse_depth: Float32[ndarray, "height width"],
+    nearest_beside: Float32[ndarray, "height width"],
+    pixels: Int64[ndarray, "n 2"],
+    reach_rows: int,
+    surface_ratio: float,
+) -> Bool[ndarray, " n"]:
+    """Which measured pixels have a surface in front of them both above and below.
+
+    Args:
+        inverse_depth: The measured map.
+        nearest_beside: Largest inverse depth of the columns around, row by row.
+        pixels: Rows and columns of the measured pixels.
+        reach_rows: Rows searched on either side; the pixel's own row counts to both.
+        surface_ratio: How many times nearer "in front" is.
+    """
+    height = inverse_depth.shape[0]
+    hidden = np.zeros(len(pixels), dtype=np.bool_)
+    for i in range(len(pixels)):
+        row, column = pixels[i]
+        limit = np.float32(surface_ratio * inverse_depth[row, column])
+        above = False
+        for other in range(row, max(row - reach_rows, 0) - 1, -1):
+            if nearest_beside[other, column] > limit:
+                above = True
+                break
+        if not above:
+            continue
+        for other in range(row, min(row + reach_rows, height - 1) + 1):
+            if nearest_beside[other, column] > limit:
+                hidden[i] = True
+                break
+    return hidden
+
+
+@compiled
+def trace_rings(
+    inverse_depth: Float32[ndarray, "height width"],
+    pixels: Int64[ndarray, "n 2"],
+    steps: Int64[ndarray, "n 2"],
+    surface_ratio: float,
+) -> Float32[ndarray, "height width"]:
+    """Draws each measured pixel and the line to its right neighbour.
+
+    On one surface the line is linear in inverse depth; between two surfaces each end keeps its own
+    half. A measured pixel stays as it is; of lines that cross the nearer wins.
+    """
+    traced = inverse_depth.copy()
+    for i in range(len(pixels)):
+        row, column = pixels[i]
+        gap, offset = steps[i]
+        if gap == NO_NEIGHBOUR:
+            continue
+        left = inverse_depth[row, column]
+        right = inverse_depth[row + offset, column + gap]
+        is_one_surface = max(left, right) <= surface_ratio * min(left, right)
+        for step in range(1, gap):
+            share = np.float32(step) / np.float32(gap)
+            at_row = row + int(np.floor(offset * share + 0.5))
+            at_column = column + step
+            if is_one_surface:
+                value = left + (right - left) * share
+            else:
+                value = left if share < 0.5 else right
+            if inverse_depth[at_row, at_column] == 0 and value > traced[at_row, at_column]:
+                traced[at_row, at_column] = value
+    return traced
+
+
+@compiled
+def fill_columns(
+    traced: Float32[ndarray, "height width"],
+    trusted_gap: float,
+    trusted_reach: float,
+) -> tuple[
+    Float32[ndarray, "height width"],
+    Float32[ndarray, "height width"],
+    Bool[ndarray, "height width"],
+]:
+    """Fills each column from its traced pixels; columns without any stay empty.
+
+    Linear between two. Above the topmost its value; below the lowest the slope of the last gap goes
+    on for twice its rows if it comes nearer downwards, as the ground does.
+
+    Args:
+        traced: The rings.
+        trusted_gap: Most rows between two rings for what lies between them to be trusted.
+        trusted_reach: Rows from a ring that are trusted anyway. Below the lowest ring the rows of
+            the last gap are, if they are more, up to `trusted_gap`.
+
+    Returns:
+        Inverse depth; rows to the nearest traced pixel of the column; which pixels are trusted.
+    """
+    height, width = traced.shape
+    filled = np.zeros((height, width), dtype=np.float32)
+    distance = np.zeros((height, width), dtype=np.float32)
+    trusted = np.zeros((height, width), dtype=np.bool_)
+    last = np.full(width, -1, dtype=np.int64)
+    ring_before = np.full(width, -1, dtype=np.int64)
+    for row in range(height):
+        for column in range(width):
+            value = traced[row, column]
+            if value == 0:
+                continue
+            above = last[column]
+            start = traced[max(above, 0), column] if above >= 0 else value
+            step = (value - start) / np.float32(max(row - above, 1))
+            for at in range(above + 1, row):
+                to_ring = row - at if above < 0 else min(at - above, row - at)
+                filled[at, column] = start + step * np.float32(at - above)
+                distance[at, column] = to_ring
+                trusted[at, column] = to_ring <= trusted_reach or (
+                    above >= 0 and row - above <= trusted_gap
+                )
+            filled[row, column] = value
+            trusted[row, column] = True
+            if row - above > 1:  # a ring that changes its row covers two in one column
+                ring_before[column] = above
+            last[column] = row
+    _continue_below(
+        traced, last, ring_before, trusted_gap, trusted_reach, filled, distance, trusted
+    )
+    return filled, distance, trusted
+
+
+@compiled
+def _continue_below(
+    traced: Float32[ndarray, "height width"],
+    lowest_rows: Int64[ndarray, " width"],
+    rows_before: Int64[ndarray, " width"],
+    trusted_gap: float,
+    trusted_reach: float,
+    filled: Float32[ndarray, "height width"],
+    distance: Float32[ndarray, "height width"],
+    trusted: Bool[ndarray, "height width"],
+) -> None:
+    """Fills what lies below the lowest ring, in the last three arrays. -1: no such row."""
+    height, width = traced.shape
+    for column in range(width):
+        lowest, before = lowest_rows[column], rows_before[column]
+        if lowest < 0:
+            continue
+        value = traced[lowest, column]
+        last_gap, slope, reach = 0, np.float32(0), trusted_reach
+        if before >= 0:
+            last_gap = lowest - before
+            slope = max((value - traced[before, column]) / np.float32(last_gap), slope)
+            reach = max(trusted_reach, min(float(last_gap), trusted_gap))
+        for at in range(lowest + 1, height):
+            rows = min(at - lowest, _GROWTH_BELOW * last_gap)
+            filled[at, column] = value + slope * np.float32(rows)
+            distance[at, column] = at - lowest
+            trusted[at, column] = at - lowest <= reach
+
+
+@compiled
+def smooth_rows(
+    depth_m: Float32[ndarray, "height width"],
+    distance: Float32[ndarray, "height width"],
+    share: float,
+) -> Float32[ndarray, "height width"]:
+    """Mean over the columns within `share` times the distance to the nearest ring of each pixel."""
+    height, width = depth_m.shape
+    smooth = depth_m.copy()
+    total = np.zeros(width + 1)  # float64: sums of a whole row
+    for row in range(height):
+        for column in range(width):
+            total[column + 1] = total[column] + depth_m[row, column]
+        for column in range(width):
+            reach = int(share * distance[row, column])
+            if reach > 0:
+                start, end = max(column - reach, 0), min(column + reach + 1, width)
+                smooth[row, column] = (total[end] - total[start]) / (end - start)
+    return smooth

@@ -1,0 +1,43 @@
+"""The completion methods by name."""
+
+from typing import Literal, assert_never
+
+import numpy as np
+from jaxtyping import Float32
+from torch import Tensor
+
+from sightline.depth_completion.adaptive import adaptive_depth
+from sightline.depth_completion.classical import classical_depth
+from sightline.depth_completion.interpolation import linear_depth, nearest_depth
+from sightline.structures.predictions import DepthMap
+
+Method = Literal["nearest", "linear", "classical", "adaptive"]
+"""Names of the methods; each function says what it does, and what it calls valid."""
+
+
+def complete_depth(
+    sparse_depth_m: Float32[Tensor, "height width"] | Float32[np.ndarray, "height width"],
+    method: Method,
+) -> DepthMap:
+    """Completes a sparse depth map [m], 0 = no measurement, by the named method's defaults.
+
+    Works on the CPU, of a tensor elsewhere on a copy. An empty map gives an empty result, nothing
+    of it valid.
+
+    Raises:
+        ValueError: The map holds something else than depths.
+    """
+    sparse = (
+        sparse_depth_m.numpy(force=True) if isinstance(sparse_depth_m, Tensor) else sparse_depth_m
+    )
+    match method:
+        case "nearest":
+            return nearest_depth(sparse)
+        case "linear":
+            return linear_depth(sparse)
+        case "classical":
+            return classical_depth(sparse)
+        case "adaptive":
+            return adaptive_depth(sparse)
+        case _:
+            assert_never(method)

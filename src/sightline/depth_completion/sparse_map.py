@@ -1,0 +1,34 @@
+"""What every completion method asks of its input, and where the input's hull ends."""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32
+
+
+def check_sparse_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> None:
+    """Refuses a map with a pixel that is no depth.
+
+    Raises:
+        ValueError: A pixel is negative or not finite, or the map has no pixel.
+    """
+    if not sparse_depth_m.size:
+        raise ValueError(
+            f"the sparse depth map has the shape {sparse_depth_m.shape}, which holds no pixel; "
+            "give one of the image's height and width"
+        )
+    is_depth = (sparse_depth_m >= 0) & (sparse_depth_m < np.inf)  # NaN compares false
+    if not is_depth.all():
+        row, column = np.argwhere(~is_depth)[0]
+        raise ValueError(
+            f"the sparse depth map holds {sparse_depth_m[row, column]} in row {row}, column "
+            f"{column}; depths are metres above 0, and 0 stands for no measurement"
+        )
+
+
+def inside_hull(is_measured: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
+    """Pixels in or on the convex hull of the measured ones; all false where none is measured."""
+    inside = np.zeros(is_measured.shape, np.uint8)
+    points = cv2.findNonZero(is_measured.astype(np.uint8))
+    if points is not None:
+        cv2.fillConvexPoly(inside, cv2.convexHull(points), 1)
+    return inside.astype(bool)

@@ -1,0 +1,295 @@
+"""KITTI's two passes of matching detections with truths. Compiled.
+
+Pass 1 finds the scores at which truths are matched, from which the thresholds follow; pass 2
+counts at each threshold. Both are greedy: truths in file order, each takes one detection that no
+truth before it took. A detection that is small at the difficulty may be taken, whatever its
+class, but counts neither as found nor as false.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int32, Int64
+
+from sightline.evaluation.kitti_object_pairs import MatchingData
+from sightline.ops.compiled import compiled
+
+NUM_SLOTS = 41
+"""Recall positions: 0, 1/40, ..., 1."""
+
+_LOWEST_SCORE = -1e7
+"""The official program's mark for "nothing found": pass 1 never takes a score down there."""
+
+
+class MatchingTask(NamedTuple):
+    """What one class, metric and difficulty sees of all frames.
+
+    Truths without any pair are left out: they are only counted.
+    """
+
+    truth_valid: Bool[np.ndarray, " num_truths"]
+    """Whether it counts; else it may be found, but is never missed."""
+    truth_frame: Int64[np.ndarray, " num_truths"]
+    pair_offsets: Int64[np.ndarray, " num_offsets"]
+    """Where the pairs of each truth start, and the end of the last one's."""
+    pair_detection: Int64[np.ndarray, " num_pairs"]
+    pair_overlap: Float64[np.ndarray, " num_pairs"]
+    pair_similarity: Float64[np.ndarray, " num_pairs"]
+    detection_normal: Bool[np.ndarray, " num_detections"]
+    """Of the class, and not small."""
+    detection_false: Bool[np.ndarray, " num_detections"]
+    """A false positive where no truth takes it: normal, and in no DontCare region."""
+    detection_score: Float64[np.ndarray, " num_detections"]
+    detection_frame: Int64[np.ndarray, " num_detections"]
+    valid_per_frame: Int64[np.ndarray, " num_frames"]
+    """Truths that count, those without pairs as well."""
+
+    @property
+    def n_gt(self) -> int:
+        """Truths that count, over all frames."""
+        return int(self.valid_per_frame.sum())
+
+
+class Counts(NamedTuple):
+    """What pass 2 finds at each threshold."""
+
+    tp: Int64[np.ndarray, " num_thresholds"]
+    fp: Int64[np.ndarray, " num_thresholds"]
+    fn: Int64[np.ndarray, " num_thresholds"]
+    similarity: Float64[np.ndarray, " num_thresholds"]
+    """Of the headings, summed over the true positives."""
+
+
+class FrameSteps(NamedTuple):
+    """How the counts of single frames change as the threshold falls, highest score first."""
+
+    score: Float64[np.ndarray, " num_steps"]
+    frame: Int64[np.ndarray, " num_steps"]
+    tp: Int64[np.ndarray, " num_steps"]
+    """Change of the frame's true positives when the threshold falls to the score."""
+    fp: Int64[np.ndarray, " num_steps"]
+
+
+class PairIndex(NamedTuple):
+    """What is found once for all classes, metrics and difficulties."""
+
+    truth_frame: Int64[np.ndarray, " num_truths"]
+    detection_frame: Int64[np.ndarray, " num_detections"]
+    pair_truth: Int64[np.ndarray, " num_pairs"]
+    pair_detection: Int64[np.ndarray, " num_pairs"]
+
+
+def index_pairs(data: MatchingData) -> PairIndex:
+    """Turns places within a frame into places among all."""
+    frames = np.arange(data.num_frames)
+    truth_frame = np.repeat(frames, data.truths_per_frame)
+    detection_offsets = np.cumsum(data.detections_per_frame, dtype=np.int64)
+    detection_offsets -= data.detections_per_frame
+    pair_truth = np.repeat(np.arange(len(truth_frame)), data.pairs_per_truth)
+    return PairIndex(
+        truth_frame=truth_frame,
+        detection_frame=np.repeat(frames, data.detections_per_frame),
+        pair_truth=pair_truth,
+        pair_detection=data.pair_detection + detection_offsets[truth_frame[pair_truth]],
+    )
+
+
+def select(
+    data: MatchingData,
+    index: PairIndex,
+    *,
+    code: int,
+    metric: int,
+    difficulty: int,
+    min_overlap: float,
+) -> MatchingTask:
+    """What the class, metric and difficulty (their indices) see of the frames."""
+    normal = (data.detection_class == code) & (data.detection_level <= difficulty)
+    may_match = normal | (data.detection_level > difficulty)
+    of_class = data.truth_class == code
+    overlap = data.pair_overlap[:, metric]
+    pairs = np.flatnonzero(
+        (overlap > min_overlap) & of_class[index.pair_truth] & may_match[index.pair_detection]
+    )
+    truths, pairs_per_truth = np.unique(index.pair_truth[pairs], return_counts=True)
+    valid = of_class & (data.truth_level <= difficulty)
+    return MatchingTask(
+        truth_valid=valid[truths],
+        truth_frame=index.truth_frame[truths],
+        pair_offsets=np.concatenate(([0], np.cumsum(pairs_per_truth))),
+        pair_detection=index.pair_detection[pairs],
+        pair_overlap=overlap[pairs],
+        pair_similarity=data.pair_similarity[pairs],
+        detection_normal=normal,
+        detection_false=normal & ~data.detection_forgiven[:, metric],
+        detection_score=data.detection_score,
+        detection_frame=index.detection_frame,
+        valid_per_frame=np.bincount(index.truth_frame[valid], minlength=data.num_frames),
+    )
+
+
+def matched_scores(task: MatchingTask) -> Float64[np.ndarray, " num_matches"]:
+    """Pass 1: the scores of valid matches, truths in file order, the highest score taken."""
+    return _match_by_score(task)
+
+
+def find_thresholds(
+    scores: Float64[np.ndarray, " num_matches"], n_gt: int
+) -> Float64[np.ndarray, " num_thresholds"]:
+    """The matched scores that come next to the recalls 0, 1/40, ...; at most 41, descending."""
+    descending = np.sort(scores)[::-1]
+    kept = []
+    recall = 0.0
+    last = len(descending) - 1
+    for i in range(len(descending)):
+        left = (i + 1) / n_gt
+        right = (i + 2) / n_gt if i < last else left
+        if i < last and right - recall < recall - left:
+            continue
+        kept.append(descending[i])
+        recall += 1 / (NUM_SLOTS - 1)  # summed up, not multiplied: its rounding decides ties
+    return np.array(kept, dtype=np.float64)
+
+
+def count_at(task: MatchingTask, thresholds: Float64[np.ndarray, " num_thresholds"]) -> Counts:
+    """Pass 2: the counts at each threshold."""
+    tp, taken, missed, similarity = _match_by_overlap(task, thresholds)
+    ascending = np.sort(task.detection_score[task.detection_false])
+    above = len(ascending) - np.searchsorted(ascending, thresholds, side="left")
+    without_pairs = task.n_gt - int(task.truth_valid.sum())
+    return Counts(tp=tp, fp=above - taken, fn=missed + without_pairs, similarity=similarity)
+
+
+def count_by_frame(task: MatchingTask) -> FrameSteps:
+    """Pass 2 at every score there is, frame by frame; only changes are given."""
+    relevant = task.detection_normal.copy()
+    relevant[task.pair_detection] = True
+    detections = np.flatnonzero(relevant)
+    # by frame, the highest score first
+    order = np.lexsort((-task.detection_score[detections], task.detection_frame[detections]))
+    frames = np.arange(len(task.valid_per_frame) + 1)
+    steps = _step_frames(
+        task,
+        np.searchsorted(task.truth_frame, frames),
+        detections[order],
+        np.searchsorted(task.detection_frame[detections], frames),
+    )
+    falling = np.argsort(-steps[0], kind="stable")
+    score, frame, tp, fp = (column[falling] for column in steps)
+    return FrameSteps(score=score, frame=frame, tp=tp, fp=fp)
+
+
+@compiled
+def _match_by_score(task: MatchingTask) -> Float64[np.ndarray, " num_matches"]:
+    taken = np.zeros(len(task.detection_score), dtype=np.bool_)
+    scores = np.empty(len(task.truth_valid))
+    num_scores = 0
+    for i in range(len(task.truth_valid)):
+        best, best_score = -1, _LOWEST_SCORE
+        for pair in range(task.pair_offsets[i], task.pair_offsets[i + 1]):
+            j = task.pair_detection[pair]
+            if not taken[j] and task.detection_score[j] > best_score:
+                best, best_score = j, task.detection_score[j]
+        if best >= 0:
+            taken[best] = True
+            if task.truth_valid[i] and task.detection_normal[best]:
+                scores[num_scores] = best_score
+                num_scores += 1
+    return scores[:num_scores]
+
+
+@compiled
+def _pick_by_overlap(
+    task: MatchingTask,
+    truth: int,
+    threshold: float,
+    taken: Int32[np.ndarray, " num_detections"],
+    turn: int,
+) -> int:
+    """The pair that a truth takes, or -1: the largest overlap, and a small detection for want.
+
+    A detection is taken already if it has the number of this turn.
+    """
+    best, best_overlap, best_normal = -1, 0.0, False
+    for pair in range(task.pair_offsets[truth], task.pair_offsets[truth + 1]):
+        j = task.pair_detection[pair]
+        if taken[j] == turn or task.detection_score[j] < threshold:
+            continue
+        if task.detection_normal[j]:
+            if not best_normal or task.pair_overlap[pair] > best_overlap:
+                best, best_overlap, best_normal = pair, task.pair_overlap[pair], True
+        elif best < 0:
+            best = pair
+    return best
+
+
+@compiled
+def _match_by_overlap(
+    task: MatchingTask, thresholds: Float64[np.ndarray, " num_thresholds"]
+) -> tuple[
+    Int64[np.ndarray, " num_thresholds"],
+    Int64[np.ndarray, " num_thresholds"],
+    Int64[np.ndarray, " num_thresholds"],
+    Float64[np.ndarray, " num_thresholds"],
+]:
+    """At each threshold: true positives, takings of else false detections, misses, similarity."""
+    tp = np.zeros(len(thresholds), dtype=np.int64)
+    else_false = np.zeros(len(thresholds), dtype=np.int64)
+    missed = np.zeros(len(thresholds), dtype=np.int64)
+    similarity = np.zeros(len(thresholds))
+    taken = np.full(len(task.detection_score), -1, dtype=np.int32)
+    for turn in range(len(thresholds)):
+        for i in range(len(task.truth_valid)):
+            pair = _pick_by_overlap(task, i, thresholds[turn], taken, turn)
+            if pair < 0:
+                missed[turn] += task.truth_valid[i]
+                continue
+            j = task.pair_detection[pair]
+            taken[j] = turn
+            else_false[turn] += task.detection_false[j]
+            if task.truth_valid[i] and task.detection_normal[j]:
+                tp[turn] += 1
+                similarity[turn] += task.pair_similarity[pair]
+    return tp, else_false, missed, similarity
+
+
+@compiled
+def _step_frames(
+    task: MatchingTask,
+    truth_offsets: Int64[np.ndarray, " num_frame_offsets"],
+    ranked: Int64[np.ndarray, " num_ranked"],
+    ranked_offsets: Int64[np.ndarray, " num_frame_offsets"],
+) -> tuple[
+    Float64[np.ndarray, " num_steps"],
+    Int64[np.ndarray, " num_steps"],
+    Int64[np.ndarray, " num_steps"],
+    Int64[np.ndarray, " num_steps"],
+]:
+    """Scores, frames and changes of true and false positives, frame by frame."""
+    scores = np.empty(len(ranked))
+    frames = np.empty(len(ranked), dtype=np.int64)
+    changes = np.empty((2, len(ranked)), dtype=np.int64)
+    taken = np.full(len(task.detection_score), -1, dtype=np.int32)
+    num_steps = 0
+    for frame in range(len(ranked_offsets) - 1):
+        tp_before, fp_before, unforgiven = 0, 0, 0
+        last = ranked_offsets[frame + 1]
+        for rank in range(ranked_offsets[frame], last):
+            unforgiven += task.detection_false[ranked[rank]]
+            threshold = task.detection_score[ranked[rank]]
+            if rank + 1 < last and task.detection_score[ranked[rank + 1]] == threshold:
+                continue
+            tp, fp = 0, unforgiven
+            for i in range(truth_offsets[frame], truth_offsets[frame + 1]):
+                pair = _pick_by_overlap(task, i, threshold, taken, rank)
+                if pair >= 0:
+                    j = task.pair_detection[pair]
+                    taken[j] = rank
+                    fp -= task.detection_false[j]
+                    tp += task.truth_valid[i] and task.detection_normal[j]
+            if tp != tp_before or fp != fp_before:
+                scores[num_steps], frames[num_steps] = threshold, frame
+                changes[0, num_steps], changes[1, num_steps] = tp - tp_before, fp - fp_before
+                tp_before, fp_before = tp, fp
+                num_steps += 1
+    return scores[:num_steps], frames[:num_steps], changes[0, :num_steps], changes[1, :num_steps]

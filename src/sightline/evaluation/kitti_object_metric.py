@@ -1,0 +1,118 @@
+"""KITTI's object evaluation as a metric of a training run, which adds up over processes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torchmetrics import Metric
+
+from sightline.data.kitti_labels import KittiObjects, parse_objects
+from sightline.evaluation.kitti_object_pairs import MatchingData, find_pairs
+from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
+from sightline.evaluation.kitti_object_scores import score_objects
+from sightline.evaluation.object_report import ObjectReport
+
+
+class KittiObjectMetric(Metric):
+    """The figures of `evaluate_objects`, for frames given a few at a time.
+
+    Every process gets its own frames; their order does not change the figures. Detections and
+    labels come in KITTI's conventions, as the rules need all of their fields.
+    """
+
+    is_differentiable = False
+    higher_is_better = True
+    full_state_update = False
+
+    is_evaluated: Tensor
+    has_headings: Tensor
+
+    def __init__(self, overlaps: MinimumOverlaps = STRICT) -> None:
+        """Starts without frames.
+
+        Args:
+            overlaps: What a match must exceed, by class and metric.
+        """
+        super().__init__()
+        self._overlaps = overlaps
+        frame = find_pairs(
+            [parse_objects(b"", "no detections", with_scores=True)],
+            [parse_objects(b"", "no labels", with_scores=False)],
+            overlaps.as_array(),
+        )
+        self.add_state("is_evaluated", torch.zeros(3, 3, dtype=torch.int8), dist_reduce_fx="max")
+        self.add_state("has_headings", torch.ones(1, dtype=torch.int8), dist_reduce_fx="min")
+        self._no_rows = {
+            field.name: getattr(frame, field.name)[:0]
+            for field in fields(MatchingData)
+            if field.name not in ("is_evaluated", "has_headings")
+        }
+        for name in self._no_rows:
+            self.add_state(name, default=[], dist_reduce_fx="cat")
+
+    def update(self, detections: Sequence[KittiObjects], labels: Sequence[KittiObjects]) -> None:
+        """Adds frames.
+
+        Args:
+            detections: One record a frame, with scores.
+            labels: One record a frame, in the same order.
+
+        Raises:
+            ValueError: If the numbers of frames differ or are 0, or detections have no scores.
+        """
+        data = find_pairs(detections, labels, self._overlaps.as_array())
+        is_evaluated = torch.from_numpy(data.is_evaluated).to(self.is_evaluated)
+        has_headings = torch.from_numpy(data.has_headings).to(self.has_headings)
+        self.is_evaluated = torch.maximum(self.is_evaluated, is_evaluated)
+        self.has_headings = torch.minimum(self.has_headings, has_headings)
+        for name in self._no_rows:
+            getattr(self, name).append(torch.from_numpy(getattr(data, name)).to(self.device))
+
+    def compute(self) -> dict[str, Tensor]:
+        """AP over 40 recall positions, in percent, by names such as `Car/3d/moderate`."""
+        return {
+            f"{entry.class_name}/{entry.metric}/{entry.difficulty}": torch.tensor(entry.ap_r40)
+            for entry in self._score().entries
+        }
+
+    def report(self) -> ObjectReport:
+        """All figures, over the frames of all processes, each of which has to call this."""
+        with self.sync_context():
+            return self._score()
+
+    def sync(
+        self,
+        dist_sync_fn: Callable[..., Any] | None = None,
+        process_group: object | None = None,
+        should_sync: bool = True,  # noqa: FBT001 - torchmetrics calls it so
+        distributed_available: Callable[[], bool] | None = None,
+    ) -> None:
+        """Brings the frames of all processes together; one may have none.
+
+        Args:
+            dist_sync_fn: As for torchmetrics.
+            process_group: As for torchmetrics.
+            should_sync: As for torchmetrics.
+            distributed_available: As for torchmetrics.
+        """
+        for name, no_rows in self._no_rows.items():
+            # torchmetrics would send a column of its own shape and type, and the others fail
+            if isinstance(getattr(self, name), list) and not getattr(self, name):
+                getattr(self, name).append(torch.from_numpy(no_rows).to(self.device))
+        super().sync(dist_sync_fn, process_group, should_sync, distributed_available)
+
+    def _score(self) -> ObjectReport:
+        columns = {}
+        for name, no_rows in self._no_rows.items():
+            state = getattr(self, name)
+            parts = [state] if isinstance(state, Tensor) else state
+            columns[name] = np.concatenate([no_rows, *(part.cpu().numpy() for part in parts)])
+        data = MatchingData(
+            **columns,
+            is_evaluated=self.is_evaluated.bool().cpu().numpy(),
+            has_headings=self.has_headings.bool().cpu().numpy(),
+        )
+        return score_objects(data, self._overlaps)

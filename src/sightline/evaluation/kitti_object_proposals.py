@@ -1,0 +1,156 @@
+"""Recall of proposals: how many labelled objects a first stage finds, at given overlaps.
+
+Not KITTI's rules of matching: one proposal may find several objects, an overlap equal to the
+limit is enough, and neighbouring classes play no part. Difficulties are KITTI's.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int8, Int64
+
+from sightline.data.kitti_labels import KittiObjects
+from sightline.evaluation.kitti_object import read_frames
+from sightline.evaluation.kitti_object_overlaps import ground_and_space_overlap, image_overlap
+from sightline.evaluation.kitti_object_pairs import find_evaluated, stack_boxes
+from sightline.evaluation.kitti_object_rules import (
+    CLASSES,
+    DIFFICULTIES,
+    METRICS,
+    NEVER,
+    class_code,
+    truth_levels,
+)
+from sightline.evaluation.object_report import ProposalEntry, ProposalReport
+from sightline.ops.compiled import compiled
+
+
+def evaluate_proposals(
+    results_dir: Path,
+    labels_dir: Path,
+    *,
+    split: Path | str | None = None,
+    ious: Sequence[float] = (0.5, 0.7),
+    max_proposals: int | None = None,
+    progress: bool = False,
+) -> ProposalReport:
+    """Recall of the proposals in result files, by class, metric, overlap and difficulty.
+
+    An object is found if a proposal of its class overlaps it by `iou` or more. Reported over all
+    objects, as the mean over the frames that have objects, and as the mean over all frames, those
+    without objects counted as 0; and besides the difficulties for all objects whatever theirs.
+
+    Args:
+        results_dir: One file a frame, as for `evaluate_objects`; the class of a proposal counts.
+        labels_dir: One file a frame.
+        split: The frames, as for `evaluate_objects`.
+        ious: Overlaps from which an object is found, above 0 and up to 1.
+        max_proposals: Only so many of a frame, those of the highest score (the first on ties).
+        progress: Whether to show how far it is.
+
+    Raises:
+        ValueError: If an argument is out of range, or a file is missing or at fault.
+    """
+    if not ious or not all(0 < iou <= 1 for iou in ious):
+        raise ValueError(f"ious must be above 0 and at most 1, got {ious}: give e.g. 0.5 and 0.7")
+    if max_proposals is not None and max_proposals < 1:
+        raise ValueError(f"max_proposals must be positive, got {max_proposals}: None takes all")
+    is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
+    parts: list[_Truths] = []
+    for proposals, labels in read_frames(results_dir, labels_dir, split, progress=progress):
+        boxes, codes = _best_proposals(proposals, max_proposals)
+        is_evaluated |= find_evaluated(boxes, codes)
+        parts.append(_find_truths(len(parts), labels, boxes, codes))
+    truths = _Truths(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    entries = tuple(
+        _entry(truths, len(parts), int(code), int(metric), float(iou), level)
+        for code, metric in np.argwhere(is_evaluated)
+        for iou in ious
+        for level in range(NEVER + 1)
+    )
+    return ProposalReport(frames=len(parts), entries=entries)
+
+
+class _Truths(NamedTuple):
+    """The labelled objects of the evaluated classes, and what the proposals make of them."""
+
+    frame: Int64[np.ndarray, " num_truths"]
+    code: Int8[np.ndarray, " num_truths"]
+    level: Int8[np.ndarray, " num_truths"]
+    overlap: Float64[np.ndarray, "num_truths 3"]
+    """By metric: the largest with a proposal of the class."""
+
+
+def _find_truths(
+    frame: int,
+    labels: KittiObjects,
+    proposals: Float64[np.ndarray, "num_boxes 11"],
+    proposal_codes: Int8[np.ndarray, " num_boxes"],
+) -> _Truths:
+    codes = _codes(labels)
+    kept = np.flatnonzero(codes >= 0)
+    levels = truth_levels(labels.truncation, labels.occlusion, labels.boxes2d)
+    boxes = stack_boxes([labels])[kept]
+    return _Truths(
+        frame=np.full(len(kept), frame),
+        code=codes[kept],
+        level=levels[kept],
+        overlap=_best_overlaps(boxes, codes[kept], proposals, proposal_codes),
+    )
+
+
+def _entry(
+    truths: _Truths, num_frames: int, code: int, metric: int, iou: float, level: int
+) -> ProposalEntry:
+    """Recall of one class by one metric at one overlap; level NEVER stands for all objects."""
+    counted = (truths.code == code) & ((truths.level <= level) | (level == NEVER))
+    found = counted & (truths.overlap[:, metric] >= iou)
+    n_gt, n_found = int(counted.sum()), int(found.sum())
+    objects = np.bincount(truths.frame[counted], minlength=num_frames)
+    recalls = np.bincount(truths.frame[found], minlength=num_frames) / np.maximum(objects, 1)
+    frames_with_objects = int((objects > 0).sum())
+    return ProposalEntry(
+        class_name=CLASSES[code],
+        metric=METRICS[metric],
+        difficulty=DIFFICULTIES[level] if level < NEVER else None,
+        iou=iou,
+        n_gt=n_gt,
+        n_found=n_found,
+        recall=100 * n_found / max(n_gt, 1),
+        recall_frames_with_objects=100 * float(recalls.sum()) / max(frames_with_objects, 1),
+        recall_all_frames=100 * float(recalls.mean()),
+    )
+
+
+def _codes(objects: KittiObjects) -> Int8[np.ndarray, " num_objects"]:
+    return np.array([class_code(name) for name in objects.class_names], dtype=np.int8)
+
+
+def _best_proposals(
+    proposals: KittiObjects, max_proposals: int | None
+) -> tuple[Float64[np.ndarray, "num_boxes 11"], Int8[np.ndarray, " num_boxes"]]:
+    """Boxes and classes of the proposals with the highest scores."""
+    assert proposals.scores is not None, "results are read with scores"
+    order = np.argsort(-proposals.scores, kind="stable")[:max_proposals]
+    return stack_boxes([proposals])[order], _codes(proposals)[order]
+
+
+@compiled
+def _best_overlaps(
+    truths: Float64[np.ndarray, "num_truths 11"],
+    truth_code: Int8[np.ndarray, " num_truths"],
+    proposals: Float64[np.ndarray, "num_proposals 11"],
+    proposal_code: Int8[np.ndarray, " num_proposals"],
+) -> Float64[np.ndarray, "num_truths 3"]:
+    """By metric: the largest overlap of each object with a proposal of its class."""
+    best = np.zeros((len(truths), 3))
+    for i in range(len(truths)):
+        for j in range(len(proposals)):
+            if proposal_code[j] == truth_code[i]:
+                ground, space = ground_and_space_overlap(proposals[j], truths[i])
+                best[i, 0] = max(best[i, 0], image_overlap(proposals[j], truths[i]))
+                best[i, 1] = max(best[i, 1], ground)
+                best[i, 2] = max(best[i, 2], space)
+    return best

@@ -1,0 +1,179 @@
+"""From matched frames to KITTI's figures: precision by slot, AP, AOS, and AP over all scores."""
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from sightline.evaluation.kitti_object_matching import (
+    NUM_SLOTS,
+    FrameSteps,
+    MatchingTask,
+    count_at,
+    count_by_frame,
+    find_thresholds,
+    index_pairs,
+    matched_scores,
+    select,
+)
+from sightline.evaluation.kitti_object_pairs import MatchingData
+from sightline.evaluation.kitti_object_rules import (
+    CLASSES,
+    DIFFICULTIES,
+    METRICS,
+    ClassName,
+    Difficulty,
+    Metric,
+    MinimumOverlaps,
+)
+from sightline.evaluation.object_report import BootstrapAP, ObjectEntry, ObjectReport
+from sightline.ops.compiled import compiled
+
+
+def score_objects(
+    data: MatchingData, overlaps: MinimumOverlaps, *, bootstrap: int = 0, seed: int = 0
+) -> ObjectReport:
+    """Scores all classes, metrics and difficulties that the detections hold something for.
+
+    Args:
+        data: All frames, their pairs found with the same overlaps.
+        overlaps: What a match must exceed.
+        bootstrap: Resamples of the frames for AP over all scores and its interval; 0: without.
+        seed: Of the resamples, which are the same for all entries.
+    """
+    index = index_pairs(data)
+    minima = overlaps.as_array()
+    entries = []
+    for code, class_name in enumerate(CLASSES):
+        for metric_index, metric in enumerate(METRICS):
+            if not data.is_evaluated[code, metric_index]:
+                continue
+            for level, difficulty in enumerate(DIFFICULTIES):
+                task = select(
+                    data,
+                    index,
+                    code=code,
+                    metric=metric_index,
+                    difficulty=level,
+                    min_overlap=float(minima[code, metric_index]),
+                )
+                entries.append(
+                    _score(
+                        task,
+                        class_name,
+                        metric,
+                        difficulty,
+                        with_aos=metric == "bbox" and bool(data.has_headings.all()),
+                        all_points=_bootstrap(task, bootstrap, seed) if bootstrap else None,
+                    )
+                )
+    return ObjectReport(frames=data.num_frames, entries=tuple(entries), num_resamples=bootstrap)
+
+
+def _score(
+    task: MatchingTask,
+    class_name: ClassName,
+    metric: Metric,
+    difficulty: Difficulty,
+    *,
+    with_aos: bool,
+    all_points: BootstrapAP | None,
+) -> ObjectEntry:
+    thresholds = find_thresholds(matched_scores(task), task.n_gt)
+    counts = count_at(task, thresholds)
+    positives = counts.tp + counts.fp
+    precision = _fill_slots(counts.tp.astype(np.float64), positives)
+    orientation = _fill_slots(counts.similarity, positives)
+    return ObjectEntry(
+        class_name=class_name,
+        metric=metric,
+        difficulty=difficulty,
+        n_gt=task.n_gt,
+        max_recall=float(counts.tp.max(initial=0)) / task.n_gt if task.n_gt else 0.0,
+        ap_r11=_mean_r11(precision),
+        ap_r40=_mean_r40(precision),
+        aos_r11=_mean_r11(orientation) if with_aos else None,
+        aos_r40=_mean_r40(orientation) if with_aos else None,
+        precision=precision,
+        thresholds=thresholds,
+        tp=counts.tp,
+        fp=counts.fp,
+        fn=counts.fn,
+        all_points=all_points,
+    )
+
+
+def _fill_slots(
+    hits: Float64[np.ndarray, " num_thresholds"], positives: Int64[np.ndarray, " num_thresholds"]
+) -> Float64[np.ndarray, "41"]:
+    """Hits by positives, each slot raised to the best of the later ones; slots not reached are 0.
+
+    0 by 0, which the official program prints as nan, is 0.
+    """
+    slots = np.zeros(NUM_SLOTS)
+    np.divide(hits, positives, out=slots[: len(hits)], where=positives > 0)
+    return np.maximum.accumulate(slots[::-1])[::-1].copy()
+
+
+def _mean_r11(slots: Float64[np.ndarray, "41"]) -> float:
+    return 100 * float(slots[::4].mean())
+
+
+def _mean_r40(slots: Float64[np.ndarray, "41"]) -> float:
+    return 100 * float(slots[1:].mean())
+
+
+def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP | None:
+    """AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
+
+    Frames are drawn with replacement, as many as there are; draws without any object that counts
+    are left out. None where no frame has one.
+    """
+    if task.n_gt == 0:
+        return None
+    steps = count_by_frame(task)
+    ends = np.diff(steps.score, append=-np.inf) != 0  # the last step of its score
+    num_frames = len(task.valid_per_frame)
+    once = np.ones(num_frames, dtype=np.int64)
+    generator = np.random.default_rng(seed)
+    resampled = []
+    for _ in range(num_resamples):
+        drawn = generator.integers(num_frames, size=num_frames)
+        weights = np.bincount(drawn, minlength=num_frames)
+        if (weights @ task.valid_per_frame) > 0:
+            resampled.append(_all_points(steps, ends, weights, task.valid_per_frame))
+    low, high = np.percentile(resampled, (2.5, 97.5)) if resampled else (np.nan, np.nan)
+    ap = _all_points(steps, ends, once, task.valid_per_frame)
+    return BootstrapAP(ap=ap, low=float(low), high=float(high))
+
+
+def _all_points(
+    steps: FrameSteps,
+    ends: Bool[np.ndarray, " num_steps"],
+    weights: Int64[np.ndarray, " num_frames"],
+    valid_per_frame: Int64[np.ndarray, " num_frames"],
+) -> float:
+    """Percent under the monotone precision-recall curve of frames that count `weights` times."""
+    n_gt = int(weights @ valid_per_frame)
+    return 100 * _area(weights[steps.frame], steps.tp, steps.fp, ends, n_gt)
+
+
+@compiled
+def _area(
+    weights: Int64[np.ndarray, " num_steps"],
+    tp_changes: Int64[np.ndarray, " num_steps"],
+    fp_changes: Int64[np.ndarray, " num_steps"],
+    ends: Bool[np.ndarray, " num_steps"],
+    n_gt: int,
+) -> float:
+    """Mean over k = 1..n_gt of the best precision at which k objects or more are found."""
+    best = np.zeros(n_gt + 1)
+    tp, fp = 0, 0
+    for step in range(len(weights)):
+        tp += weights[step] * tp_changes[step]
+        fp += weights[step] * fp_changes[step]
+        if ends[step] and tp > 0:
+            best[tp] = max(best[tp], tp / (tp + fp))
+    area, highest = 0.0, 0.0
+    for k in range(n_gt, 0, -1):
+        highest = max(highest, best[k])
+        area += highest
+    return area / n_gt

@@ -1,0 +1,119 @@
+"""The main job from end to end on the embedded frames: what a newcomer runs first."""
+
+import html
+import io
+from pathlib import Path
+from typing import get_args
+
+from rich.console import Console
+
+from sightline.data.atomic import atomic_write_text
+from sightline.data.check import check_tree
+from sightline.data.open import SampleDataset, open_dataset
+from sightline.depth_completion.methods import Method
+from sightline.evaluation.depth import DepthReport, evaluate_depth
+from sightline.evaluation.held_out import HeldOutReport, evaluate_held_out
+from sightline.inference.batch import predict_depth_completion
+from sightline.inference.depth import DepthCompleter
+from sightline.inference.pictures import write_frame_picture
+from sightline.simulation.block_street import DEPTH_FOLDER, write_block_street
+
+_METHOD: Method = "adaptive"
+_PAGE = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>Sightline demo</title>
+<style>
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 1400px; margin: 2em auto; padding: 0 1em;
+  color: #1c2530; }}
+img {{ width: 100%; border-radius: 6px; margin: .5em 0 2em; }}
+pre {{ background: #f2f4f7; padding: 1em; border-radius: 6px; overflow-x: auto; }}
+</style>
+<h1>Sightline demo</h1>
+<p>Dense depth from a LiDAR sweep, by the <b>{method}</b> method (no training), on street frames
+that Sightline makes itself. The frames are in KITTI's format, in <code>frames/</code>; the depth
+maps are 16-bit PNGs (metres times 256), in <code>depth/</code>.</p>
+<h2>Against true depth</h2>
+<p>KITTI's rules. True depth is known here for every pixel, so this counts the regions above the
+highest beam too, where any method can only guess.</p>
+<pre>{depth_table}</pre>
+<h2>Against LiDAR rings that no method saw</h2>
+<p>RMSE in mm, by the number of beams of the sensor.</p>
+<pre>{held_out_table}</pre>
+{pictures}
+</html>
+"""
+
+
+def run_demo(out: Path) -> str:
+    """Makes the frames, checks them, completes their depth, scores it and draws it.
+
+    Args:
+        out: Folder for all of it; a second run makes only what is missing of the depth maps.
+
+    Returns:
+        What was written, for a person.
+
+    Raises:
+        ValueError: `out` cannot be written to.
+    """
+    frames, depth = out / "frames", out / "depth"
+    write_block_street(frames)
+    problems = list(check_tree(frames))
+    if problems:
+        raise ValueError(f"the embedded frames are damaged: {problems[0]}")
+    predict_depth_completion(frames, depth, method=_METHOD, workers=1)
+    against_truth = evaluate_depth(depth, frames / "training" / DEPTH_FOLDER)
+    dataset = open_dataset(frames, parts={"points"})
+    held_out = {method: _score_held_out(dataset, method) for method in get_args(Method)}
+    pictures = [
+        write_frame_picture(frames, name, out / f"{name}.png", method=_METHOD)
+        for name in dataset.sample_ids
+    ]
+    report = out / "report.html"
+    atomic_write_text(report, _page(against_truth, held_out, pictures))
+    score = held_out[_METHOD].scores[0]
+    return "\n".join(
+        (
+            f"depth by the {_METHOD} method: on LiDAR rings that it never saw, RMSE "
+            f"{score.rmse_mm:.0f} mm and MAE {score.mae_mm:.0f} mm",
+            f"frames    {frames}",
+            f"depth     {depth}",
+            *(f"picture   {picture}" for picture in pictures),
+            f"report    {report}",
+        )
+    )
+
+
+def _score_held_out(dataset: SampleDataset, method: Method) -> HeldOutReport:
+    samples = (dataset[index] for index in range(len(dataset)))
+    return evaluate_held_out(samples, DepthCompleter(method))
+
+
+def _page(
+    against_truth: DepthReport, held_out: dict[Method, HeldOutReport], pictures: list[Path]
+) -> str:
+    figures = "\n".join(
+        f'<h2>Frame {picture.stem}</h2>\n<img src="{picture.name}" alt="frame {picture.stem}">'
+        for picture in pictures
+    )
+    return _PAGE.format(
+        method=_METHOD,
+        depth_table=html.escape(_text(against_truth)),
+        held_out_table=html.escape(_held_out_table(held_out)),
+        pictures=figures,
+    )
+
+
+def _text(report: DepthReport) -> str:
+    file = io.StringIO()
+    Console(file=file, width=100).print(report.table())
+    return file.getvalue()
+
+
+def _held_out_table(reports: dict[Method, HeldOutReport]) -> str:
+    beams = [score.beams for score in next(iter(reports.values())).scores]
+    lines = [f"{'beams':<12}" + "".join(f"{number:>8}" for number in beams)]
+    for method, report in reports.items():
+        lines.append(f"{method:<12}" + "".join(f"{score.rmse_mm:8.0f}" for score in report.scores))
+    return "\n".join(lines)

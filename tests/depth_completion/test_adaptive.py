@@ -1,0 +1,187 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sightline.depth_completion.adaptive import AdaptiveConfig, _nearest_true, adaptive_depth
+from sightline.depth_completion.adaptive_kernels import (
+    fill_columns,
+    hidden_pixels,
+    right_neighbours,
+    smooth_rows,
+)
+from tests.depth_completion.sparse_maps import plane, random_map, random_maps, rings
+from tests.reference import adaptive_completion as reference
+
+BEAMS = {64: 5, 32: 11, 16: 23, 8: 44}  # ring spacing in KITTI's images [rows]
+wide = pytest.mark.parametrize("row_spacing", BEAMS.values(), ids=BEAMS)
+
+
+# what it promises
+
+
+@wide
+def test_a_plane_comes_out_exactly_at_every_ring_spacing(row_spacing):
+    truth = plane((180, 90), per_row=0.0008)
+    dense = adaptive_depth(rings(truth, row_spacing=row_spacing))
+    between = slice(2, 2 + (177 // row_spacing) * row_spacing + 1)
+    np.testing.assert_allclose(dense.depth_m[between], truth[between], rtol=1e-5)
+    assert dense.valid[between, :-3].all()
+
+
+@wide
+def test_a_plane_that_also_turns_sideways_comes_out_within_a_hundredth(row_spacing):
+    truth = plane((180, 90), per_row=0.0008, per_column=0.0003)
+    dense = adaptive_depth(rings(truth, row_spacing=row_spacing))
+    between = slice(2, 2 + (177 // row_spacing) * row_spacing + 1)
+    inner = slice(12, -12)  # at the border the mean of a row is one-sided
+    np.testing.assert_allclose(dense.depth_m[between, inner], truth[between, inner], rtol=0.01)
+
+
+def test_the_ground_goes_on_below_the_lowest_ring():
+    truth = plane((120, 60), per_row=0.0008)
+    sparse = rings(truth, row_spacing=20)
+    sparse[90:] = 0  # the lowest ring is in row 82
+    dense = adaptive_depth(sparse)
+    np.testing.assert_allclose(dense.depth_m[83:], truth[83:], rtol=1e-5)
+    assert dense.valid[83:103, :-3].all()
+    assert not dense.valid[103:].any()
+
+
+def test_above_the_top_ring_its_depth_goes_on_and_only_a_ring_spacing_of_it_is_valid():
+    sparse = rings(np.full((200, 60), 30.0, np.float32), row_spacing=10, first_row=100)
+    dense = adaptive_depth(sparse)
+    np.testing.assert_allclose(dense.depth_m, 30.0, rtol=1e-5)
+    assert dense.valid[90:190, :-3].all()
+    assert not dense.valid[:90].any()
+
+
+def test_a_hole_that_spans_many_rings_is_filled_but_not_valid():
+    sparse = rings(np.full((200, 60), 30.0, np.float32), row_spacing=10)
+    sparse[50:110, 20:40] = 0  # rows 42 and 112, columns 18 and 42 are measured around it
+    dense = adaptive_depth(sparse)
+    np.testing.assert_allclose(dense.depth_m, 30.0, rtol=1e-5)
+    assert not dense.valid[53:102, 19:42].any()
+    assert dense.valid[53:102, :19].all()
+
+
+def test_a_far_measurement_between_near_ones_is_dropped_and_one_above_them_is_kept():
+    sparse = np.zeros((60, 60), np.float32)
+    sparse[20:50:5, ::3] = 6.0
+    sparse[32, 30] = 40.0  # seen past an edge by the LiDAR, hidden from the camera
+    sparse[10, ::3] = 40.0  # behind the top edge
+    dense = adaptive_depth(sparse)
+    np.testing.assert_allclose(dense.depth_m[20:46], 6.0, rtol=1e-5)
+    assert (dense.depth_m[10, ::3] == 40.0).all()
+
+
+@wide
+def test_two_walls_side_by_side_keep_a_sharp_edge_on_the_rings(row_spacing):
+    truth = np.full((180, 120), 8.0, np.float32)
+    truth[:, 60:] = 30.0
+    depth = adaptive_depth(rings(truth, row_spacing=row_spacing)).depth_m.numpy()
+    on_ring = depth[2 + row_spacing]
+    is_near, is_far = np.isclose(on_ring, 8.0, rtol=1e-6), np.isclose(on_ring, 30.0, rtol=1e-6)
+    assert (is_near | is_far).all()
+    assert abs(int(is_near.sum()) - 60) <= 2
+
+
+def test_what_is_far_away_in_the_image_changes_nothing():
+    truth = plane((100, 600), per_row=0.0008)
+    sparse = rings(truth, row_spacing=10)
+    other = sparse.copy()
+    other[:, :200] *= np.float32(1.5)
+    a, b = adaptive_depth(sparse), adaptive_depth(other)
+    assert torch.equal(a.depth_m[:, 300:], b.depth_m[:, 300:])
+    assert not torch.equal(a.depth_m[:, :200], b.depth_m[:, :200])
+
+
+@given(random_maps(), st.sampled_from([0.25, 2.0, 1024.0]))
+def test_depths_in_another_unit_give_the_same_map_in_that_unit(sparse, factor):
+    dense, scaled = adaptive_depth(sparse), adaptive_depth(sparse * np.float32(factor))
+    assert torch.equal(scaled.depth_m, dense.depth_m * factor)
+    assert torch.equal(scaled.valid, dense.valid)
+
+
+@given(random_maps())
+def test_measurements_are_kept_or_hidden_by_nearer_ones_and_nothing_is_farther_than_all(sparse):
+    depth = adaptive_depth(sparse).depth_m.numpy()
+    measured = sparse > 0
+    if not measured.any():
+        assert not depth.any()
+        return
+    changed = measured & (depth != sparse)
+    assert (depth > 0).all()
+    assert (sparse[changed] > 1.15 * sparse[measured].min()).all()
+    assert depth.max() <= sparse.max() * (1 + 1e-5)
+
+
+def test_a_column_without_measurements_takes_after_the_nearest_one_that_has_some():
+    assert _nearest_true(np.array([0, 1, 0, 0, 1, 0, 0, 0], bool)).tolist() == [
+        *(1, 1, 1, 4),
+        *(4, 4, 4, 4),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("surface_ratio", 0.9), ("smoothing", -1.0), ("link_columns", np.inf)]
+)
+def test_a_setting_out_of_range_is_refused_by_name(field, value):
+    with pytest.raises(ValueError, match=f"{field} must be at least"):
+        AdaptiveConfig(**{field: value})
+
+
+# its steps, against loops over lists
+
+
+@given(random_maps(most_rows=10, most_columns=14), st.integers(1, 12), st.integers(1, 4))
+def test_the_right_neighbour_is_the_first_one_on_the_ring(sparse, reach_columns, reach_rows):
+    pixels = np.argwhere(sparse > 0)
+    steps = right_neighbours(sparse, pixels, reach_columns, reach_rows)
+    image = sparse.tolist()
+    expected = [
+        reference.right_neighbour(image, y, x, reach_columns, reach_rows)
+        for y, x in pixels.tolist()
+    ]
+    assert [tuple(step) for step in steps.tolist()] == expected
+
+
+@given(random_maps(most_rows=12, most_columns=12), st.integers(0, 6), st.integers(0, 3))
+def test_a_pixel_is_hidden_by_surfaces_in_front_above_and_below(sparse, reach_rows, reach_columns):
+    pixels = np.argwhere(sparse > 0)
+    padded = np.pad(sparse, ((0, 0), (reach_columns, reach_columns)))
+    views = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach_columns + 1, axis=1)
+    nearest_beside = views.max(axis=-1)
+    hidden = hidden_pixels(sparse, nearest_beside, pixels, reach_rows, 1.25)
+    image = sparse.tolist()
+    assert hidden.tolist() == [
+        reference.is_hidden(image, y, x, reach_rows, reach_columns, 1.25)
+        for y, x in pixels.tolist()
+    ]
+
+
+@given(random_maps(most_rows=20, most_columns=4))
+@settings(max_examples=200)
+def test_columns_are_linear_between_rings_level_above_and_like_the_ground_below(sparse):
+    filled, distance, trusted = fill_columns(sparse, 6.0, 2.0)
+    for column in range(sparse.shape[1]):
+        expected = reference.fill_column(sparse[:, column].tolist())
+        if expected is None:
+            assert not filled[:, column].any()
+            assert not trusted[:, column].any()
+            continue
+        np.testing.assert_allclose(filled[:, column], expected[0], rtol=1e-5)
+        assert distance[:, column].tolist() == expected[1]
+        assert trusted[distance[:, column] <= 2, column].all()
+        assert not trusted[distance[:, column] > 6, column].any()
+
+
+@given(st.integers(0, 2**31), st.integers(1, 40))
+def test_rows_are_averaged_over_a_width_that_follows_the_distance(seed, width):
+    depth = random_map(seed, (3, width), 1.0)
+    distance = np.random.default_rng(seed).integers(0, 30, depth.shape).astype(np.float32)
+    smooth = smooth_rows(depth, distance, 0.25)
+    for row in range(3):
+        expected = reference.smooth_row(depth[row].tolist(), distance[row].tolist(), 0.25)
+        np.testing.assert_allclose(smooth[row], expected, rtol=1e-5)

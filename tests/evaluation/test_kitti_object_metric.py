@@ -1,0 +1,59 @@
+import pytest
+
+from sightline.data.kitti_labels import parse_objects
+from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.evaluation.kitti_object_metric import KittiObjectMetric
+from sightline.evaluation.kitti_object_rules import LOOSE
+from tests.evaluation.kitti_scenes import random_street, write_frames
+
+FILES = random_street(7, num_frames=12)
+
+
+def records(files):
+    labels = [parse_objects(text.encode(), "labels", with_scores=False) for text, _ in files]
+    found = [parse_objects(text.encode(), "results", with_scores=True) for _, text in files]
+    return found, labels
+
+
+def test_frames_given_in_parts_score_as_their_files_do(tmp_path):
+    metric = KittiObjectMetric(LOOSE)
+    for start in range(0, len(FILES), 5):
+        metric.update(*records(FILES[start : start + 5]))
+    expected = evaluate_objects(*write_frames(tmp_path, FILES), overlaps=LOOSE)
+    assert metric.report().to_json() == expected.to_json()
+    scores = metric.compute()
+    for entry in expected.entries:
+        name = f"{entry.class_name}/{entry.metric}/{entry.difficulty}"
+        assert scores[name].item() == pytest.approx(entry.ap_r40)
+    metric.reset()
+    assert metric.report().frames == 0
+
+
+def test_frames_and_records_that_do_not_belong_together_are_refused():
+    found, labels = records(FILES)
+    with pytest.raises(ValueError, match="detections of 12 frames and labels of 11"):
+        KittiObjectMetric().update(found, labels[1:])
+    with pytest.raises(ValueError, match="have no scores"):
+        KittiObjectMetric().update(labels, labels)
+
+
+def test_processes_add_up_even_where_one_has_no_frames(tmp_path):
+    sent = []
+
+    def send(column, group):
+        assert group is None
+        sent.append(column)
+        return [column]
+
+    def receive(column, group):
+        assert group is None
+        other = sent.pop(0)
+        assert (other.dtype, other.shape[1:]) == (column.dtype, column.shape[1:])
+        return [other, column]
+
+    idle, busy = KittiObjectMetric(LOOSE), KittiObjectMetric(LOOSE)
+    busy.update(*records(FILES))
+    idle.sync(send, distributed_available=lambda: True)
+    busy.sync(receive, distributed_available=lambda: True)
+    expected = evaluate_objects(*write_frames(tmp_path, FILES), overlaps=LOOSE)
+    assert busy._score().to_json() == expected.to_json()

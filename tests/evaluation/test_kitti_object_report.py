@@ -1,0 +1,202 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.evaluation.kitti_object_matching import count_by_frame, index_pairs, select
+from sightline.evaluation.kitti_object_rules import (
+    LOOSE,
+    STRICT,
+    ClassOverlaps,
+    MinimumOverlaps,
+    parse_overlaps,
+)
+from sightline.evaluation.kitti_object_scores import _all_points, score_objects
+from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
+from tests.reference import kitti_object as reference
+
+CAR = Line()
+FOUND = replace(CAR, score=0.5)
+KEYS = {
+    "class",
+    "metric",
+    "difficulty",
+    "n_gt",
+    "max_recall",
+    "AP_R11",
+    "AP_R40",
+    "AOS_R11",
+    "AOS_R40",
+    "precision",
+    "thresholds",
+    "tp",
+    "fp",
+    "fn",
+}
+
+
+@pytest.fixture
+def street(tmp_path):
+    return write_frames(tmp_path, random_street(3, num_frames=30))
+
+
+def test_the_json_report_has_the_stated_shape(street):
+    report = json.loads(json.dumps(evaluate_objects(*street).to_json()))
+    assert report.keys() == {"frames", "entries"}
+    assert report["frames"] == 30
+    assert len(report["entries"]) == 27
+    for entry in report["entries"]:
+        assert entry.keys() == KEYS
+        assert entry["class"] in ("Car", "Pedestrian", "Cyclist")
+        assert entry["metric"] in ("bbox", "bev", "3d")
+        assert entry["difficulty"] in ("easy", "moderate", "hard")
+        assert len(entry["precision"]) == 41
+        assert len(entry["tp"]) == len(entry["fp"]) == len(entry["fn"]) == len(entry["thresholds"])
+        assert (entry["AOS_R40"] is None) == (entry["metric"] != "bbox")
+
+
+def test_with_bootstrap_each_entry_has_the_area_and_its_interval(street):
+    report = evaluate_objects(*street, bootstrap=20)
+    for entry in report.to_json()["entries"]:
+        assert entry.keys() == KEYS | {"AP_all_points", "AP_all_points_95"}
+        low, high = entry["AP_all_points_95"]
+        assert 0 <= low <= high <= 100
+        assert 0 <= entry["AP_all_points"] <= 100
+
+
+def test_the_table_shows_every_figure_within_80_columns(street):
+    console = Console(width=80, record=True)
+    report = evaluate_objects(*street, bootstrap=5)
+    console.print(report.table())
+    text = console.export_text()
+    assert "30 frames" in text
+    assert "…" not in text
+    words = text.split()
+    for entry in report.entries:
+        assert entry.class_name in words
+        assert entry.metric in words
+        assert f"{entry.ap_r40:.2f}" in words
+        assert f"{entry.ap_r11:.2f}" in words
+        assert f"{100 * entry.max_recall:.2f}" in words
+        assert f"{entry.all_points.low:.1f}-{entry.all_points.high:.1f}" in words
+    assert text.count("AOS R40") == 3
+
+
+def test_the_area_counts_every_score_and_not_only_the_slots(tmp_path):
+    # 3 of 4 cars found, the first detection false: precision 1/2, 2/3, 3/4 at recall 1/4, 2/4, 3/4
+    labels = [CAR.moved(image=200 * place) for place in range(4)]
+    found = [replace(line, score=5 - place) for place, line in enumerate(labels[:3])]
+    found.append(FOUND.moved(image=900, score=9))
+    folders = write_frames(tmp_path, [(text_of(labels), text_of(found))])
+    entry = evaluate_objects(*folders, bootstrap=3).entries[0]
+    assert entry.all_points.ap == pytest.approx(100 * 3 / 4 * 3 / 4)
+    assert entry.all_points.low == entry.all_points.high == entry.all_points.ap  # one frame
+    assert entry.ap_r40 < 10
+
+
+def test_perfect_detections_have_an_area_of_100_however_few(tmp_path):
+    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text()), ("", "")])
+    entry = evaluate_objects(*folders, bootstrap=50).entries[0]
+    assert entry.all_points == replace(entry.all_points, ap=100.0, low=100.0, high=100.0)
+
+
+def test_without_objects_that_count_there_is_no_area(tmp_path):
+    folders = write_frames(tmp_path, [("", FOUND.text())])
+    report = evaluate_objects(*folders, bootstrap=3)
+    assert report.to_json()["entries"][0]["AP_all_points"] is None
+    assert report.to_json()["entries"][0]["AP_all_points_95"] is None
+
+
+def test_equal_seeds_give_equal_intervals_and_others_differ(street):
+    first, again, other = (
+        evaluate_objects(*street, bootstrap=20, seed=seed).entries[0].all_points
+        for seed in (1, 1, 2)
+    )
+    assert first == again
+    assert first.ap == other.ap
+    assert (first.low, first.high) != (other.low, other.high)
+
+
+@pytest.mark.parametrize("make", [random_street, random_crowd])
+def test_the_area_is_that_of_pass_2_at_every_score_for_any_resample(tmp_path, make, monkeypatch):
+    files = make(5, 40)
+    data = []
+    monkeypatch.setattr(
+        "sightline.evaluation.kitti_object.score_objects",
+        lambda found, *_, **__: data.append(found) or score_objects(found, STRICT),
+    )
+    evaluate_objects(*write_frames(tmp_path, files))
+    drawn = np.random.default_rng(0).integers(len(files), size=len(files))
+    weights = np.bincount(drawn, minlength=len(files))
+    task = select(data[0], index_pairs(data[0]), code=0, metric=0, difficulty=2, min_overlap=0.7)
+    steps = count_by_frame(task)
+    ends = np.append(steps.score[1:] != steps.score[:-1], True)
+    area = _all_points(steps, ends, weights, task.valid_per_frame)
+
+    by_hand = reference.Evaluation([files[number] for number in drawn])
+    frames = [
+        reference.Frame(by_hand, truths, found, "Car", "bbox", 2)
+        for truths, found in by_hand.frames
+    ]
+    scores = {each.score for frame in frames for each in frame.detections}
+    curve = []
+    for score in scores:
+        passes = [frame.pass_2(score) for frame in frames]
+        curve.append((sum(found[0] for found in passes), sum(found[1] for found in passes)))
+    n_gt = sum(frame.truth_kinds.count("valid") for frame in frames)
+    assert area == pytest.approx(reference.all_points(curve, n_gt), abs=1e-9)
+    assert area > 5
+
+
+def test_a_missing_result_file_is_an_error_that_names_the_frame(street):
+    results, labels = street
+    (results / "000007.txt").unlink()
+    with pytest.raises(ValueError, match=r"no result file for 1 of 30 frames, .* 000007\.txt: w"):
+        evaluate_objects(results, labels)
+
+
+def test_a_split_file_evaluates_the_frames_that_it_names(street, tmp_path):
+    results, labels = street
+    for path in results.glob("00002*.txt"):
+        path.unlink()
+    split = tmp_path / "some.txt"
+    split.write_text("000003\r\n\n000001\n")
+    assert evaluate_objects(results, labels, split=split).frames == 2
+    split.write_text("000003\n000777\n")
+    with pytest.raises(ValueError, match=r"no label file for 1 of 2 frames, .* 000777\.txt"):
+        evaluate_objects(results, labels, split=split)
+
+
+def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(street, tmp_path):
+    results, labels = street
+    with pytest.raises(ValueError, match="nothing is no folder; give the one that holds the res"):
+        evaluate_objects(tmp_path / "nothing", labels)
+    with pytest.raises(ValueError, match="has no label files"):
+        evaluate_objects(results, tmp_path / "nothing")
+
+
+def test_a_negative_number_of_resamples_is_refused(street):
+    with pytest.raises(ValueError, match="must not be negative, got -1"):
+        evaluate_objects(*street, bootstrap=-1)
+
+
+def test_overlaps_are_read_as_the_command_line_has_them():
+    assert parse_overlaps("strict") == STRICT
+    assert parse_overlaps("loose") == LOOSE
+    own = parse_overlaps("Car=0.5,0.25,0.2; cyclist=0.1,0.2,0.3")
+    assert own.as_array().tolist() == [[0.5, 0.25, 0.2], [0.5, 0.5, 0.5], [0.1, 0.2, 0.3]]
+
+
+@pytest.mark.parametrize("text", ["", "lax", "car=0.5", "car=0.5,0.5,x", "tram=0.5,0.5,0.5"])
+def test_overlaps_that_are_none_say_how_to_write_them(text):
+    with pytest.raises(ValueError, match=r"car=0\.5,0\.25,0\.25"):
+        parse_overlaps(text)
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.0, float("nan")])
+def test_an_overlap_that_nothing_can_exceed_is_refused(value):
+    with pytest.raises(ValueError, match="bev must be at least 0 and below 1"):
+        MinimumOverlaps(car=ClassOverlaps(bbox=0.5, bev=value, box3d=0.5))

@@ -1,0 +1,153 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from sightline import cli
+
+
+def run(capsys, *arguments):
+    """Exit status, standard output and standard error of a command."""
+    try:
+        status = cli.main(list(arguments))
+    except SystemExit as exit_:
+        status = exit_.code or 0
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        [],
+        ["demo"],
+        ["check"],
+        ["show"],
+        ["predict"],
+        ["predict", "depth-completion"],
+        ["evaluate"],
+        ["evaluate", "objects"],
+        ["evaluate", "proposals"],
+        ["evaluate", "depth"],
+        ["evaluate", "held-out"],
+    ],
+)
+def test_every_command_explains_itself(capsys, command):
+    status, out, _ = run(capsys, *command, "--help")
+    assert status == 0
+    assert "usage: sightline" in out
+
+
+def test_help_is_answered_without_the_heavy_libraries():
+    script = (
+        "import sys; from sightline.cli import main\n"
+        "try: main(['evaluate', 'held-out', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print(sorted({'torch', 'numba', 'scipy', 'cv2'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    ("module", "unwanted"),
+    [
+        ("sightline.evaluation.kitti_object", "torch"),
+        ("sightline.evaluation.depth", "torch"),
+        ("sightline.evaluation.held_out", "torchmetrics"),
+    ],
+)
+def test_what_scores_does_not_wait_for_libraries_that_it_does_not_need(module, unwanted):
+    script = f"import sys, {module}; print({unwanted!r} in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["chekc"], "invalid choice: 'chekc'"),
+        (["check"], "required: check.data"),
+        (["check", "DATA", "--workers", "two"], "Got value: two"),
+        (["evaluate", "held-out", "DATA", "--method", "magic"], "magic"),
+        (["evaluate", "held-out", "DATA", "--beams", "many"], "beams"),
+        (["check", "DATA", "--wrokers", "2"], "wrokers"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_line(capsys, tmp_path, arguments, said):
+    given = [str(tmp_path) if word == "DATA" else word for word in arguments]
+    status, _, err = run(capsys, *given)
+    assert status == 2
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["check", "nowhere"],
+        ["show", "nowhere", "000000"],
+        ["predict", "depth-completion", "nowhere", "out"],
+        ["evaluate", "objects", "nowhere", "nowhere"],
+        ["evaluate", "proposals", "nowhere", "nowhere"],
+        ["evaluate", "depth", "nowhere", "nowhere"],
+        ["evaluate", "held-out", "nowhere"],
+    ],
+)
+def test_a_folder_that_is_not_there_is_named_in_one_line(capsys, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(capsys, *arguments)
+    assert status == 2
+    assert "nowhere" in err
+    assert len(err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_check_tells_faults_by_its_exit_status(capsys, block_street, tmp_path):
+    status, out, _ = run(capsys, "check", str(block_street))
+    assert (status, out.splitlines()[-1]) == (0, "no problems")
+    (tmp_path / "training").mkdir()
+    for part in ("calib", "label_2", "image_2", "velodyne"):
+        (tmp_path / "training" / part).symlink_to(block_street / "training" / part)
+    (tmp_path / "training" / "velodyne").unlink()
+    (tmp_path / "training" / "velodyne").mkdir()
+    (tmp_path / "training" / "velodyne" / "000000.bin").write_bytes(b"123")
+    status, out, _ = run(capsys, "check", str(tmp_path))
+    assert status == 1
+    assert "000000.bin" in out
+
+
+def test_several_beams_can_be_written_side_by_side(capsys, block_street, tmp_path):
+    report = tmp_path / "held_out.json"
+    data = str(block_street)
+    command = ["evaluate", "held-out", data, "--method", "nearest", "--beams", "64", "16"]
+    status, out, _ = run(capsys, *command, "--json", str(report))
+    assert status == 0
+    assert list(json.loads(report.read_text())["beams"]) == ["64", "16"]
+    assert "RMSE" in out
+
+
+def test_an_output_that_cannot_be_written_is_named_in_one_line(capsys, block_street, tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    out = str(tmp_path / "file" / "out.png")
+    status, _, err = run(capsys, "show", str(block_street), "000000", "--out", out)
+    assert status == 2
+    assert str(tmp_path / "file") in err
+    assert len(err.splitlines()) == 1
+
+
+def test_the_demo_names_what_it_wrote(capsys, tmp_path):
+    status, out, _ = run(capsys, "demo", "--out", str(tmp_path))
+    assert status == 0
+    named = [line.split(maxsplit=1)[1] for line in out.splitlines()[1:]]
+    assert str(tmp_path / "report.html") in named
+    for path in (tmp_path / "report.html", tmp_path / "000000.png", tmp_path / "depth/000001.png"):
+        assert path.stat().st_size > 0
+    page = (tmp_path / "report.html").read_text()
+    assert "adaptive" in page
+    assert 'src="000001.png"' in page

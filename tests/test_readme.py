@@ -1,0 +1,52 @@
+"""The README's lines do what it says."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sightline.simulation.block_street import write_block_street
+
+README = (Path(__file__).parent.parent / "README.md").read_text()
+MARKED = re.findall(
+    r"<!-- tests/test_readme.py runs [^>]*-->\n```(\w+)\n(.*?)```", README, re.DOTALL
+)
+COMMANDS = [line.removeprefix("$ ") for line in MARKED[0][1].splitlines()]
+
+
+@pytest.fixture(scope="module")
+def folder_with_frames(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("readme")
+    write_block_street(folder / "KITTI")
+    (folder / "RESULTS").mkdir()
+    for labels in (folder / "KITTI/training/label_2").glob("*.txt"):
+        lines = [f"{line} 0.5\n" for line in labels.read_text().splitlines()]
+        (folder / "RESULTS" / labels.name).write_text("".join(lines))
+    return folder
+
+
+def test_the_readme_has_commands_and_python_to_run():
+    assert [language for language, _ in MARKED] == ["console", "python"]
+    assert all(command.startswith("sightline ") for command in COMMANDS)
+
+
+def test_the_commands_of_the_readme_run_one_after_the_other(folder_with_frames):
+    for command in COMMANDS:
+        arguments = [sys.executable, "-m", "sightline.cli", *command.split()[1:]]
+        done = subprocess.run(
+            arguments, cwd=folder_with_frames, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+        assert done.stdout
+    for written in ("000001.png", "depth/000000.png", "depth.json", "objects.json"):
+        assert (folder_with_frames / written).stat().st_size > 0
+
+
+def test_the_python_of_the_readme_runs(folder_with_frames, monkeypatch):
+    monkeypatch.chdir(folder_with_frames)
+    names = {}
+    exec(MARKED[1][1], names)
+    assert names["dense"].depth_m.shape == names["sample"].image_size
+    assert names["dense"].valid.any()
