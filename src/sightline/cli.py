@@ -8,6 +8,8 @@ import json
 import re
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import reduce
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Protocol, runtime_checkable
@@ -21,9 +23,11 @@ if TYPE_CHECKING:
 
 Method = Literal["nearest", "linear", "classical", "adaptive"]
 Velodyne = Literal["velodyne", "velodyne_reduced"]
+LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 
 _INTERRUPTED = 130  # what a shell reports for a program that Ctrl-C ended
 _REFUSED = 2
+_NUMBER_LISTS = ("--beams", "--ious", "--image-size")
 _FILE_WIDTH = 160  # columns of a table that goes to no terminal
 
 
@@ -80,6 +84,71 @@ def show(
         data, frame, out or Path(f"{frame}.png"), method=method, velodyne=velodyne
     )
     print(written)
+
+
+def simulate(
+    out: Path,
+    *,
+    frames: int | None = None,
+    preset: Literal["street-2k"] | None = None,
+    seed: int | None = None,
+    sequence_length: int | None = None,
+    image_size: tuple[int, int] | None = None,
+    lidar: LidarModel | None = None,
+    velodyne: Velodyne | None = None,
+    samples_per_pixel: int | None = None,
+    workers: int = 2,
+    compare: Path | None = None,
+    json: Path | None = None,
+) -> None:
+    """Makes street frames or drives in KITTI's format, with dense depth and exact labels.
+
+    The same settings give the same files for any number of workers; an interrupted run is finished
+    by running it again, and more frames extend what is there.
+
+    Args:
+        out: Folder for the data.
+        frames: How many in all. Default: those that are there, or the preset's.
+        preset: A named data set; options that are given as well replace its settings.
+        seed: Another seed gives other streets. Default: 0.
+        sequence_length: Frames of a drive at 10 Hz, in KITTI's raw layout. Default: 1, each frame
+            another street, in the object layout.
+        image_size: Width and height in pixels. Default: 1242 375.
+        lidar: The sensor. Default: hdl-64e.
+        velodyne: velodyne for whole turns, velodyne_reduced for what the camera sees. Default:
+            velodyne.
+        samples_per_pixel: 1, or 4 for finer pictures. Default: 1.
+        workers: Processes.
+        compare: Real frames in KITTI's object layout, to print their statistics beside ours.
+        json: File for the statistics.
+    """
+    from sightline.simulation.generate import simulate as generate
+    from sightline.simulation.presets import PRESETS, Preset
+    from sightline.simulation.statistics import compare as compare_statistics
+
+    chosen = PRESETS[preset] if preset else Preset(frames=0)
+    given = {
+        "seed": seed,
+        "sequence_length": sequence_length,
+        "image_size": image_size and image_size[::-1],
+        "lidar": lidar,
+        "samples_per_pixel": samples_per_pixel,
+    }
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if num_frames := frames if frames is not None else chosen.frames:
+        result = generate(
+            out,
+            frames=num_frames,
+            config=replace(chosen.config, **changes),
+            workers=workers,
+            velodyne=velodyne or chosen.velodyne,
+            validation_frames=min(chosen.validation_frames, num_frames),
+        )
+        print(f"{out}: {result.written} frames written, {result.skipped} were there already")
+    elif compare is None:
+        raise ValueError("nothing to do: give --frames, --preset, or --compare for frames in OUT")
+    if compare is not None:
+        _deliver(compare_statistics(out, compare), json)
 
 
 def predict_depth_completion(
@@ -249,6 +318,7 @@ _COMMANDS: dict[str, Any] = {
     "demo": demo,
     "check": check,
     "show": show,
+    "simulate": simulate,
     "predict": {
         "_help": "Run a task over a data set.",
         "depth-completion": predict_depth_completion,
@@ -269,7 +339,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         status = jsonargparse.auto_cli(
             _COMMANDS,
-            args=_join_numbers(_join_numbers(given, "--beams"), "--ious"),
+            args=reduce(_join_numbers, _NUMBER_LISTS, given),
             prog="sightline",
             version=version("sightline"),
             parser_class=_OneLineParser,
@@ -282,7 +352,17 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 class _OneLineParser(jsonargparse.ArgumentParser):
-    """Refuses arguments in one line."""
+    """Refuses arguments in one line, and writes options with dashes."""
+
+    def add_argument(self, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
+        dashed = [
+            name.replace("_", "-") if name.startswith("--") and name != "--print_config" else name
+            for name in names
+        ]
+        if settings.get("type") is bool:  # `--overwrite`, not `--overwrite true`
+            del settings["type"]
+            settings["action"] = jsonargparse.ActionYesNo(no_prefix=None)
+        return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         del ex  # its text is in the message
