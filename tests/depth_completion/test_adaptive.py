@@ -10,6 +10,7 @@ from sightline.depth_completion.adaptive_kernels import (
     hidden_pixels,
     right_neighbours,
     smooth_rows,
+    trace_rings,
 )
 from tests.depth_completion.sparse_maps import plane, random_map, random_maps, rings
 from tests.reference import adaptive_completion as reference
@@ -49,6 +50,15 @@ def test_the_ground_goes_on_below_the_lowest_ring():
     assert not dense.valid[103:].any()
 
 
+def test_below_the_lowest_ring_the_ground_ends_after_twice_the_last_gap():
+    truth = plane((120, 60), per_row=0.0008)
+    sparse = rings(truth, row_spacing=20)
+    sparse[30:] = 0  # rings in rows 2 and 22
+    depth = adaptive_depth(sparse).depth_m.numpy()
+    np.testing.assert_allclose(depth[22:63], truth[22:63], rtol=1e-5)
+    np.testing.assert_allclose(depth[63:], np.broadcast_to(truth[62], (57, 60)), rtol=1e-5)
+
+
 def test_above_the_top_ring_its_depth_goes_on_and_only_a_ring_spacing_of_it_is_valid():
     sparse = rings(np.full((200, 60), 30.0, np.float32), row_spacing=10, first_row=100)
     dense = adaptive_depth(sparse)
@@ -74,6 +84,21 @@ def test_a_far_measurement_between_near_ones_is_dropped_and_one_above_them_is_ke
     dense = adaptive_depth(sparse)
     np.testing.assert_allclose(dense.depth_m[20:46], 6.0, rtol=1e-5)
     assert (dense.depth_m[10, ::3] == 40.0).all()
+
+
+@wide
+def test_a_far_measurement_is_dropped_wherever_it_lies_between_two_near_rings(row_spacing):
+    sparse = rings(np.full((180, 60), 6.0, np.float32), row_spacing=row_spacing)
+    sparse[2 + row_spacing + row_spacing // 2, 30] = 40.0
+    np.testing.assert_allclose(adaptive_depth(sparse).depth_m, 6.0, rtol=1e-5)
+
+
+def test_a_gap_in_a_ring_is_not_bridged_by_way_of_the_ring_below():
+    sparse = rings(np.full((60, 60), 10.0, np.float32), row_spacing=3)
+    sparse[32] *= np.float32(1.1)  # another depth, to tell the rings apart
+    sparse[29, 30:36] = 0  # the ring goes on after 9 columns, the one below after 3
+    depth = adaptive_depth(sparse).depth_m.numpy()
+    np.testing.assert_allclose(depth[29], 10.0, rtol=1e-5)
 
 
 @wide
@@ -159,6 +184,32 @@ def test_a_pixel_is_hidden_by_surfaces_in_front_above_and_below(sparse, reach_ro
         reference.is_hidden(image, y, x, reach_rows, reach_columns, 1.25)
         for y, x in pixels.tolist()
     ]
+
+
+@pytest.mark.parametrize(
+    ("right", "drawn"),
+    [(0.12, [0.1, 0.105, 0.11, 0.115, 0.12]), (0.4, [0.1, 0.1, 0.4, 0.4, 0.4])],
+    ids=["on one surface", "from one surface to another"],
+)
+def test_a_ring_is_drawn_between_its_measurements_and_over_none(right, drawn):
+    measured = np.zeros((3, 5), np.float32)
+    measured[0, 0], measured[2, 4] = 0.1, right
+    measured[1, 2] = 0.01  # of another ring, behind the line
+    pixels, steps = np.array([[0, 0]]), np.array([[4, 2]])
+    traced = trace_rings(measured, pixels, steps, 1.25)
+    on_line = traced[[0, 1, 1, 2, 2], range(5)]
+    drawn[2] = 0.01
+    np.testing.assert_allclose(on_line, drawn, rtol=1e-5)
+    assert (traced > 0).sum() == 5
+
+
+def test_where_two_lines_cross_the_nearer_one_stays():
+    measured = np.zeros((3, 5), np.float32)
+    measured[[0, 2], 0], measured[[0, 2], 4] = (0.1, 0.5), (0.5, 0.1)
+    pixels, steps = np.array([[0, 0], [2, 0]]), np.array([[4, 2], [4, -2]])
+    for order in ([0, 1], [1, 0]):
+        traced = trace_rings(measured, pixels[order], steps[order], 1.25)
+        assert traced[1, 2] == np.float32(0.5)
 
 
 @given(random_maps(most_rows=20, most_columns=4))

@@ -58,6 +58,15 @@ def test_extrapolation_reaches_the_top_but_is_not_called_valid():
     assert extended.valid[65:].all()
 
 
+def test_large_holes_are_filled_up_to_fifteen_pixels_away():
+    sparse = np.zeros((80, 80), np.float32)
+    sparse[40, 40] = 20.0
+    # Diamond and small holes reach 5 pixels to the side; the closing changes nothing.
+    reached = classical_depth(sparse).depth_m.numpy() > 0
+    rows, columns = np.nonzero(reached)
+    assert (columns.min(), columns.max(), rows.max()) == (40 - 20, 40 + 20, 40 + 20)
+
+
 @pytest.mark.parametrize("max_depth_m", [0.0, 0.2, float("inf"), float("nan")])
 def test_a_largest_depth_that_leaves_no_room_is_refused(max_depth_m):
     with pytest.raises(ValueError, match=r"max_depth_m must be above 0\.2 and finite"):

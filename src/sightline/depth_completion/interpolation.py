@@ -3,10 +3,10 @@
 import numpy as np
 import torch
 from jaxtyping import Float32, Int64
-from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, QhullError
 
+from sightline.depth_completion.interpolation_kernels import draw_triangles
 from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hull
 from sightline.structures.predictions import DepthMap
 
@@ -38,29 +38,32 @@ def linear_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> DepthMa
 
     The inverse depth of a plane in the scene is linear in the image, so planes come out exactly.
     Valid inside the convex hull of the measured pixels; no value outside. Fewer than three
-    measurements, or all on one line, span no triangle: those pixels alone are valid then.
+    measurements, or all on one line, span no triangle: those pixels alone are valid then. Where
+    measured pixels form a rectangle the choice of its diagonal is Qhull's.
 
     Raises:
         ValueError: `sparse_depth_m` holds something else than depths.
     """
     check_sparse_depth(sparse_depth_m)
-    pixels = np.argwhere(sparse_depth_m > 0)
+    is_measured = sparse_depth_m > 0
+    pixels = np.argwhere(is_measured)
+    inverse_depth = draw_triangles(
+        pixels,
+        1.0 / sparse_depth_m[is_measured].astype(np.float64),
+        _delaunay(pixels),
+        sparse_depth_m.shape,
+    )
     depth_m = sparse_depth_m.copy()
-    triangles = _triangulate(pixels)
-    if triangles is not None:
-        inverse_depths = 1.0 / sparse_depth_m[*pixels.T].astype(np.float64)
-        interpolate = LinearNDInterpolator(triangles, inverse_depths, fill_value=np.inf)
-        # Outside the hull a search through all triangles would precede the answer.
-        is_asked = inside_hull(sparse_depth_m > 0) & (sparse_depth_m == 0)
-        depth_m[is_asked] = 1.0 / interpolate(np.argwhere(is_asked))
+    is_filled = ~is_measured & (inverse_depth > 0)
+    depth_m[is_filled] = 1.0 / inverse_depth[is_filled]
     return DepthMap(depth_m=torch.from_numpy(depth_m), valid=torch.from_numpy(depth_m > 0))
 
 
-def _triangulate(pixels: Int64[np.ndarray, "n 2"]) -> Delaunay | None:
-    """None where the pixels span no triangle."""
-    if len(pixels) < 3:
-        return None
-    try:
-        return Delaunay(pixels)
-    except QhullError:  # all on one line
-        return None
+def _delaunay(pixels: Int64[np.ndarray, "n 2"]) -> Int64[np.ndarray, "m 3"]:
+    """Corners of the triangles; none where the pixels span no triangle."""
+    if len(pixels) >= 3:
+        try:
+            return Delaunay(pixels).simplices.astype(np.int64)
+        except QhullError:  # all on one line
+            pass
+    return np.empty((0, 3), np.int64)
