@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut -d' ' -f1)
 TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
-.PHONY: demo test format constraints clean
+.PHONY: demo test format frames constraints clean
 
 demo: $(READY)
 	$(BIN)/sightline demo --out demo
@@ -26,6 +26,16 @@ test: $(READY)
 format: $(READY)
 	$(BIN)/ruff check --fix-only .
 	$(BIN)/ruff format .
+
+# The frames that come with the package: whole files of the simulator, sweeps cut to the image.
+FRAMES := src/sightline/simulation/frames
+frames: $(READY)
+	rm -rf build/frames $(FRAMES)
+	$(BIN)/sightline simulate build/frames --frames 2 --seed 3 --velodyne velodyne_reduced
+	mkdir -p $(FRAMES)/training
+	mv build/frames/ImageSets $(FRAMES)/ImageSets
+	for part in image_2 calib label_2 depth; do mv build/frames/training/$$part $(FRAMES)/training; done
+	mv build/frames/training/velodyne_reduced $(FRAMES)/training/velodyne
 
 # The newest releases that fit pyproject.toml, for every supported Python and platform in one file.
 constraints: $(READY)

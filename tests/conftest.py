@@ -25,13 +25,3 @@ def kitti_root() -> Path:
     if not (root / "training").is_dir():
         pytest.fail(f"SIGHTLINE_KITTI is {folder}, which holds no folder training/")
     return root
-
-
-@pytest.fixture(scope="session")
-def block_street(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The embedded frames, written once; not to be changed."""
-    from sightline.simulation.block_street import write_block_street
-
-    folder = tmp_path_factory.mktemp("block_street")
-    write_block_street(folder)
-    return folder

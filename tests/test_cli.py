@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from sightline import cli
+from sightline.simulation.packaged import PACKAGED_FRAMES
 
 
 def run(capsys, *arguments):
@@ -108,12 +109,12 @@ def test_a_folder_that_is_not_there_is_named_in_one_line(capsys, tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
-def test_check_tells_faults_by_its_exit_status(capsys, block_street, tmp_path):
-    status, out, _ = run(capsys, "check", str(block_street))
+def test_check_tells_faults_by_its_exit_status(capsys, tmp_path):
+    status, out, _ = run(capsys, "check", str(PACKAGED_FRAMES))
     assert (status, out.splitlines()[-1]) == (0, "no problems")
     (tmp_path / "training").mkdir()
     for part in ("calib", "label_2", "image_2", "velodyne"):
-        (tmp_path / "training" / part).symlink_to(block_street / "training" / part)
+        (tmp_path / "training" / part).symlink_to(PACKAGED_FRAMES / "training" / part)
     (tmp_path / "training" / "velodyne").unlink()
     (tmp_path / "training" / "velodyne").mkdir()
     (tmp_path / "training" / "velodyne" / "000000.bin").write_bytes(b"123")
@@ -122,9 +123,9 @@ def test_check_tells_faults_by_its_exit_status(capsys, block_street, tmp_path):
     assert "000000.bin" in out
 
 
-def test_several_beams_can_be_written_side_by_side(capsys, block_street, tmp_path):
+def test_several_beams_can_be_written_side_by_side(capsys, tmp_path):
     report = tmp_path / "held_out.json"
-    data = str(block_street)
+    data = str(PACKAGED_FRAMES)
     command = ["evaluate", "held-out", data, "--method", "nearest", "--beams", "64", "16"]
     status, out, _ = run(capsys, *command, "--json", str(report))
     assert status == 0
@@ -132,10 +133,10 @@ def test_several_beams_can_be_written_side_by_side(capsys, block_street, tmp_pat
     assert "RMSE" in out
 
 
-def test_an_output_that_cannot_be_written_is_named_in_one_line(capsys, block_street, tmp_path):
+def test_an_output_that_cannot_be_written_is_named_in_one_line(capsys, tmp_path):
     (tmp_path / "file").write_text("no folder")
     out = str(tmp_path / "file" / "out.png")
-    status, _, err = run(capsys, "show", str(block_street), "000000", "--out", out)
+    status, _, err = run(capsys, "show", str(PACKAGED_FRAMES), "000000", "--out", out)
     assert status == 2
     assert str(tmp_path / "file") in err
     assert len(err.splitlines()) == 1

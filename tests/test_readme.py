@@ -1,13 +1,14 @@
 """The README's lines do what it says."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from sightline.simulation.block_street import write_block_street
+from sightline.simulation.packaged import PACKAGED_FRAMES
 
 README = (Path(__file__).parent.parent / "README.md").read_text()
 MARKED = re.findall(
@@ -19,7 +20,7 @@ COMMANDS = [line.removeprefix("$ ") for line in MARKED[0][1].splitlines()]
 @pytest.fixture(scope="module")
 def folder_with_frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("readme")
-    write_block_street(folder / "KITTI")
+    shutil.copytree(PACKAGED_FRAMES, folder / "KITTI")
     (folder / "RESULTS").mkdir()
     for labels in (folder / "KITTI/training/label_2").glob("*.txt"):
         lines = [f"{line} 0.5\n" for line in labels.read_text().splitlines()]

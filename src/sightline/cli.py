@@ -361,7 +361,7 @@ class _OneLineParser(jsonargparse.ArgumentParser):
         ]
         if settings.get("type") is bool:  # `--overwrite`, not `--overwrite true`
             del settings["type"]
-            settings["action"] = jsonargparse.ActionYesNo(no_prefix=None)
+            settings["action"] = jsonargparse.ActionYesNo(no_prefix="no-")
         return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:

@@ -16,7 +16,7 @@ from sightline.evaluation.held_out import HeldOutReport, evaluate_held_out
 from sightline.inference.batch import predict_depth_completion
 from sightline.inference.depth import DepthCompleter
 from sightline.inference.pictures import write_frame_picture
-from sightline.simulation.block_street import DEPTH_FOLDER, write_block_street
+from sightline.simulation.packaged import PACKAGED_FRAMES
 
 _METHOD: Method = "adaptive"
 _PAGE = """<!doctype html>
@@ -31,8 +31,8 @@ pre {{ background: #f2f4f7; padding: 1em; border-radius: 6px; overflow-x: auto; 
 </style>
 <h1>Sightline demo</h1>
 <p>Dense depth from a LiDAR sweep, by the <b>{method}</b> method (no training), on street frames
-that Sightline makes itself. The frames are in KITTI's format, in <code>frames/</code>; the depth
-maps are 16-bit PNGs (metres times 256), in <code>depth/</code>.</p>
+that come with Sightline and were made by its simulator (<code>sightline simulate</code> makes
+more). The depth maps are 16-bit PNGs (metres times 256), in <code>depth/</code>.</p>
 <h2>Against true depth</h2>
 <p>KITTI's rules. True depth is known here for every pixel, so this counts the regions above the
 highest beam too, where any method can only guess.</p>
@@ -46,7 +46,7 @@ highest beam too, where any method can only guess.</p>
 
 
 def run_demo(out: Path) -> str:
-    """Makes the frames, checks them, completes their depth, scores it and draws it.
+    """Checks the embedded frames, completes their depth, scores it and draws it.
 
     Args:
         out: Folder for all of it; a second run makes only what is missing of the depth maps.
@@ -57,13 +57,12 @@ def run_demo(out: Path) -> str:
     Raises:
         ValueError: `out` cannot be written to.
     """
-    frames, depth = out / "frames", out / "depth"
-    write_block_street(frames)
+    frames, depth = PACKAGED_FRAMES, out / "depth"
     problems = list(check_tree(frames))
     if problems:
         raise ValueError(f"the embedded frames are damaged: {problems[0]}")
     predict_depth_completion(frames, depth, method=_METHOD, workers=1)
-    against_truth = evaluate_depth(depth, frames / "training" / DEPTH_FOLDER)
+    against_truth = evaluate_depth(depth, frames / "training" / "depth")
     dataset = open_dataset(frames, parts={"points"})
     held_out = {method: _score_held_out(dataset, method) for method in get_args(Method)}
     pictures = [

@@ -1,0 +1,74 @@
+"""Draws the simulator's contact sheet: `python -m benchmarks.contact_sheet`.
+
+Twelve frames from twelve seeds: the image with boxes, the LiDAR on the image, and the view from
+above, as docs/pictures/street_simulator.jpg.
+"""
+
+from pathlib import Path
+
+import cv2
+import jsonargparse
+import numpy as np
+from jaxtyping import UInt8
+
+from sightline.data.image_file import write_rgb
+from sightline.data.progress import track
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.simulation.simulator import SimulationConfig, simulate_frame
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
+from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points
+
+_HEIGHT_PX = 150
+_GAP_PX = 4
+
+
+def main(
+    out: Path = Path("docs/pictures/street_simulator.jpg"), first_seed: int = 0, frames: int = 12
+) -> None:
+    """Simulates the frames and draws them, two columns of three pictures each.
+
+    Args:
+        out: The picture.
+        first_seed: Seed of the first frame; the others follow.
+        frames: How many, an even number.
+    """
+    seeds = range(first_seed, first_seed + frames)
+    rows = [
+        _row(simulate_frame(SimulationConfig(seed=seed), 0).sample)
+        for seed in track(seeds, description="simulating")
+    ]
+    columns = [np.concatenate(rows[start::2]) for start in (0, 1)]
+    write_rgb(out, np.concatenate(columns, axis=1))
+    print(out)
+
+
+def _row(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
+    assert sample.image is not None, "a simulated sample has an image"
+    assert sample.points is not None, "a simulated sample has a sweep"
+    assert sample.objects is not None, "a simulated sample has labels"
+    image = sample.image.numpy().transpose(1, 2, 0)
+    objects = sample.objects.select(sample.objects.has_box3d)
+    boxes = draw_boxes3d(
+        image, objects.boxes3d, objects.class_names, sample.calibration, tags=False
+    )
+    boxes = draw_boxes2d(boxes, Boxes2D(objects.boxes2d.tensor), objects.class_names, tags=False)
+    dimmed = np.rint(image * 0.55).astype(np.uint8)
+    sweep = draw_points(dimmed, sample.points, sample.calibration)
+    above = draw_birds_eye(sample.points, objects.boxes3d, objects.class_names, view=BirdsEyeView())
+    return np.concatenate([_scaled(picture) for picture in (boxes, sweep, above)], axis=1)
+
+
+def _scaled(
+    picture: UInt8[np.ndarray, "height width 3"],
+) -> UInt8[np.ndarray, "height_px width_px 3"]:
+    width = round(picture.shape[1] * _HEIGHT_PX / picture.shape[0])
+    small = cv2.resize(picture, (width, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    framed = cv2.copyMakeBorder(
+        small, 0, _GAP_PX, 0, _GAP_PX, cv2.BORDER_CONSTANT, value=(255, 255, 255)
+    )
+    return framed.astype(np.uint8, copy=False)
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main)

@@ -1,0 +1,121 @@
+"""The camera: a picture of a scene, with dense depth and the owner of each pixel."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float32, Int32, UInt8
+
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.simulation.camera_radiance import pixel_radiance
+from sightline.simulation.camera_rays import (
+    Samples,
+    View,
+    camera_view,
+    pixel_samples,
+    with_edge_samples,
+)
+from sightline.simulation.raycast import Raycaster
+from sightline.simulation.scene import Light, Scene
+from sightline.simulation.sensor_image import SensorConfig, sensor_image
+from sightline.simulation.shading import LitWorld, lit_world
+
+SKY: Final = -2
+"""Owner of a pixel that shows no surface."""
+STREET: Final = -1
+"""Owner of a pixel that shows a surface of no actor."""
+
+KITTI_IMAGE_SIZE: Final = (375, 1242)
+"""Height and width."""
+_OFFSETS_OF_FOUR: Final = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
+_BRIGHTEST: Final = 3.0
+"""Share of a photosite to which a sample is cut, so that one glint does not outweigh its pixel."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraConfig:
+    """How the camera is mounted and how well its pictures are computed."""
+
+    samples_per_pixel: int = 1
+    """1, with more where the picture has edges, or 4."""
+    ambient_stride: int = 3
+    """Light from all around is gathered at every so many pixels."""
+    ambient_rays: int = 4
+    """Rays with which it is gathered there."""
+    lidar_height_m: float = KITTI_LIDAR_HEIGHT_M
+    """Of the LiDAR, to which the calibration refers, above the ego's footprint."""
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+
+    def __post_init__(self) -> None:
+        """Checks the choices."""
+        if self.samples_per_pixel not in (1, 4):
+            raise ValueError(f"samples_per_pixel must be 1 or 4, got {self.samples_per_pixel}")
+        if self.ambient_stride < 1 or self.ambient_rays < 1:
+            raise ValueError(
+                "ambient_stride and ambient_rays must be at least 1, got "
+                f"{self.ambient_stride} and {self.ambient_rays}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraFrame:
+    """What the camera sees at one moment, and the truth behind it."""
+
+    image: UInt8[np.ndarray, "height width 3"]
+    """RGB."""
+    depth_m: Float32[np.ndarray, "height width"]
+    """Along the optical axis, at the centre of each pixel; 0 = sky."""
+    owners: Int32[np.ndarray, "height width"]
+    """Index of the actor at the centre of each pixel, STREET or SKY."""
+
+
+def render_camera(
+    scene: Scene,
+    calibration: Calibration,
+    image_size: tuple[int, int] = KITTI_IMAGE_SIZE,
+    *,
+    rng: np.random.Generator,
+    config: CameraConfig | None = None,
+    raycaster: Raycaster | None = None,
+) -> CameraFrame:
+    """Takes a picture of (height, width) of a scene.
+
+    A scene has the same depth and owners whatever the samples per pixel; of the image only the
+    sensor's noise is drawn from `rng`. A `raycaster` over the scene's mesh saves building one.
+    """
+    config = config or CameraConfig()
+    world = lit_world(scene, raycaster or Raycaster(scene.mesh))
+    view = camera_view(calibration, scene.ego, config.lidar_height_m)
+    centers = pixel_samples(world, view, image_size, (0.0, 0.0))
+    if config.samples_per_pixel == 1:
+        samples = with_edge_samples(world, view, centers, scene.owners)
+        radiance = _radiance(world, samples, view, scene.light, config)
+    else:
+        radiance = np.zeros((*image_size, 3), np.float32)
+        for offset in _OFFSETS_OF_FOUR:
+            samples = pixel_samples(world, view, image_size, offset)
+            radiance += _radiance(world, samples, view, scene.light, config)
+        radiance /= np.float32(len(_OFFSETS_OF_FOUR))
+    found = centers.hits.faces >= 0
+    owners = np.full(len(found), SKY, np.int32)
+    owners[found] = scene.owners[centers.hits.faces[found]]
+    depth_m = np.where(found, centers.hits.distances, np.float32(0))
+    return CameraFrame(
+        image=sensor_image(radiance, scene.light.exposure, rng=rng, config=config.sensor),
+        depth_m=depth_m.reshape(image_size),
+        owners=owners.reshape(image_size),
+    )
+
+
+def _radiance(
+    world: LitWorld, samples: Samples, view: View, light: Light, config: CameraConfig
+) -> Float32[np.ndarray, "height width 3"]:
+    return pixel_radiance(
+        world,
+        samples,
+        view.pixel_angle,
+        ambient_stride=config.ambient_stride,
+        ambient_rays=config.ambient_rays,
+        brightest=_BRIGHTEST / (config.sensor.sensitivity * light.exposure),
+    )

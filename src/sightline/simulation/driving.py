@@ -1,0 +1,183 @@
+"""Vehicles on the lanes, in rows at the kerb and off the road."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from sightline.simulation.crowd import AHEAD_M, BACK_M, EGO_SIZE_LW, Crowd, stopping_distance_m
+from sightline.simulation.layout import PARKING_DEPTH_M, Lane, Parking, Road, Side
+from sightline.simulation.lots import Bay
+from sightline.simulation.meshes.markings import (
+    bay_lean,
+    bay_pitch,
+    open_stretches,
+    parking_stretches,
+)
+from sightline.simulation.motion import STANDING, AlongRoad, Still
+from sightline.simulation.scene import Pose
+
+_ONCOMING_FACTOR: Final = 1.4
+"""Traffic towards the ego is denser than that ahead of it, which keeps its distance."""
+
+
+def drive_lanes(crowd: Crowd) -> None:
+    """Traffic on all lanes: it stands before the junction or drives through it."""
+    for road in crowd.layout.roads:
+        is_main = road is crowd.layout.main
+        goes = crowd.layout.main_waits != is_main and (is_main or _is_through(road))
+        for lane in road.lanes:
+            stretches = ((road.first, road.last),) if goes else open_stretches(crowd.layout, road)
+            for first, last in stretches:
+                _fill_lane(crowd, road, lane, first, last, goes=goes)
+
+
+def _is_through(road: Road) -> bool:
+    return road.left.gaps[0][0] > road.first + 5 and road.left.gaps[0][1] < road.last - 5
+
+
+def _fill_lane(
+    crowd: Crowd, road: Road, lane: Lane, first: float, last: float, *, goes: bool
+) -> None:
+    """Vehicles one after the other, from the front of a lane to its rear."""
+    rng = crowd.rng
+    junction_ahead = last < road.last if lane.direction > 0 else first > road.first
+    waits = not goes and junction_ahead
+    if lane is crowd.layout.ego_lane and not waits:
+        travel = crowd.ego_travel if goes or first <= 0 else crowd.draw_travel(0.0)
+    else:
+        travel = STANDING if waits else crowd.draw_travel(0.1 if goes else 0.0)
+    if lane.for_trams:
+        _drive_tram(crowd, road, lane, first, last)
+        return
+    gap = 2.0 if travel is STANDING else stopping_distance_m(travel.speed_mps)
+    density = crowd.customs.vehicles_per_km / 1000 * crowd.busyness * float(rng.gamma(2.0) / 2)
+    density *= 3.0 if waits else _ONCOMING_FACTOR if lane.direction < 0 else 1.0
+    first, last = max(first, BACK_M), min(last, AHEAD_M + 20.0)
+    position = last if lane.direction > 0 else first
+    position -= lane.direction * (2.0 if waits else float(rng.exponential(1 / density)))
+    while first < position < last:
+        model = crowd.draw_vehicle(crowd.customs.heavy_share, crowd.customs.van_share)
+        length = model.size_lwh[0]
+        station = position - lane.direction * length / 2
+        track = AlongRoad(
+            terrain=crowd.layout.terrain,
+            road=road,
+            station=station,
+            offset=lane.offset + float(rng.normal(0, 0.12)),
+            direction=lane.direction,
+            travel=travel,
+        )
+        if (
+            first < station - length / 2
+            and station + length / 2 < last
+            and _keeps_off_ego(crowd, road, lane, station, length, gap)
+        ):
+            crowd.add(model, track, 0.2)
+        # The room between two cars is what is kept anyway and, mostly, some more.
+        more = float(rng.exponential(1.0 if waits and rng.random() < 0.7 else 1 / density))
+        position = station - lane.direction * (length / 2 + gap + more)
+
+
+def _keeps_off_ego(
+    crowd: Crowd, road: Road, lane: Lane, station: float, length: float, gap: float
+) -> bool:
+    if road is not crowd.layout.main or lane is not crowd.layout.ego_lane:
+        return True
+    return abs(station) > gap + length / 2 + EGO_SIZE_LW[0] / 2
+
+
+def _drive_tram(crowd: Crowd, road: Road, lane: Lane, first: float, last: float) -> None:
+    if crowd.rng.random() > 0.35:
+        return
+    model = crowd.models.draw(crowd.rng, "Tram", 0.0)
+    track = AlongRoad(
+        terrain=crowd.layout.terrain,
+        road=road,
+        station=float(crowd.rng.uniform(max(first, 5.0), min(last, 105.0))),
+        offset=lane.offset,
+        direction=lane.direction,
+        travel=crowd.draw_travel(0.3),
+    )
+    crowd.add(model, track, 0.3)
+
+
+def park(crowd: Crowd, road: Road, side: Side) -> None:
+    """A row of parked cars along a kerb, as full as chance has it."""
+    if side.parking is Parking.NONE:
+        return
+    share = float(crowd.rng.uniform(*crowd.customs.parked_share))
+    if road is not crowd.layout.main:
+        share *= 0.6
+    for start, stop in parking_stretches(crowd.layout, road, side):
+        first, last = max(start, BACK_M), min(stop, AHEAD_M)
+        if side.parking is Parking.PARALLEL:
+            _park_parallel(crowd, road, side, first, last, share)
+        else:
+            _park_across(crowd, road, side, first, last, share)
+
+
+def _park_parallel(
+    crowd: Crowd, road: Road, side: Side, first: float, last: float, share: float
+) -> None:
+    rng = crowd.rng
+    usual = 1 if side.sign < 0 or len({lane.direction for lane in road.lanes}) == 1 else -1
+    middle = side.edge - PARKING_DEPTH_M[Parking.PARALLEL] / 2
+    position = first + float(rng.uniform(0.0, 5.0))
+    while position < last - 4.0:
+        if rng.random() > share:
+            position += bay_pitch(Parking.PARALLEL)
+            continue
+        model = crowd.draw_vehicle(0.006, 0.055)
+        direction = usual if rng.random() < (0.96 if side.sign < 0 else 0.8) else -usual
+        track = AlongRoad(
+            terrain=crowd.layout.terrain,
+            road=road,
+            station=position + model.size_lwh[0] / 2,
+            offset=side.sign * (middle + float(rng.normal(0, 0.08))),
+            direction=direction,
+            travel=STANDING,
+            turn=float(rng.normal(0, 0.02)),
+        )
+        if position + model.size_lwh[0] < last:
+            crowd.add(model, track, 0.15)
+        position += model.size_lwh[0] + float(rng.uniform(0.7, 1.8))
+
+
+def _park_across(
+    crowd: Crowd, road: Road, side: Side, first: float, last: float, share: float
+) -> None:
+    """Cars in marked places, nose to the kerb or to the lane."""
+    rng = crowd.rng
+    depth = side.edge - side.lane_edge
+    drift = -side.sign * bay_lean(side.parking) * depth
+    pitch = bay_pitch(side.parking)
+    heading = float(np.arctan2(side.sign * depth, drift))
+    for start in np.arange(first, last - pitch, pitch):
+        if rng.random() > share:
+            continue
+        model = crowd.draw_vehicle(0.0, 0.055)
+        backwards = side.parking is Parking.PERPENDICULAR and rng.random() < 0.3
+        track = AlongRoad(
+            terrain=crowd.layout.terrain,
+            road=road,
+            station=float(start) + (pitch + drift) / 2,
+            offset=side.sign * ((side.edge + side.lane_edge) / 2 + float(rng.normal(0, 0.12))),
+            direction=1,
+            travel=STANDING,
+            turn=heading + (np.pi if backwards else 0.0) + float(rng.normal(0, 0.02)),
+        )
+        crowd.add(model, track, 0.1)
+
+
+def fill_bays(crowd: Crowd, bays: Sequence[Bay]) -> None:
+    """Cars in driveways and forecourts."""
+    rng = crowd.rng
+    share = float(rng.uniform(0.05, 0.35))
+    for bay in bays:
+        if rng.random() > share or np.hypot(bay.x, bay.y) > AHEAD_M:
+            continue
+        model = crowd.draw_vehicle(0.0, 0.055)
+        height = float(crowd.layout.terrain.height(np.array([bay.x, bay.y]))) + bay.level
+        yaw = bay.yaw + float(rng.normal(0, 0.03))
+        crowd.add(model, Still(pose=Pose(x=bay.x, y=bay.y, z=height, yaw=yaw)), 0.2)

@@ -1,0 +1,73 @@
+"""Gaps between leaves: foliage is made of cards, and rays pass where a card has no leaf."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int32
+
+from sightline.ops.compiled import compiled
+from sightline.simulation.materials import Material
+from sightline.simulation.raycast import Hits, Raycaster
+from sightline.simulation.surfaces import MeshTables, Rays
+from sightline.simulation.texture_noise import value_noise
+from sightline.simulation.vectors import dot, minus, row_of
+
+_LEAF: Final = int(Material.LEAF)
+_MOST_CARDS: Final = 3
+"""Cards that a ray may pass; the next one it meets is taken as closed."""
+_PASSED_M: Final = 0.002
+_LARGEST_CARD_M: Final = 6.0
+"""Diagonal of a card; what is larger is no card of leaves but a wood far away."""
+_LEAVES_PER_METRE: Final = 11.0
+_OPENNESS: Final = -0.12
+"""Level of the noise, from -1 to 1, below which there is no leaf."""
+
+
+def cast_through_foliage(raycaster: Raycaster, mesh: MeshTables, rays: Rays) -> Hits:
+    """The first hit of each ray, which passes through the gaps of foliage.
+
+    Like `Raycaster.cast`, with distances in units of each ray's direction.
+    """
+    hits = raycaster.cast(rays.origins, rays.directions)
+    passing = np.arange(len(hits.faces), dtype=np.int32)
+    for _ in range(_MOST_CARDS):
+        passing = passing[_in_gap(mesh, hits, passing)]
+        if len(passing) == 0:
+            break
+        lengths = np.linalg.norm(rays.directions[passing], axis=1)
+        passed = hits.distances[passing] + np.float32(_PASSED_M) / lengths
+        ways = rays.directions[passing]
+        beyond = raycaster.cast(rays.origins[passing] + passed[:, None] * ways, ways)
+        hits.faces[passing] = beyond.faces
+        hits.distances[passing] = beyond.distances + passed
+        hits.barycentric[passing] = beyond.barycentric
+    return hits
+
+
+@compiled
+def _in_gap(
+    mesh: MeshTables, hits: Hits, rows: Int32[np.ndarray, " num_rays"]
+) -> Int32[np.ndarray, " num_gaps"]:
+    """Positions in `rows` of the rays that met foliage where there is no leaf."""
+    found = np.empty(rows.shape[0], np.int32)
+    count = 0
+    for index in range(rows.shape[0]):
+        row = rows[index]
+        face = hits.faces[row]
+        if face < 0 or mesh.materials[face] != _LEAF:
+            continue
+        b, c = np.float64(hits.barycentric[row, 0]), np.float64(hits.barycentric[row, 1])
+        first, second, third = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
+        u = (1.0 - b - c) * mesh.uvs[first, 0] + b * mesh.uvs[second, 0] + c * mesh.uvs[third, 0]
+        v = (1.0 - b - c) * mesh.uvs[first, 1] + b * mesh.uvs[second, 1] + c * mesh.uvs[third, 1]
+        diagonal = minus(row_of(mesh.vertices, third), row_of(mesh.vertices, first))
+        side = minus(row_of(mesh.vertices, second), row_of(mesh.vertices, first))
+        if max(dot(diagonal, diagonal), dot(side, side)) > _LARGEST_CARD_M**2:
+            continue
+        # Both triangles of a card start at the same vertex.
+        noise = value_noise(u * _LEAVES_PER_METRE, v * _LEAVES_PER_METRE, first)
+        noise += 0.5 * value_noise(2.3 * u * _LEAVES_PER_METRE, 2.3 * v * _LEAVES_PER_METRE, first)
+        if noise < _OPENNESS:
+            found[count] = index
+            count += 1
+    return found[:count]

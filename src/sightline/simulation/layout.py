@@ -1,0 +1,192 @@
+"""What a street is made of: lanes, kerbs, pavements, a crossing road and what stands beside."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.simulation.layout_line import CenterLine, Terrain
+
+KERB_HEIGHT_M: Final = 0.12
+
+
+class StreetKind(Enum):
+    """What kind of place a street is in."""
+
+    RESIDENTIAL = "residential"
+    CITY = "city"
+    AVENUE = "avenue"
+    COUNTRY = "country"
+    SQUARE = "square"
+
+
+class Parking(Enum):
+    """How cars stand along the kerb."""
+
+    NONE = "none"
+    PARALLEL = "parallel"
+    ANGLED = "angled"
+    PERPENDICULAR = "perpendicular"
+
+
+PARKING_DEPTH_M: Final = {
+    Parking.NONE: 0.0,
+    Parking.PARALLEL: 2.1,
+    Parking.ANGLED: 5.1,
+    Parking.PERPENDICULAR: 5.2,
+}
+
+
+class Ground(Enum):
+    """What a band beside the carriageway is."""
+
+    VERGE = "verge"
+    CYCLE_PATH = "cycle path"
+    PAVEMENT = "pavement"
+    SHOULDER = "shoulder"
+
+
+class Plots(Enum):
+    """What stands beyond the pavement."""
+
+    HOUSES = "houses"
+    TERRACES = "terraces"
+    APARTMENTS = "apartments"
+    BLOCKS = "blocks"
+    HALLS = "halls"
+    PARK = "park"
+    FOREST = "forest"
+    FIELD = "field"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Lane:
+    """A way for vehicles along a road."""
+
+    offset: float
+    """Of its middle from the centre line [m], positive to the left."""
+    width: float
+    direction: int
+    """1 along the line, -1 against it."""
+    for_trams: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Band:
+    """A strip of ground beside the carriageway; distances from the centre line [m]."""
+
+    ground: Ground
+    inner: float
+    outer: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Side:
+    """Everything on one side of a road; distances from the centre line [m], all positive."""
+
+    sign: int
+    """1 left, -1 right."""
+    lane_edge: float
+    """Where the lanes end and parking begins."""
+    edge: float
+    """Where the carriageway ends."""
+    level: float
+    """Height of the bands above the carriageway."""
+    parking: Parking
+    bands: tuple[Band, ...]
+    plots: Plots
+    setback: float
+    """Between the last band and the buildings."""
+    has_tree_row: bool = False
+    gaps: tuple[tuple[float, float], ...] = ()
+    """Stations between which a crossing road opens this side."""
+
+    @property
+    def outer(self) -> float:
+        """Where the last band ends."""
+        return self.bands[-1].outer
+
+    def band(self, ground: Ground) -> Band | None:
+        """The band of this kind, or None."""
+        return next((band for band in self.bands if band.ground is ground), None)
+
+    def stretches(
+        self, first: float, last: float, margin: float = 0.0
+    ) -> tuple[tuple[float, float], ...]:
+        """What is left between two stations without the gaps, each widened by `margin`."""
+        cuts = [first]
+        for start, stop in self.gaps:
+            cuts += [start - margin, stop + margin]
+        cuts.append(last)
+        pairs = zip(cuts[::2], cuts[1::2], strict=True)
+        return tuple((max(a, first), min(b, last)) for a, b in pairs if b - a > 0.5)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Road:
+    """A road with its lanes and both sides."""
+
+    line: CenterLine
+    first: float
+    last: float
+    """Stations between which it is built."""
+    lanes: tuple[Lane, ...]
+    left: Side
+    right: Side
+    has_kerbs: bool
+
+    @property
+    def sides(self) -> tuple[Side, Side]:
+        """Left and right."""
+        return self.left, self.right
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Junction:
+    """Where a road crosses the main one or ends at it.
+
+    The stations of the crossing road are the offsets of the main road.
+    """
+
+    station: float
+    radius: float
+    """Of the kerb at the corners [m]."""
+    corner: float
+    """Side of the square that a corner takes beside both carriageways [m]."""
+    cross: Road
+    opens_left: bool
+    opens_right: bool
+    has_lights: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Layout:
+    """A street before anything is built."""
+
+    kind: StreetKind
+    terrain: Terrain
+    main: Road
+    junction: Junction | None
+    ego_lane: Lane
+    main_waits: bool
+    """Whether the main road stands at the junction while the crossing one drives."""
+    wooded_horizon: bool
+
+    @property
+    def roads(self) -> tuple[Road, ...]:
+        """All roads."""
+        return (self.main,) if self.junction is None else (self.main, self.junction.cross)
+
+
+def surface_level(road: Road, station: float, offset: float) -> float:
+    """Height [m] of carriageway or bands above the terrain beside a road.
+
+    Kerbs are ramps of 0.3 m for who walks over them.
+    """
+    side = road.left if offset >= 0 else road.right
+    if any(start <= station <= stop for start, stop in side.gaps):
+        return 0.0
+    over: Float64[np.ndarray, ""] = np.clip((abs(offset) - side.edge + 0.15) / 0.3, 0.0, 1.0)
+    return side.level * float(over)

@@ -1,0 +1,109 @@
+"""Lines that roads follow, and the ground that they lie on."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+_STEP: Final = 0.5  # m between the points that stand for a line
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CenterLine:
+    """A smooth line that stations [m] are counted along; it goes on straight beyond its ends.
+
+    A place near it is (station, offset): offsets [m] are positive to the left.
+    """
+
+    first_station: float
+    points: Float64[np.ndarray, "num_points 2"]
+    """World x, y every half metre."""
+    yaws: Float64[np.ndarray, " num_points"]
+    """Heading at the points [rad], without jumps."""
+
+    def yaw(self, station: Float[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
+        """Heading [rad] at a station."""
+        rows = (np.asarray(station) - self.first_station) / _STEP
+        return np.asarray(np.interp(rows, np.arange(len(self.yaws)), self.yaws))
+
+    def place(
+        self, station: Float[np.ndarray, "..."], offset: Float[np.ndarray, "..."]
+    ) -> Float64[np.ndarray, "... 2"]:
+        """World x, y of places given by station and offset, which are broadcast."""
+        station, offset = np.broadcast_arrays(
+            np.asarray(station, np.float64), np.asarray(offset, np.float64)
+        )
+        rows = (station - self.first_station) / _STEP
+        count = np.arange(len(self.points))
+        beyond = (rows - np.clip(rows, 0, len(count) - 1)) * _STEP
+        yaw = np.interp(rows, count, self.yaws)
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        x = np.interp(rows, count, self.points[:, 0]) + beyond * cos - offset * sin
+        y = np.interp(rows, count, self.points[:, 1]) + beyond * sin + offset * cos
+        return np.stack((x, y), axis=-1)
+
+
+def straight_line(
+    start: Float64[np.ndarray, "2"], yaw: float, first_station: float, last_station: float
+) -> CenterLine:
+    """A straight line whose station 0 is at `start`."""
+    stations = np.arange(first_station, last_station + _STEP, _STEP)
+    points = start + stations[:, None] * np.array([np.cos(yaw), np.sin(yaw)])
+    return CenterLine(first_station=first_station, points=points, yaws=np.full(len(stations), yaw))
+
+
+def station_grid(first_station: float, last_station: float) -> Float64[np.ndarray, " num_points"]:
+    """The stations at which `curved_line` takes curvatures."""
+    first = np.floor(first_station / _STEP) * _STEP
+    return np.arange(first, last_station + _STEP, _STEP)
+
+
+def curved_line(
+    stations: Float64[np.ndarray, " num_points"],
+    curvatures: Float64[np.ndarray, " num_points"],
+    origin_offset: float,
+) -> CenterLine:
+    """The line with these curvatures [1/m], of which (0, `origin_offset`) is the world's origin.
+
+    At station 0, which `stations` holds, it heads along +x.
+    """
+    steps = 0.5 * (curvatures[1:] + curvatures[:-1]) * _STEP
+    yaws = np.concatenate(([0.0], np.cumsum(steps)))
+    zero = int(np.argmin(np.abs(stations)))
+    yaws -= yaws[zero]
+    middle = 0.5 * (yaws[1:] + yaws[:-1])
+    ways = _STEP * np.stack((np.cos(middle), np.sin(middle)), axis=1)
+    points = np.concatenate((np.zeros((1, 2)), np.cumsum(ways, axis=0)))
+    points -= points[zero] + np.array([0.0, origin_offset])
+    return CenterLine(first_station=float(stations[0]), points=points, yaws=yaws)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Terrain:
+    """Gently waving ground, level at the world's origin."""
+
+    wave_vectors: Float64[np.ndarray, "num_waves 2"]
+    """[rad/m]."""
+    phases: Float64[np.ndarray, " num_waves"]
+    amplitudes: Float64[np.ndarray, " num_waves"]
+    """[m]."""
+
+    def height(self, places: Float[np.ndarray, "*shape 2"]) -> Float64[np.ndarray, "*shape"]:
+        """Height [m] of the ground at world x, y."""
+        angles = places @ self.wave_vectors.T
+        waves = np.sin(angles + self.phases) - np.sin(self.phases) - angles * np.cos(self.phases)
+        return np.asarray(waves @ self.amplitudes)
+
+
+def draw_terrain(rng: np.random.Generator) -> Terrain:
+    """Ground that bends by at most 1 mm within 2.5 m, so that flat pieces of it fit."""
+    lengths = rng.uniform((80.0, 130.0, 250.0), (110.0, 200.0, 400.0))
+    directions = rng.uniform(0, 2 * np.pi, 3)
+    numbers = 2 * np.pi / lengths
+    steepness = rng.uniform(0.0, (0.003, 0.004, 0.006))
+    return Terrain(
+        wave_vectors=numbers[:, None] * np.stack((np.cos(directions), np.sin(directions)), axis=1),
+        phases=rng.uniform(0, 2 * np.pi, 3),
+        amplitudes=steepness / numbers,
+    )

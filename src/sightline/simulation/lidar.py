@@ -1,0 +1,290 @@
+"""Spinning LiDARs: which lasers they have, and the sweep that one takes of a scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int32
+
+from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.simulation.materials import SURFACES, Material
+from sightline.simulation.raycast import Hits, Raycaster
+from sightline.simulation.scene import Motion, Scene, world_from_footprint
+
+_MID_GREY = 0.25  # albedo (linear) of the sample that `Surface.lidar_reflectance` speaks of
+_COLOR_RANGE = (0.35, 1.8)  # how far a dark or bright colour moves the reflectance at 905 nm
+_RETRO_REFLECTANCE = 12.0  # of signs and plates, which send the light back where it came from
+# Paint and polished metal send most of the light elsewhere; fitted to the points on KITTI's cars.
+_GLEAMING_ECHO = 0.055  # share of the echo that such a surface gives
+_GLEAMING_LOSS = 0.28  # share of returns from it that are lost however near
+_BEHIND_GLASS_M = 1e-3
+_TURN_S = 0.1
+
+# Fitted to the reflectances of KITTI's files, over all and by range. The sensor's own correction
+# evens out surfaces and slants, and leaves nothing of weak echoes.
+_GAIN = 0.63
+_REFLECTANCE_POWER = 0.33
+_COSINE_POWER = 0.1
+_FADING = 0.22  # subtracted at 40 m
+_FADING_POWER = 2.0
+_SPECKLE = 0.28  # standard deviation of a reading, as a share of it
+_BLANK = 0.12  # share of returns that report 0 whatever they hit
+
+# By material.
+_REFLECTANCE = np.array([SURFACES[material].lidar_reflectance for material in Material])
+_TRANSMISSION = np.array([SURFACES[material].lidar_transmission for material in Material])
+_GLEAMS = np.array([SURFACES[material].mirror > 0 for material in Material])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Laser:
+    """One laser of a spinning LiDAR."""
+
+    elevation_deg: float
+    """Of its beam."""
+    offset_m: float = 0.0
+    """How far above the sensor's origin the beam crosses the axis."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BlindSector:
+    """Where the car that carries the sensor stands in the beams' way."""
+
+    azimuth_deg: tuple[float, float]
+    """From, to, counter-clockwise; 0 is straight ahead."""
+    below_deg: float
+    """Beams below this elevation are lost there."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarConfig:
+    """A LiDAR and its faults."""
+
+    lasers: tuple[Laser, ...]
+    """From the top."""
+    azimuth_step_deg: float = 0.1728
+    """Between two firings of a laser; 0.1728 is a Velodyne at 10 turns a second."""
+    blind_sectors: tuple[BlindSector, ...] = ()
+    height_m: float = KITTI_LIDAR_HEIGHT_M
+    """Of its origin above the road."""
+    min_range_m: float = 1.5
+    max_range_m: float = 80.0
+    range_noise_m: float = 0.013
+    """Standard deviation along the ray."""
+    drop_out: float = 0.01
+    """Share of returns lost whatever they hit."""
+    detectable_echo: float = 0.01
+    """Echo (reflectance * cosine / (range / 40 m)^2) that is found with probability 1 - 1/e."""
+    rolling_shutter: bool = False
+    """Whether the sensor moves during its turn, which skews the sweep as real ones are."""
+
+    def __post_init__(self) -> None:
+        """Checks that rings come from the top, as KITTI's files order them."""
+        elevations = [laser.elevation_deg for laser in self.lasers]
+        if not elevations or elevations != sorted(elevations, reverse=True):
+            raise ValueError(
+                f"a LiDAR needs lasers whose elevations fall from the top, got {elevations} degrees"
+            )
+        if self.azimuth_step_deg <= 0 or not 0 <= self.min_range_m < self.max_range_m:
+            raise ValueError(
+                "a LiDAR needs azimuth_step_deg above 0 and min_range_m below max_range_m, got "
+                f"{self.azimuth_step_deg}, {self.min_range_m} and {self.max_range_m}"
+            )
+
+
+def _fan(top_deg: float, bottom_deg: float, count: int, offset_m: float = 0.0) -> tuple[Laser, ...]:
+    elevations = np.linspace(top_deg, bottom_deg, count).tolist()
+    return tuple(Laser(elevation_deg=elevation, offset_m=offset_m) for elevation in elevations)
+
+
+LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
+LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
+    # KITTI's own, measured in its sweeps: two blocks of lasers, the upper one closer together, and
+    # the car's roof, rails and aerial below them.
+    "hdl-64e": LidarConfig(
+        lasers=(*_fan(2.0, -8.6, 32, 0.19), *_fan(-8.95, -25.0, 32, 0.11)),
+        azimuth_step_deg=360 / 2150,
+        blind_sectors=(
+            BlindSector(azimuth_deg=(160.0, 200.0), below_deg=-18.5),
+            BlindSector(azimuth_deg=(200.0, 210.0), below_deg=-22.5),
+            BlindSector(azimuth_deg=(150.0, 160.0), below_deg=-22.0),
+            BlindSector(azimuth_deg=(284.0, 302.0), below_deg=-16.5),
+            BlindSector(azimuth_deg=(340.0, 360.0), below_deg=-22.0),
+            BlindSector(azimuth_deg=(0.0, 16.0), below_deg=-22.0),
+        ),
+    ),
+    "hdl-32e": LidarConfig(lasers=_fan(10.67, -30.67, 32), azimuth_step_deg=360 / 2160),
+    "vlp-16": LidarConfig(lasers=_fan(15.0, -15.0, 16), azimuth_step_deg=0.2),
+}
+
+
+def take_sweep(
+    scene: Scene,
+    raycaster: Raycaster,
+    *,
+    rng: np.random.Generator,
+    config: LidarConfig,
+    ego: Motion | None = None,
+    time_s: float = 0.0,
+) -> Float32[np.ndarray, "num_points 4"]:
+    """One turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 0.99].
+
+    Points come in the order of KITTI's files: ring by ring from the top, each from straight ahead
+    counter-clockwise. An echo grows with the reflectance of the surface and the cosine of
+    incidence and falls with the square of the range; weak ones are lost by chance, most from what
+    gleams. Glass lets most of the light through: it returns from what stands behind, or not at all.
+
+    Args:
+        scene: The street, which stands still during the turn.
+        raycaster: Over the scene's mesh.
+        rng: Draws noise and losses.
+        config: The sensor.
+        ego: The sensor's way, for `rolling_shutter`; the turn starts at `time_s`.
+        time_s: When the turn starts.
+    """
+    firings = _firings(config)
+    if config.rolling_shutter and ego is not None:
+        world_from_lidar = _poses_in_turn(ego, time_s, firings.azimuths, config)
+    else:
+        world_from_lidar = world_from_footprint(scene.ego, config.height_m)[None]
+    origins, directions = _in_world(firings, world_from_lidar)
+    hits = _cast_through_glass(scene, raycaster, origins, directions, rng)
+    met = np.flatnonzero((hits.faces >= 0) & (hits.distances < config.max_range_m))
+    ranges = hits.distances[met].astype(np.float64)
+    reflectance, cosine = _surface_answers(scene, hits.faces[met], directions[met])
+    gleams = _GLEAMS[scene.mesh.materials[hits.faces[met]]]
+    echo = np.where(gleams, _GLEAMING_ECHO, 1.0) * reflectance * cosine / (ranges / 40.0) ** 2
+    found = (1 - config.drop_out) * -np.expm1(-echo / config.detectable_echo)
+    found *= np.where(gleams, 1 - _GLEAMING_LOSS, 1.0)
+    kept = (rng.random(len(met)) < found) & (ranges > config.min_range_m)
+    noisy = ranges + rng.normal(0.0, config.range_noise_m, len(met))
+    intensity = _intensity(reflectance, cosine, ranges, rng)
+    places = firings.directions[met] * noisy[:, None]
+    places[:, 2] += firings.offsets_m[met]
+    # KITTI's files hold whole millimetres and hundredths.
+    points = np.column_stack((places.round(3), intensity.round(2))).astype(np.float32)
+    sweep: Float32[np.ndarray, "num_points 4"] = points[kept]
+    return sweep
+
+
+class _Firings(NamedTuple):
+    """All shots of a turn in the LiDAR frame, in the order of KITTI's files."""
+
+    directions: Float64[np.ndarray, "num_rays 3"]
+    """Unit vectors."""
+    offsets_m: Float64[np.ndarray, " num_rays"]
+    """Where they start, above the origin."""
+    azimuths: Float64[np.ndarray, " num_rays"]
+    """In [0, 2 pi)."""
+
+
+def _firings(config: LidarConfig) -> _Firings:
+    steps = np.deg2rad(np.arange(config.azimuth_step_deg / 2, 360.0, config.azimuth_step_deg))
+    elevations = np.deg2rad([laser.elevation_deg for laser in config.lasers])
+    elevation = np.repeat(elevations, len(steps))
+    azimuth = np.tile(steps, len(elevations))
+    offset = np.repeat([laser.offset_m for laser in config.lasers], len(steps))
+    free = np.ones(len(azimuth), dtype=bool)
+    for sector in config.blind_sectors:
+        start, end = np.deg2rad(sector.azimuth_deg)
+        hidden = (azimuth >= start) & (azimuth < end) & (elevation < np.deg2rad(sector.below_deg))
+        free &= ~hidden
+    elevation, azimuth = elevation[free], azimuth[free]
+    directions = np.stack(
+        (
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ),
+        axis=-1,
+    )
+    return _Firings(directions, offset[free], azimuth)
+
+
+def _in_world(
+    firings: _Firings, world_from_lidar: Float64[np.ndarray, "num_poses 4 4"]
+) -> tuple[Float32[np.ndarray, "num_rays 3"], Float32[np.ndarray, "num_rays 3"]]:
+    """Origins and directions of the shots; one pose for all, or one each."""
+    rotations, positions = world_from_lidar[:, :3, :3], world_from_lidar[:, :3, 3]
+    origins = positions + rotations[:, :, 2] * firings.offsets_m[:, None]
+    if len(rotations) == 1:
+        directions = firings.directions @ rotations[0].T
+    else:
+        directions = (rotations @ firings.directions[:, :, None])[:, :, 0]
+    return origins.astype(np.float32), directions.astype(np.float32)
+
+
+def _poses_in_turn(
+    ego: Motion, time_s: float, azimuths: Float64[np.ndarray, " num_rays"], config: LidarConfig
+) -> Float64[np.ndarray, "num_rays 4 4"]:
+    """Where the sensor is at each firing: a turn goes counter-clockwise from behind to behind."""
+    since_start = np.mod(azimuths + np.pi, 2 * np.pi) / (2 * np.pi) * _TURN_S
+    moments, firing = np.unique(since_start, return_inverse=True)
+    poses = [
+        world_from_footprint(ego.at(time_s + moment), config.height_m)
+        for moment in moments.tolist()
+    ]
+    return np.stack(poses)[firing]
+
+
+def _cast_through_glass(
+    scene: Scene,
+    raycaster: Raycaster,
+    origins: Float32[np.ndarray, "num_rays 3"],
+    directions: Float32[np.ndarray, "num_rays 3"],
+    rng: np.random.Generator,
+) -> Hits:
+    """First hits, where some rays pass one pane and find what is behind it; distances in all."""
+    hits = raycaster.cast(origins, directions)
+    passed = np.flatnonzero(_passes(scene, hits.faces, rng))
+    advance = hits.distances[passed] + np.float32(_BEHIND_GLASS_M)
+    behind = raycaster.cast(
+        origins[passed] + directions[passed] * advance[:, None], directions[passed]
+    )
+    # What a second pane lets through is lost: the light has to come back through all of them.
+    lost = _passes(scene, behind.faces, rng)
+    faces, distances, barycentric = (np.array(column) for column in hits)
+    faces[passed] = np.where(lost, -1, behind.faces)
+    distances[passed] = np.where(lost, np.inf, behind.distances + advance)
+    barycentric[passed] = behind.barycentric
+    return Hits(faces, distances.astype(np.float32), barycentric)
+
+
+def _passes(
+    scene: Scene, faces: Int32[np.ndarray, " num_rays"], rng: np.random.Generator
+) -> Bool[np.ndarray, " num_rays"]:
+    chance = np.where(faces >= 0, _TRANSMISSION[scene.mesh.materials[faces]], 0.0)
+    return rng.random(len(faces)) < chance
+
+
+def _surface_answers(
+    scene: Scene,
+    faces: Int32[np.ndarray, " num_hits"],
+    directions: Float32[np.ndarray, "num_hits 3"],
+) -> tuple[Float64[np.ndarray, " num_hits"], Float64[np.ndarray, " num_hits"]]:
+    """Reflectance of the surface in its colour, and the cosine of incidence."""
+    materials = scene.mesh.materials[faces]
+    brightness = scene.mesh.colors[faces].mean(axis=1) / _MID_GREY
+    reflectance = _REFLECTANCE[materials] * np.clip(0.5 + 0.5 * brightness, *_COLOR_RANGE)
+    reflectance[materials == Material.RETRO_REFLECTOR] = _RETRO_REFLECTANCE
+    corners = scene.mesh.vertices[scene.mesh.faces[faces]].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1).clip(min=1e-12)
+    return reflectance, np.abs((normals * directions).sum(axis=1)) / lengths
+
+
+def _intensity(
+    reflectance: Float64[np.ndarray, " num_hits"],
+    cosine: Float64[np.ndarray, " num_hits"],
+    ranges: Float64[np.ndarray, " num_hits"],
+    rng: np.random.Generator,
+) -> Float64[np.ndarray, " num_hits"]:
+    """What the sensor reports."""
+    level = _GAIN * reflectance**_REFLECTANCE_POWER * cosine**_COSINE_POWER
+    fading = _FADING * (ranges / 40.0) ** _FADING_POWER
+    reported: Float64[np.ndarray, " num_hits"] = (
+        level * rng.normal(1.0, _SPECKLE, len(ranges)) - fading
+    )
+    reported[rng.random(len(ranges)) < _BLANK] = 0.0
+    return reported.clip(0.0, 0.99)

@@ -1,0 +1,218 @@
+"""The plots beside a street: which buildings stand where, and where cars stand off the road."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.simulation.layout import Layout, Plots, Road, Side
+
+_BUILT_FROM_M: Final = -50.0
+_CROSS_CLEARANCE_M: Final = 26.0
+"""How far plots of the crossing road keep from the junction, where those of the main road are."""
+
+
+class Boundary(Enum):
+    """What parts a plot from the pavement."""
+
+    OPEN = "open"
+    HEDGE = "hedge"
+    FENCE = "fence"
+    WALL = "wall"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Lot:
+    """A piece of land along a side of a road, with a building or without."""
+
+    road: Road
+    side: Side
+    plots: Plots
+    start: float
+    """Station where it begins."""
+    width: float
+    front: float
+    """Distance of the building's front from the centre line."""
+    building: tuple[float, float, float] | None
+    """Start station, width and depth of the building."""
+    driveway: float | None
+    """Station of the middle of a driveway or of the way into a forecourt."""
+    boundary: Boundary
+
+    @property
+    def stop(self) -> float:
+        """Station where it ends."""
+        return self.start + self.width
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Footprint:
+    """The rectangle that a building covers."""
+
+    corner: tuple[float, float]
+    """World x, y of the left end of its front, seen from the street."""
+    yaw: float
+    """Along the front to the right; the building is to the left of it."""
+    width: float
+    depth: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bay:
+    """A place off the road where a car may stand: world x, y and heading."""
+
+    x: float
+    y: float
+    yaw: float
+    level: float
+    """Above the terrain [m]."""
+
+
+def draw_lots(rng: np.random.Generator, layout: Layout) -> tuple[Lot, ...]:
+    """Parts the land along all roads into lots."""
+    lots: list[Lot] = []
+    for road in layout.roads:
+        is_main = road is layout.main
+        margin = 2.0 if is_main else _CROSS_CLEARANCE_M
+        first = max(road.first, _BUILT_FROM_M) if is_main else road.first
+        for side in road.sides:
+            for start, stop in side.stretches(first, road.last, margin):
+                lots += _lots_along(rng, road, side, start, stop)
+    return tuple(lots)
+
+
+def footprint_of(lot: Lot) -> Footprint | None:
+    """Where a lot's building stands."""
+    if lot.building is None:
+        return None
+    start, width, depth = lot.building
+    sign = lot.side.sign
+    middle = np.array(start + width / 2)
+    yaw = float(lot.road.line.yaw(middle)) + (0.0 if sign > 0 else np.pi)
+    place = lot.road.line.place(middle, np.array(sign * lot.front))
+    corner = place - width / 2 * np.array([np.cos(yaw), np.sin(yaw)])
+    return Footprint(corner=(float(corner[0]), float(corner[1])), yaw=yaw, width=width, depth=depth)
+
+
+def bays_of(rng: np.random.Generator, lots: tuple[Lot, ...]) -> tuple[Bay, ...]:
+    """Places for cars in driveways and forecourts, in no order of preference."""
+    bays = []
+    for lot in lots:
+        if lot.driveway is None or lot.building is None:
+            continue
+        side = lot.side
+        if lot.plots is Plots.HALLS:
+            room = lot.front - side.outer
+            if room < 8.0:
+                continue
+            stations = np.arange(lot.building[0] + 1.5, lot.building[0] + lot.building[1], 2.7)
+            stations = stations[np.abs(stations - lot.driveway) > 3.5]
+            distance = lot.front - 3.6
+        else:
+            if lot.front - side.outer < 5.4:
+                continue
+            stations = np.array([lot.driveway])
+            distance = side.outer + 2.9
+        places = lot.road.line.place(stations, np.array(side.sign * distance))
+        headings = lot.road.line.yaw(stations) + side.sign * np.pi / 2
+        for place, inwards in zip(places, headings.tolist(), strict=True):
+            yaw = inwards if rng.random() < 0.6 else inwards + np.pi
+            bays.append(Bay(x=float(place[0]), y=float(place[1]), yaw=yaw, level=side.level))
+    return tuple(bays)
+
+
+def _lots_along(
+    rng: np.random.Generator, road: Road, side: Side, first: float, last: float
+) -> list[Lot]:
+    if side.plots in (Plots.PARK, Plots.FOREST, Plots.FIELD):
+        boundary = _draw_open_boundary(rng, side.plots)
+        return [
+            Lot(
+                road=road, side=side, plots=side.plots, start=first, width=last - first,
+                front=side.outer + side.setback, building=None, driveway=None, boundary=boundary,
+            )
+        ]  # fmt: skip
+    lots = []
+    station = first + float(rng.uniform(0.0, 4.0))
+    boundary = _draw_boundary(rng, side.plots)
+    while station < last - 6.0:
+        width, depth, gap = _draw_building(rng, side.plots)
+        width = min(width, last - station)
+        if width < 5.0:
+            break
+        front = side.outer + side.setback
+        if side.plots in (Plots.HOUSES, Plots.APARTMENTS):
+            front += float(rng.uniform(0.0, 1.5))
+            if rng.random() < 0.25:
+                boundary = _draw_boundary(rng, side.plots)
+        ahead = gap * float(rng.uniform(0.3, 0.7))
+        has_driveway = rng.random() < _DRIVEWAY_SHARES.get(side.plots, 0.0)
+        room = min(gap + 1.0, last - station - width)
+        driveway = station + width + room / 2 if gap > 2.2 else station + width / 2
+        lots.append(
+            Lot(
+                road=road,
+                side=side,
+                plots=side.plots,
+                start=station - ahead,
+                width=width + gap,
+                front=front,
+                building=(station, width, depth),
+                driveway=float(driveway) if has_driveway and driveway < last - 2.0 else None,
+                boundary=boundary,
+            )
+        )
+        station += width + gap
+    return lots
+
+
+_DRIVEWAY_SHARES: Final = {
+    Plots.HOUSES: 0.75,
+    Plots.TERRACES: 0.2,
+    Plots.APARTMENTS: 0.3,
+    Plots.HALLS: 0.8,
+}
+
+
+def _draw_building(rng: np.random.Generator, plots: Plots) -> tuple[float, float, float]:
+    """Width and depth of a building, and the room to the next [m]."""
+    if plots is Plots.HOUSES:
+        low, high = (8.0, 8.0, 3.2), (13.5, 11.0, 9.0)
+    elif plots is Plots.TERRACES:
+        low, high = (6.0, 9.0, 0.0), (8.0, 10.0, 0.0)
+    elif plots is Plots.APARTMENTS:
+        low, high = (16.0, 10.0, 6.0), (34.0, 13.0, 16.0)
+    elif plots is Plots.HALLS:
+        low, high = (18.0, 14.0, 6.0), (42.0, 24.0, 25.0)
+    else:
+        low, high = (9.0, 10.0, 0.0), (20.0, 13.0, 0.0)
+    width, depth, gap = rng.uniform(low, high).tolist()
+    if plots is Plots.BLOCKS and rng.random() < 0.08:
+        gap = 4.0
+    return width, depth, gap
+
+
+def _draw_boundary(rng: np.random.Generator, plots: Plots) -> Boundary:
+    if plots in (Plots.BLOCKS, Plots.HALLS):
+        return Boundary.OPEN
+    shares = (0.2, 0.36, 0.24, 0.2) if plots is Plots.HOUSES else (0.45, 0.3, 0.15, 0.1)
+    return list(Boundary)[int(rng.choice(4, p=shares))]
+
+
+def _draw_open_boundary(rng: np.random.Generator, plots: Plots) -> Boundary:
+    if plots is Plots.PARK:
+        return list(Boundary)[int(rng.choice(4, p=(0.5, 0.3, 0.1, 0.1)))]
+    if plots is Plots.FIELD and rng.random() < 0.2:
+        return Boundary.FENCE
+    return Boundary.OPEN
+
+
+def footprint_corners(footprint: Footprint) -> Float64[np.ndarray, "4 2"]:
+    """World x, y of the corners, counter-clockwise from the front's start."""
+    along = np.array([np.cos(footprint.yaw), np.sin(footprint.yaw)])
+    inwards = np.array([-along[1], along[0]])
+    start = np.array(footprint.corner)
+    width, depth = along * footprint.width, inwards * footprint.depth
+    return np.stack((start, start + width, start + width + depth, start + depth))

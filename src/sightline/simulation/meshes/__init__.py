@@ -1,0 +1,1 @@
+"""Procedural geometry of the simulated streets: everything is made here from numbers."""

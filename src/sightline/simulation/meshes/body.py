@@ -1,0 +1,327 @@
+"""The form of cars and vans, and the skin of all below the windows, with wheel arches.
+
+The skin is a grid of rings around the vehicle. Where lamps and gaps begin and end, the grid has a
+line, so that their edges are sharp. Vehicle frame: origin on the ground below the middle,
+x ahead, y left, z up; metres. "Place" means x as a share of half the length: 1 at the front
+bumper, -1 at the rear one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+
+from sightline.simulation.materials import Material
+from sightline.simulation.meshes.edits import painted
+from sightline.simulation.meshes.primitives import Finish, grid, kept, without_slivers
+from sightline.simulation.scene import Mesh
+
+BLACK_PLASTIC = Finish(Material.PLASTIC, (0.022, 0.022, 0.024))
+GAP = Finish(Material.PLASTIC, (0.006, 0.006, 0.006))
+TINTED_GLASS = Finish(Material.GLASS, (0.016, 0.019, 0.021))
+HEADLIGHT = Finish(Material.HEADLIGHT, (0.17, 0.18, 0.20))
+TAIL_LIGHT = Finish(Material.TAIL_LIGHT, (0.42, 0.012, 0.012))
+REVERSING_LIGHT = Finish(Material.TAIL_LIGHT, (0.50, 0.46, 0.44))
+
+# Levels of the lower body as shares of the way from its lower edge to its shoulder, and how far the
+# skin stands back there: at the sides as a share of half the width, at the ends in metres.
+_LEVELS = np.array([0.0, 0.13, 0.32, 0.46, 0.475, 0.58, 0.69, 0.78, 0.82, 0.95, 1.0])
+_SIDE_INSETS = np.array([0.06, 0.022, 0.004, 0.0, 0.0, 0.002, 0.006, 0.011, 0.024, 0.040, 0.072])
+_ARCH_ANGLES = 9
+_GAP_HALF_WIDTH = 0.005  # m
+_ROUND_ROWS = np.array([0.965, 0.885, 0.87, 0.55, 0.25, 0.0])  # from the shoulder to the middle
+CROWN = 0.05
+"""By how much [m] bonnet and boot are higher in the middle."""
+_UNDER_SHARE = 0.68  # of half the width, between the wheels
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BodyForm:
+    """Proportions of a body. Heights are shares of the vehicle's height unless in metres."""
+
+    front_wheel: float
+    """Place of the axle, as `rear_wheel`."""
+    rear_wheel: float
+    wheel_radius: float
+    clearance: float
+    """Height of the lower edge."""
+    shoulder: tuple[tuple[float, float], ...]
+    """(place, height) of the line where sides turn into bonnet, window sill and boot."""
+    front_insets_m: tuple[float, ...] = (
+        *(0.11, 0.05, 0.01, 0.0, 0.0, 0.025, 0.045, 0.065, 0.08, 0.14, 0.23),
+    )
+    """How far the front stands back at each level of the lower body."""
+    rear_insets_m: tuple[float, ...] = (
+        *(0.14, 0.06, 0.01, 0.0, 0.03, 0.04, 0.045, 0.05, 0.055, 0.065, 0.09),
+    )
+    front_roundness: float = 5.0
+    """Exponent of the superellipse that the outline follows; higher is squarer."""
+    rear_roundness: float = 7.0
+    screen_base: float
+    """Place of the windscreen's lower corners; its middle is `screen_bow_m` ahead."""
+    screen_top: float
+    rear_base: float
+    """Place of the lower corners of the cabin's rear."""
+    rear_top: float
+    screen_bow_m: float = 0.16
+    rear_bow_m: float = 0.07
+    base_width: float = 0.925
+    """Of the cabin, as a share of the vehicle's width."""
+    roof_width: float = 0.74
+    roof_crown_m: float = 0.05
+    roof_fall_front_m: float = 0.05
+    roof_fall_rear_m: float = 0.06
+    pillars: tuple[float, float]
+    """Places of the upright pillars behind the front and the rear side window."""
+    glazed: tuple[bool, bool, bool] = (True, True, False)
+    """Whether the front, rear and last side windows are glass."""
+    rear_glazed: bool = True
+    window_top: float = 0.85
+    """Where the windows end between the cabin's base 0 and its roof 1."""
+    last_window_end: float = 0.55
+    """Where the last side window ends between its pillar and the cabin's rear corner."""
+    door_gaps: tuple[float, ...]
+    """Places of the gaps between doors and wings."""
+    lamp_end: float = 0.80
+    """Place where the headlights end at the side."""
+    lamp_inner: float = 0.55
+    """Where they begin, as a share of half the width."""
+    lamp_levels: tuple[float, float] = (0.58, 0.82)
+    grille_half_width: float = 0.40
+    grille_levels: tuple[float, float] = (0.58, 0.78)
+    tail_start: float = -0.90
+    tail_inner: float = 0.66
+    tail_levels: tuple[float, float] = (0.58, 0.82)
+    cladding: bool = False
+    """Whether the lower edge is unpainted plastic."""
+    covered_bed: bool = False
+    """Whether all behind the cabin is a loading bed under a dark cover."""
+    split_rear: bool = False
+    """Whether the rear has two doors side by side."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Body:
+    """A body of some form and size."""
+
+    form: BodyForm
+    length: float
+    width: float
+    height: float
+    paint: Finish
+
+    def shoulder_height(self, x: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
+        """Height [m] of the shoulder at x [m]; corners of the form's line are rounded off."""
+        places, heights = np.array(self.form.shoulder).T
+        place = x / (self.length / 2)
+        nearby = [np.interp(place + step, places, heights) for step in (-0.07, -0.03, 0.03, 0.07)]
+        rounded: Float64[np.ndarray, "*shape"] = sum(nearby) / len(nearby) * self.height
+        return rounded
+
+    @property
+    def wheel_radius(self) -> float:
+        """Of the tyre [m]."""
+        return self.form.wheel_radius * self.height
+
+    @property
+    def clearance(self) -> float:
+        """Height [m] of the lower edge."""
+        return self.form.clearance * self.height
+
+    @property
+    def wheel_places(self) -> tuple[float, float]:
+        """Where along x [m] the front and the rear axle are."""
+        half = self.length / 2
+        return self.form.front_wheel * half, self.form.rear_wheel * half
+
+    def level_height(self, x: float, level: float) -> float:
+        """Height [m] of a level of the lower body at x [m]."""
+        at = min(max(x, self.rear_x(1.0)), self.front_x(1.0))
+        shoulder = float(self.shoulder_height(np.array([at]))[0])
+        return self.clearance + level * (shoulder - self.clearance)
+
+    def front_x(self, level: float) -> float:
+        """Where along x [m] the foremost line of a level is."""
+        return self.length / 2 - float(np.interp(level, _LEVELS, self.form.front_insets_m))
+
+    def rear_x(self, level: float) -> float:
+        """Where along x [m] the rearmost line of a level is."""
+        return -self.length / 2 + float(np.interp(level, _LEVELS, self.form.rear_insets_m))
+
+    def side_y(self, x: float, level: float) -> float:
+        """Distance [m] of the skin from the middle plane at x [m]."""
+        form = self.form
+        roundness = form.front_roundness if x > 0 else form.rear_roundness
+        outline = (1 - abs(x / (self.length / 2)) ** roundness) ** (1 / roundness)
+        inset = float(np.interp(level, _LEVELS, _SIDE_INSETS))
+        return float(self.width / 2 * outline * (1 - inset))
+
+    def screen_x(
+        self, level: float | Float64[np.ndarray, "*shape"]
+    ) -> float | Float64[np.ndarray, "*shape"]:
+        """Where along x [m] the windscreen's corners are, from the cabin's base 0 to its roof 1."""
+        form = self.form
+        return (form.screen_base + level * (form.screen_top - form.screen_base)) * self.length / 2
+
+    def cabin_half_width(
+        self, level: float | Float64[np.ndarray, "*shape"]
+    ) -> float | Float64[np.ndarray, "*shape"]:
+        """Half the width [m] of the cabin at a height between its base 0 and its roof 1."""
+        form = self.form
+        share = form.base_width + level * (form.roof_width - form.base_width)
+        half_width: float | Float64[np.ndarray, "*shape"] = (
+            self.width / 2 * (share + 0.018 * np.sin(np.pi * level))
+        )
+        return half_width
+
+
+def lower_body(body: Body) -> Mesh:
+    """All below the windows, with wheel arches, lamps, grille and gaps painted on."""
+    outline = _lower_outline(body)
+    skin = grid(_lower_points(body, outline), body.paint, closed=True)
+    rows = np.concatenate(([-1.0, -1.0, -1.0, -1.0], _LEVELS, 2 - _ROUND_ROWS))
+    level = (rows[1:] + rows[:-1])[:, None] / 2
+    following = np.roll(outline, -1, axis=0)
+    place, across = (outline + following).T / 2
+    cells = _lower_cells(body, level, place, np.abs(across))
+    palette = (body.paint, BLACK_PLASTIC, GAP, HEADLIGHT, TAIL_LIGHT, REVERSING_LIGHT)
+    form = body.form
+    inside = (level > 1.04) & (place < form.screen_base - 0.02) & (place > form.rear_base + 0.02)
+    skin = kept(painted(skin, cells, palette), ~np.repeat(inside.ravel(), 2))
+    return without_slivers(skin)
+
+
+def _lower_outline(body: Body) -> Float64[np.ndarray, "columns 2"]:
+    """(place, share of half the width) of the columns, from the front's middle over the left."""
+    form, half = body.form, body.length / 2
+    front_q = _sorted(0.0, 0.2, form.grille_half_width, form.lamp_inner, 0.68, 0.78, 0.85)
+    rear_q = _sorted(0.0, 0.22, 0.45, form.tail_inner, form.tail_inner + 0.1, 0.86)
+    gaps = [gap + side * _GAP_HALF_WIDTH / half for gap in form.door_gaps for side in (-1, 1)]
+    arches = _arch_places(body)
+    sides = _sorted(*gaps, *arches.ravel(), form.lamp_end, form.tail_start, -0.955)
+    front = np.stack((_superellipse(front_q, form.front_roundness), front_q), axis=1)
+    rear = np.stack((-_superellipse(rear_q, form.rear_roundness), rear_q), axis=1)[::-1]
+    roundness = np.where(sides > 0, form.front_roundness, form.rear_roundness)
+    side = np.stack((sides, _superellipse(np.abs(sides), roundness)), axis=1)[::-1]
+    side = side[(side[:, 0] < front[-1, 0] - 0.01) & (side[:, 0] > rear[0, 0] + 0.01)]
+    left = np.concatenate((front, side, rear))
+    return np.concatenate((left, left[-2:0:-1] * (1, -1)))
+
+
+def _arch_places(body: Body) -> Float64[np.ndarray, "2 angles"]:
+    """Places of the columns around the front and the rear wheel arch."""
+    reach = _arch_radius(body) * np.cos(np.linspace(0, np.pi, _ARCH_ANGLES)) / (body.length / 2)
+    return np.array([[body.form.front_wheel], [body.form.rear_wheel]]) + reach
+
+
+def _arch_radius(body: Body) -> float:
+    return 1.10 * body.wheel_radius + 0.025
+
+
+def _lower_edge(body: Body, x: Float64[np.ndarray, " columns"]) -> Float64[np.ndarray, " columns"]:
+    """Height [m] of the skin's lower edge, which rises over the wheels."""
+    edge = np.full_like(x, body.clearance)
+    for wheel in body.wheel_places:
+        rise = np.sqrt(np.maximum(_arch_radius(body) ** 2 - (x - wheel) ** 2, 0.0))
+        # The arch's outermost columns stand on the edge; the next ones are well above the axle.
+        edge = np.where(rise > 0.1 * body.wheel_radius, body.wheel_radius + rise, edge)
+    return edge
+
+
+def _lower_points(
+    body: Body, outline: Float64[np.ndarray, "columns 2"]
+) -> Float64[np.ndarray, "rows columns 3"]:
+    """The rings from the middle of the floor, out, up the sides and in over bonnet and boot."""
+    form = body.form
+    place, across = outline.T
+    at_front, at_rear = _smooth_step((place - 0.76) / 0.2), _smooth_step((-place - 0.78) / 0.18)
+    edge = _lower_edge(body, place * body.length / 2)
+    inset = np.outer(form.rear_insets_m, at_rear) - np.outer(form.front_insets_m, at_front)
+    x = place * body.length / 2 + inset
+    line = body.shoulder_height(x[-1])
+    shoulder = line + CROWN * (1 - across**2)
+    y = np.outer(1 - _SIDE_INSETS, across) * body.width / 2
+    z = body.clearance + np.outer(_LEVELS, shoulder - body.clearance)
+    z = np.maximum(z, edge + 0.012 * np.arange(len(_LEVELS))[:, None])
+    sides = np.stack((x, y, z), axis=-1)
+    under_x, under_y = x[0] - 0.1 * at_front + 0.1 * at_rear, y[0] * _UNDER_SHARE
+    floor = np.full_like(place, body.clearance)
+    below = [
+        np.stack((under_x, 0 * under_y, floor), axis=-1),
+        np.stack((under_x, under_y, floor), axis=-1),
+        np.stack((under_x, under_y, edge), axis=-1),
+        np.stack((x[0], 0.965 * y[0], edge), axis=-1),
+    ]
+    crown = CROWN * (1 - np.outer(_ROUND_ROWS, across) ** 2)
+    above = np.stack(
+        (
+            np.broadcast_to(x[-1], (len(_ROUND_ROWS), len(place))),
+            np.outer(_ROUND_ROWS, y[-1]),
+            line + crown,
+        ),
+        axis=-1,
+    )
+    return np.concatenate((np.stack(below), sides, above))
+
+
+def _lower_cells(
+    body: Body,
+    level: Float64[np.ndarray, "cell_rows 1"],
+    place: Float64[np.ndarray, " columns"],
+    across: Float64[np.ndarray, " columns"],
+) -> Int[np.ndarray, "cell_rows columns"]:
+    """Which finish of the palette each cell has: paint, plastic, gap, lamps."""
+    form = body.form
+    cells = np.zeros((len(level), len(place)), dtype=np.int64)
+    front, rear = (place > 0.8) & (across < 0.9), (place < -0.8) & (across < 0.9)
+    cells[np.broadcast_to(level < 0, cells.shape)] = 1
+    cells[within(level, 0.0, 0.13) & (form.cladding | (front | rear))] = 1
+    cells[within(level, 0.13, 0.32) & front & (across < form.lamp_inner)] = 1
+    cells[within(level, 0.13, 0.32) & form.cladding & ~(front | rear)] = 1
+    cells[within(level, *form.grille_levels) & front & (across < form.grille_half_width)] = 1
+    doors = np.zeros(len(place), dtype=bool)
+    for gap in form.door_gaps:
+        doors |= np.abs(place - gap) < 0.2 * _GAP_HALF_WIDTH / body.length
+    cells[within(level, 0.13, 1.0) & doors] = 2
+    cells[within(level, 0.46, 0.475) & rear & (across < 0.8)] = 2
+    bonnet = (place > form.screen_base) & (place < 0.9)
+    cells[within(level, 2 - 0.885, 2 - 0.87) & bonnet] = 2
+    lamps = (place > form.lamp_end) & (across > form.lamp_inner)
+    cells[within(level, *form.lamp_levels) & lamps] = 3
+    lamps = (place < form.tail_start) & (across > form.tail_inner)
+    cells[within(level, *form.tail_levels) & lamps] = 4
+    low = form.tail_levels[0]
+    inner = rear & within(across, form.tail_inner, form.tail_inner + 0.1)
+    cells[within(level, low, low + 0.11) & inner] = 5
+    if form.covered_bed:
+        cells[(level > 1.04) & (place < form.rear_base - 0.02)] = 1
+    return cells
+
+
+def within(
+    values: Float64[np.ndarray, "*shape"], low: float, high: float
+) -> Bool[np.ndarray, "*shape"]:
+    """Which values lie between the limits."""
+    between: Bool[np.ndarray, "*shape"] = (values > low) & (values < high)
+    return between
+
+
+def _sorted(*values: float) -> Float64[np.ndarray, " num_values"]:
+    """The values in order; of two closer than 2e-4 one stays."""
+    ordered = np.sort(np.array(values, dtype=np.float64))
+    apart = np.concatenate(([True], np.diff(ordered) > 2e-4))
+    return ordered[apart]
+
+
+def _superellipse(
+    coordinate: Float64[np.ndarray, "*shape"], exponent: float | Float64[np.ndarray, "*shape"]
+) -> Float64[np.ndarray, "*shape"]:
+    """The other coordinate of a point on the unit superellipse."""
+    other: Float64[np.ndarray, "*shape"] = (1 - coordinate**exponent) ** (1 / exponent)
+    return other
+
+
+def _smooth_step(values: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
+    clipped = np.clip(values, 0.0, 1.0)
+    smooth: Float64[np.ndarray, "*shape"] = clipped * clipped * (3 - 2 * clipped)
+    return smooth

@@ -1,0 +1,247 @@
+"""Human figures in the resting pose, of several builds and dressed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.simulation.materials import Material
+from sightline.simulation.meshes.edits import mirrored, painted
+from sightline.simulation.meshes.primitives import (
+    Finish,
+    boxes,
+    grid,
+    moved,
+    superellipsoid,
+    without_slivers,
+)
+from sightline.simulation.meshes.skeleton import (
+    LEFT,
+    REST_JOINTS,
+    RIGHT,
+    Bone,
+    Skinned,
+    chained,
+    rigid,
+)
+from sightline.simulation.meshes.wardrobe import (
+    CLOTH_SIDES,
+    HEAD_RINGS,
+    Legwear,
+    Outfit,
+    ellipse_stack,
+    front_columns,
+    hanging_cloth,
+    headwear,
+    luggage,
+)
+
+# Rings (height, half depth, half width, offset ahead) [m] of the resting figure of 1.75 m.
+_TRUNK_RINGS = np.array(
+    [
+        (0.835, 0.050, 0.080, 0.0),
+        (0.870, 0.105, 0.150, -0.008),
+        (0.940, 0.120, 0.172, -0.014),
+        (0.990, 0.115, 0.167, -0.008),
+        (1.000, 0.117, 0.168, -0.006),
+        (1.100, 0.106, 0.150, 0.004),
+        (1.210, 0.115, 0.162, 0.006),
+        (1.310, 0.121, 0.181, 0.004),
+        (1.375, 0.108, 0.192, -0.002),
+        (1.412, 0.090, 0.184, -0.006),
+        (1.440, 0.074, 0.148, -0.010),
+        (1.463, 0.063, 0.098, -0.011),
+        (1.485, 0.059, 0.066, -0.012),
+    ]
+)
+_LEG_RINGS = np.array(
+    [
+        (0.058, 0.030, 0.030, -0.005),
+        (0.072, 0.058, 0.052, -0.005),
+        (0.180, 0.055, 0.050, -0.010),
+        (0.330, 0.063, 0.057, -0.012),
+        (0.450, 0.062, 0.058, 0.0),
+        (0.520, 0.065, 0.062, 0.002),
+        (0.650, 0.077, 0.072, 0.0),
+        (0.800, 0.090, 0.084, 0.0),
+        (0.900, 0.092, 0.086, 0.0),
+        (0.950, 0.060, 0.060, 0.0),
+    ]
+)
+_ARM_RINGS = np.array(
+    [
+        (0.868, 0.026, 0.024, 0.004),
+        (0.880, 0.035, 0.032, 0.004),
+        (1.000, 0.042, 0.039, 0.002),
+        (1.100, 0.044, 0.042, 0.0),
+        (1.150, 0.046, 0.044, 0.0),
+        (1.250, 0.052, 0.048, 0.0),
+        (1.335, 0.058, 0.053, -0.002),
+        (1.385, 0.056, 0.053, -0.003),
+        (1.415, 0.044, 0.042, -0.006),
+        (1.432, 0.022, 0.022, -0.008),
+    ]
+)
+_EYE = Finish(Material.SKIN, (0.03, 0.02, 0.02))
+_NECK_HEIGHT = 1.49
+_CROWN_HEIGHT = 1.765
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Build:
+    """How a body is grown."""
+
+    height: float
+    """Metres, with hair."""
+    girth: float = 1.0
+    """Thickness of the trunk, 1 on average; the limbs follow in part."""
+    head: float = 1.0
+    """Size of the head against the body, 1 for adults."""
+    shoulders: float = 1.0
+    hips: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Figure:
+    """A dressed body that bends."""
+
+    skinned: Skinned
+    joints: Float64[np.ndarray, "num_bones 3"]
+    """Where each bone begins [m]."""
+
+
+def make_figure(build: Build, outfit: Outfit) -> Figure:
+    """A figure at rest; its soles stand on the ground."""
+    parts = [*_trunk(build, outfit), *_arms(build, outfit), *_legs(build, outfit)]
+    parts += _grown_head(build, [*_face(outfit), *headwear(outfit)])
+    parts += luggage(outfit, 0.12 * build.girth)
+    whole = Skinned.joined(parts)
+    scale = build.height / (_NECK_HEIGHT + build.head * (_CROWN_HEIGHT - _NECK_HEIGHT))
+    mesh = replace(whole.mesh, vertices=(whole.mesh.vertices * scale).astype(np.float32))
+    joints = REST_JOINTS.copy()
+    arms = [Bone.LEFT_ARM, Bone.LEFT_FOREARM, Bone.RIGHT_ARM, Bone.RIGHT_FOREARM]
+    joints[arms, 1] += np.sign(joints[arms, 1]) * _arm_shift(build)
+    return Figure(skinned=replace(whole, mesh=mesh), joints=joints * scale)
+
+
+def _arm_shift(build: Build) -> float:
+    """How much further out [m] than on average the arms hang."""
+    return 0.185 * (build.shoulders - 1) + 0.08 * (build.girth - 1)
+
+
+def _trunk(build: Build, outfit: Outfit) -> list[Skinned]:
+    rings = _TRUNK_RINGS.copy()
+    heights = rings[:, 0]
+    belly = np.interp(heights, (0.85, 1.10, 1.30, 1.42), (1.0, 1.2, 0.8, 0.3))
+    rings[:, 1:3] *= (1 + (build.girth - 1) * belly)[:, None]
+    rings[:, 2] *= np.interp(heights, (0.95, 1.10, 1.35), (build.hips, 1.0, build.shoulders))
+    rings[:, 3] += 0.10 * (build.girth - 1) * np.interp(heights, (0.9, 1.1, 1.3), (0, 1, 0))
+    top, bottom = Finish(Material.CLOTH, outfit.top), Finish(Material.CLOTH, outfit.bottom)
+    shirt = Finish(Material.CLOTH, outfit.top if outfit.shirt is None else outfit.shirt)
+    cells = np.zeros((len(rings) - 1, CLOTH_SIDES), dtype=np.int64)
+    cells[:, front_columns()] = 3
+    cells[heights[:-1] < 0.985] = 1
+    cells[heights[:-1] > 1.46] = 2
+    skin = Finish(Material.SKIN, outfit.skin)
+    mesh = grid(ellipse_stack(rings, CLOTH_SIDES, squareness=0.85), top, closed=True)
+    mesh = painted(mesh, cells, (top, bottom, skin, shirt))
+    parts = [chained(mesh, (Bone.TORSO, Bone.PELVIS), (1.06,), softness=0.08)]
+    depth, width = 0.130 * build.girth, 0.182 * build.girth * build.hips
+    if outfit.legwear is Legwear.SKIRT:
+        parts.append(hanging_cloth(0.55, depth, width, bottom))
+    if outfit.hem < 0.96:
+        is_open = outfit.shirt is not None
+        parts.append(hanging_cloth(outfit.hem, depth + 0.012, width + 0.012, top, is_open=is_open))
+    return parts
+
+
+def _arms(build: Build, outfit: Outfit) -> list[Skinned]:
+    rings = _ARM_RINGS.copy()
+    rings[:, 1:3] *= build.girth**0.6
+    sleeve, skin = Finish(Material.CLOTH, outfit.top), Finish(Material.SKIN, outfit.skin)
+    bare = rings[:-1, 0] < (1.20 if outfit.short_sleeves else 0.0)
+    if outfit.short_sleeves:
+        rings[rings[:, 0] < 1.20, 1:3] *= 0.85
+    mesh = grid(_limb(rings, 0.207, 0.172, 9), sleeve, closed=True)
+    mesh = painted(mesh, np.tile(bare[:, None].astype(np.int64), (1, 9)), (sleeve, skin))
+    hand = superellipsoid(
+        (0.010, 0.212, 0.820), (0.040, 0.020, 0.072), skin, num_rings=6, num_sides=8
+    )
+    thumb = superellipsoid(
+        (0.045, 0.205, 0.838), (0.018, 0.014, 0.035), skin, num_rings=4, num_sides=6
+    )
+    shift, parts = _arm_shift(build), []
+    for limbs in (LEFT, RIGHT):
+        own = [part if limbs is LEFT else mirrored(part) for part in (mesh, hand, thumb)]
+        own = [moved(part, (0, limbs.side * shift, 0)) for part in own]
+        chain = (Bone.TORSO, limbs.arm, limbs.forearm)
+        parts.append(chained(own[0], chain, (1.43, 1.13)))
+        parts += [rigid(part, limbs.forearm) for part in own[1:]]
+    return parts
+
+
+def _legs(build: Build, outfit: Outfit) -> list[Skinned]:
+    rings = _LEG_RINGS.copy()
+    rings[:, 1:3] *= build.girth**0.5
+    bare_to = {Legwear.TROUSERS: 0.0, Legwear.SHORTS: 0.50, Legwear.SKIRT: 0.7}[outfit.legwear]
+    bare = rings[:-1, 0] < bare_to
+    rings[:-1, 1:3] *= np.where(bare, 0.82, 1.0)[:, None]
+    cloth, skin = Finish(Material.CLOTH, outfit.bottom), Finish(Material.SKIN, outfit.skin)
+    mesh = grid(_limb(rings, 0.09, 0.09, 10), cloth, closed=True)
+    mesh = painted(mesh, np.tile(bare[:, None].astype(np.int64), (1, 10)), (cloth, skin))
+    shoe = superellipsoid(
+        (0.050, 0.092, 0.042),
+        (0.135, 0.047, 0.058),
+        Finish(Material.RUBBER, outfit.shoes),
+        exponents=(0.75, 0.8),
+        num_rings=7,
+        num_sides=12,
+    )
+    shoe = replace(
+        shoe, vertices=np.maximum(shoe.vertices, np.array((-9, -9, 0), dtype=np.float32))
+    )
+    parts = []
+    for limbs in (LEFT, RIGHT):
+        leg, foot = (part if limbs is LEFT else mirrored(part) for part in (mesh, shoe))
+        parts.append(chained(leg, (Bone.PELVIS, limbs.thigh, limbs.shin), (0.93, 0.49)))
+        parts.append(rigid(foot, limbs.foot))
+    return parts
+
+
+def _limb(
+    rings: Float64[np.ndarray, "num_rings 4"], low_y: float, high_y: float, num_sides: int
+) -> Float64[np.ndarray, "num_rings num_sides 3"]:
+    """A limb on the left side that leans from `high_y` at its top to `low_y` at its bottom."""
+    points = ellipse_stack(rings, num_sides)
+    share = (rings[:, 0] - rings[0, 0]) / (rings[-1, 0] - rings[0, 0])
+    points[:, :, 1] += (low_y + share * (high_y - low_y))[:, None]
+    return points
+
+
+def _face(outfit: Outfit) -> list[Skinned]:
+    skin = Finish(Material.SKIN, outfit.skin)
+    head = grid(ellipse_stack(HEAD_RINGS, 12), skin, closed=True)
+    nose = superellipsoid((0.103, 0, 1.622), (0.018, 0.014, 0.025), skin, num_rings=4, num_sides=6)
+    ear = superellipsoid(
+        (-0.008, 0.078, 1.625), (0.020, 0.010, 0.030), skin, num_rings=4, num_sides=6
+    )
+    eyes = np.array([(0.091, side * 0.033, 1.645) for side in (-1, 1)])
+    eye = boxes(eyes, np.tile((0.006, 0.014, 0.005), (2, 1)), _EYE)
+    rigid_parts = [rigid(part, Bone.HEAD) for part in (nose, ear, mirrored(ear), eye)]
+    return [chained(without_slivers(head), (Bone.HEAD, Bone.TORSO), (1.49,)), *rigid_parts]
+
+
+def _grown_head(build: Build, parts: Sequence[Skinned]) -> list[Skinned]:
+    """The head's parts scaled about the neck."""
+    neck = np.array((0.0, 0.0, _NECK_HEIGHT))
+    return [
+        replace(
+            part,
+            mesh=replace(
+                part.mesh,
+                vertices=(neck + (part.mesh.vertices - neck) * build.head).astype(np.float32),
+            ),
+        )
+        for part in parts
+    ]

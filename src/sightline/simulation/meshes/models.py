@@ -1,0 +1,27 @@
+"""A road user before it is placed in a street."""
+
+from dataclasses import dataclass
+
+from sightline.simulation.scene import Mesh, Shape
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ActorModel:
+    """What a road user is and looks like; a street adds where it goes."""
+
+    class_name: str
+    """KITTI's: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram."""
+    size_lwh: tuple[float, float, float]
+    """Length, width, height [m] of the upright box that holds `shape` at all times."""
+    shape: Shape
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RigidShape:
+    """A shape that does not change."""
+
+    mesh: Mesh
+
+    def at(self, time_s: float) -> Mesh:  # noqa: ARG002 - a `Shape`
+        """The mesh, which is the same at all times."""
+        return self.mesh

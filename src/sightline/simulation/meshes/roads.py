@@ -1,0 +1,320 @@
+"""Ground and roads: carriageways, kerbs, bands beside them, junctions, markings, land around."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.simulation.layout import (
+    Ground,
+    Junction,
+    Layout,
+    Parking,
+    Plots,
+    Road,
+    Side,
+    StreetKind,
+)
+from sightline.simulation.layout_line import Terrain
+from sightline.simulation.materials import Material
+from sightline.simulation.meshes.primitives import Color, Finish, grid
+from sightline.simulation.scene import Mesh
+
+_NEAR_STEP: Final = 2.0
+_FAR_STEP: Final = 4.0
+_WIDEST_CELL: Final = 2.5
+_KERB_WIDTH: Final = 0.15
+_GARDEN_REACH: Final = 14.0
+_BEYOND: Final = 160.0
+"""How far the carriageway goes on ahead of the street, so that it is not seen to end."""
+_RIM_DROP: Final = 0.006
+"""By how much plots along the crossing road lie lower, where those of both roads overlap."""
+_LAND_DROP: Final = 0.12
+"""How far the land lies below the bands that it carries on from."""
+
+
+class RoadFinishes(NamedTuple):
+    """What the ground of one street is made of."""
+
+    carriageway: Finish
+    parking: Finish
+    pavement: Finish
+    cycle_path: Finish
+    verge: Finish
+    kerb: Finish
+    land: Finish
+
+
+_ASPHALT_TONES: Final = (0.075, 0.15)
+
+
+def draw_road_finishes(rng: np.random.Generator, kind: StreetKind) -> RoadFinishes:
+    """Surfaces of a street; asphalt of any age, slabs, setts and grass."""
+    tone = float(rng.uniform(*_ASPHALT_TONES))
+    asphalt = Finish(Material.ASPHALT, (tone, tone * 1.01, tone * 1.03))
+    stone = float(rng.uniform(0.22, 0.40))
+    slabs = Finish(
+        Material.PAVEMENT, (stone, stone * rng.uniform(0.92, 0.98), stone * rng.uniform(0.82, 0.95))
+    )
+    setts = Finish(Material.COBBLES, (stone * 0.75, stone * 0.73, stone * 0.70))
+    grass = Finish(
+        Material.GRASS,
+        (rng.uniform(0.05, 0.085), rng.uniform(0.10, 0.14), rng.uniform(0.022, 0.040)),
+    )
+    red_path = Finish(Material.PAVEMENT, (0.32, 0.13, 0.09))
+    grey_path = Finish(Material.ASPHALT, (tone * 1.2, tone * 1.18, tone * 1.16))
+    carriageway = asphalt
+    if kind is StreetKind.SQUARE:
+        carriageway = setts if rng.random() < 0.5 else slabs
+    elif kind is StreetKind.RESIDENTIAL and rng.random() < 0.1:
+        carriageway = setts
+    grey = float(rng.uniform(0.30, 0.45))
+    return RoadFinishes(
+        carriageway=carriageway,
+        parking=setts if rng.random() < 0.35 else carriageway,
+        pavement=slabs if rng.random() < 0.8 else grey_path,
+        cycle_path=red_path if rng.random() < 0.65 else grey_path,
+        verge=grass,
+        kerb=Finish(Material.KERB, (grey, grey * 0.98, grey * 0.94)),
+        land=Finish(Material.GRASS, grass.color),
+    )
+
+
+def make_ground(rng: np.random.Generator, layout: Layout) -> Mesh:
+    """All that one walks and drives on, out to the horizon."""
+    finishes = draw_road_finishes(rng, layout.kind)
+    parts = [_land(rng, layout, finishes.land)]
+    for road in layout.roads:
+        parts += _road(layout, road, finishes)
+    if layout.junction is not None:
+        parts += _junction(layout, layout.junction, finishes)
+    return Mesh.joined(parts)
+
+
+def stations_between(first: float, last: float) -> Float64[np.ndarray, " num_stations"]:
+    """Where surfaces along a road have their vertices: dense near the ego, all at shared places."""
+    near = np.arange(-30, 36) * _NEAR_STEP
+    far = np.arange(18, 201) * _FAR_STEP
+    shared = np.concatenate((-far[::-1], near, far))
+    inside = shared[(shared > first + 0.05) & (shared < last - 0.05)]
+    return np.concatenate(([first], inside, [last]))
+
+
+def strip(
+    layout: Layout,
+    road: Road,
+    stations: Float64[np.ndarray, " num_stations"],
+    offsets: tuple[float, float],
+    levels: tuple[float, float],
+    finish: Finish,
+) -> Mesh:
+    """A surface along a road between two offsets, at levels [m] above the terrain there."""
+    right, left = (0, 1) if offsets[0] < offsets[1] else (1, 0)
+    count = 2 + int(abs(offsets[1] - offsets[0]) / _WIDEST_CELL)
+    across = np.linspace(offsets[right], offsets[left], count)
+    level = np.linspace(levels[right], levels[left], count)
+    return grid(_lifted(layout.terrain, road, stations, across, level), finish)
+
+
+def _lifted(
+    terrain: Terrain,
+    road: Road,
+    stations: Float64[np.ndarray, " num_stations"],
+    offsets: Float64[np.ndarray, " num_offsets"],
+    levels: Float64[np.ndarray, " num_offsets"],
+) -> Float64[np.ndarray, "num_offsets num_stations 3"]:
+    places = road.line.place(stations[None], offsets[:, None])
+    heights = terrain.height(places) + levels[:, None]
+    return np.concatenate((places, heights[..., None]), axis=-1)
+
+
+def _road(layout: Layout, road: Road, finishes: RoadFinishes) -> list[Mesh]:
+    parts = []
+    span = (-road.right.edge, road.left.edge)
+    stretches: tuple[tuple[float, float], ...] = ((road.first, road.last + _BEYOND),)
+    if road is not layout.main:
+        stretches = road.left.stretches(road.first, road.last)
+    for start, stop in stretches:
+        along = stations_between(start, stop)
+        parts.append(strip(layout, road, along, span, (0.0, 0.0), finishes.carriageway))
+    rim_drop = 0.0 if road is layout.main else _RIM_DROP
+    for side in road.sides:
+        for start, stop in side.stretches(road.first, road.last):
+            along = stations_between(start, stop)
+            parts += _bands(layout, road, side, along, finishes)
+            parts += _rim(layout, road, side, along, finishes, rim_drop)
+    return parts + _parking_surfaces(layout, road, finishes)
+
+
+def _bands(
+    layout: Layout,
+    road: Road,
+    side: Side,
+    stations: Float64[np.ndarray, " num_stations"],
+    finishes: RoadFinishes,
+) -> list[Mesh]:
+    """Kerb, bands and the ground up to the plots on one side of a road."""
+    parts = []
+    start = side.edge
+    if road.has_kerbs:
+        profile = np.array([[0.0, -0.05], [0.0, side.level], [_KERB_WIDTH, side.level]])
+        if side.sign > 0:
+            offsets = side.edge + profile[:, 0]
+            levels = profile[:, 1]
+        else:
+            offsets, levels = -(side.edge + profile[::-1, 0]), profile[::-1, 1]
+        points = _lifted(layout.terrain, road, stations, offsets, levels)
+        parts.append(grid(points, finishes.kerb, smooth=False))
+        start += _KERB_WIDTH
+    surfaces = {
+        Ground.VERGE: finishes.verge,
+        Ground.CYCLE_PATH: finishes.cycle_path,
+        Ground.PAVEMENT: finishes.pavement,
+        Ground.SHOULDER: finishes.verge,
+    }
+    for band in side.bands:
+        inner, outer = side.sign * max(band.inner, start), side.sign * band.outer
+        levels_m = (side.level, side.level)
+        parts.append(strip(layout, road, stations, (inner, outer), levels_m, surfaces[band.ground]))
+    return parts
+
+
+def _rim(
+    layout: Layout,
+    road: Road,
+    side: Side,
+    stations: Float64[np.ndarray, " num_stations"],
+    finishes: RoadFinishes,
+    drop: float,
+) -> list[Mesh]:
+    """Ground of the plots, which ends below the land around, so that the two meet without a gap."""
+    paved = side.plots in (Plots.BLOCKS, Plots.HALLS)
+    ground = finishes.pavement if paved else finishes.verge
+    distances = side.outer + np.array([0.0, _GARDEN_REACH, _GARDEN_REACH + 2.0])
+    levels = side.level - drop - np.array([0.0, 0.02, 2 * _LAND_DROP + 0.1])
+    if side.sign < 0:
+        distances, levels = -distances[::-1], levels[::-1]
+    return [grid(_lifted(layout.terrain, road, stations, distances, levels), ground)]
+
+
+def _parking_surfaces(layout: Layout, road: Road, finishes: RoadFinishes) -> list[Mesh]:
+    """Setts under parked cars where the street has them."""
+    if finishes.parking == finishes.carriageway:
+        return []
+    parts = []
+    for side in road.sides:
+        if side.parking is Parking.NONE:
+            continue
+        for start, stop in side.stretches(road.first, road.last):
+            along = stations_between(start, stop)
+            span = (side.sign * side.lane_edge, side.sign * side.edge)
+            parts.append(strip(layout, road, along, span, (0.004, 0.004), finishes.parking))
+    return parts
+
+
+def _junction(layout: Layout, junction: Junction, finishes: RoadFinishes) -> list[Mesh]:
+    """Asphalt between the carriageways and the four corners with their kerbs."""
+    main, cross = layout.main, junction.cross
+    parts = []
+    for side in main.sides:
+        opens = junction.opens_left if side.sign > 0 else junction.opens_right
+        if not opens:
+            continue
+        first = junction.station - cross.left.edge - junction.corner
+        last = junction.station + cross.right.edge + junction.corner
+        span = (side.sign * side.edge, side.sign * (side.edge + junction.corner))
+        along = stations_between(first, last)
+        parts.append(strip(layout, main, along, span, (0.0, 0.0), finishes.carriageway))
+        for ahead in (-1, 1):
+            edge = cross.left.edge if ahead < 0 else cross.right.edge
+            square_u = junction.station + ahead * (edge + junction.corner)
+            square_v = side.sign * (side.edge + junction.corner)
+            parts += _corner(layout, junction, (square_u, square_v), (-ahead, -side.sign), finishes)
+    return parts
+
+
+def _corner(
+    layout: Layout,
+    junction: Junction,
+    inner: tuple[float, float],
+    towards: tuple[int, int],
+    finishes: RoadFinishes,
+) -> list[Mesh]:
+    """The pavement of a corner as a fan from its inner point, with a round kerb.
+
+    Args:
+        layout: The street.
+        junction: Where it is crossed.
+        inner: Station and offset of the point farthest from both carriageways.
+        towards: Signs of the directions from there to the crossing and to the main carriageway.
+        finishes: Of the ground.
+    """
+    # Where there are no kerbs the ground still lies a little above the asphalt under it.
+    level = max(layout.main.left.level, 0.012)
+    size, radius = junction.corner, junction.radius
+    angles = np.linspace(0.0, np.pi / 2, 9)
+    arc = np.stack(
+        (size - radius + radius * np.sin(angles), size - radius + radius * np.cos(angles)), axis=1
+    )
+    rim = np.concatenate(([[0.0, size]], arc, [[size, 0.0]]))
+    if towards[0] * towards[1] > 0:  # so that the fan winds counter-clockwise from above
+        rim = rim[::-1]
+    shares = np.linspace(0.0, 1.0, 4)
+    fan = np.array(inner) + shares[:, None, None] * rim * np.array(towards)
+    places = layout.main.line.place(fan[..., 0], fan[..., 1])
+    heights = layout.terrain.height(places)[..., None]
+    finish = finishes.pavement if layout.main.has_kerbs else finishes.verge
+    top = grid(np.concatenate((places, heights + level), axis=-1)[::-1], finish)
+    if not layout.main.has_kerbs:
+        return [top]
+    edge = np.concatenate((places[-1], heights[-1]), axis=-1)
+    drop = np.array([0.0, 0.0, level])
+    wall = grid(np.stack((edge - [0, 0, 0.05], edge + drop))[:, ::-1], finishes.kerb, smooth=False)
+    back = np.concatenate((places[-2], heights[-2]), axis=-1)
+    apart = back - edge
+    apart *= _KERB_WIDTH / np.linalg.norm(apart, axis=1, keepdims=True)
+    lift = drop + np.array([0.0, 0.0, 0.003])
+    stones = grid(np.stack((edge + lift, edge + apart + lift))[:, ::-1], finishes.kerb)
+    return [top, wall, stones]
+
+
+_FIELD_COLORS: Final[tuple[tuple[Material, Color], ...]] = (
+    (Material.GRASS, (0.09, 0.13, 0.035)),
+    (Material.GRASS, (0.14, 0.16, 0.045)),
+    (Material.GRASS, (0.22, 0.19, 0.075)),
+    (Material.SOIL, (0.16, 0.11, 0.075)),
+    (Material.GRASS, (0.07, 0.11, 0.03)),
+)
+
+
+def _land(rng: np.random.Generator, layout: Layout, around: Finish) -> Mesh:
+    """Meadows and fields from under the street to the horizon."""
+    near = np.arange(-240.0, 241.0, 8.0)
+    far = np.array([300.0, 380.0, 500.0, 700.0, 1000.0, 1500.0, 2400.0])
+    axis = np.concatenate((-far[::-1], near, far))
+    x, y = np.meshgrid(axis + 40.0, axis)
+    places = np.stack((x, y), axis=-1)
+    heights = layout.terrain.height(places)
+    distant = np.clip((np.hypot(x, y) - 300.0) / 300.0, 0.0, 1.0)
+    heights = np.clip(heights * (1 - distant), -6.0, 6.0) - _LAND_DROP
+    mesh = grid(np.concatenate((places, heights[..., None]), axis=-1), around)
+    if layout.kind not in (StreetKind.COUNTRY, StreetKind.AVENUE):
+        return mesh
+    centers = mesh.vertices[mesh.faces].mean(axis=1)
+    turn = rng.uniform(0, np.pi)
+    along = centers[:, 0] * np.cos(turn) + centers[:, 1] * np.sin(turn)
+    across = centers[:, 1] * np.cos(turn) - centers[:, 0] * np.sin(turn)
+    plot = np.floor(along / 70.0).astype(int) * 7 + np.floor(across / 130.0).astype(int) * 3
+    kinds = rng.integers(0, len(_FIELD_COLORS), 97)[plot % 97]
+    # Triangles of a cell belong to one field, or the border between fields is a saw.
+    kinds = np.repeat(kinds[::2], 2)
+    materials = np.array([material for material, _ in _FIELD_COLORS], np.int32)[kinds]
+    colors = np.array([color for _, color in _FIELD_COLORS], np.float32)[kinds]
+    return Mesh(
+        vertices=mesh.vertices,
+        normals=mesh.normals,
+        uvs=mesh.uvs,
+        faces=mesh.faces,
+        materials=materials,
+        colors=colors,
+    )

@@ -1,0 +1,211 @@
+"""A skeleton that bends a mesh: bones, poses and linear blend skinning.
+
+The resting figure stands upright at the origin with hanging arms and looks along x; z up, metres.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from sightline.simulation.scene import Mesh
+
+
+class Bone(IntEnum):
+    """The bones; each follows its parent, which stands before it."""
+
+    PELVIS = 0
+    TORSO = 1
+    HEAD = 2
+    LEFT_ARM = 3
+    LEFT_FOREARM = 4
+    RIGHT_ARM = 5
+    RIGHT_FOREARM = 6
+    LEFT_THIGH = 7
+    LEFT_SHIN = 8
+    LEFT_FOOT = 9
+    RIGHT_THIGH = 10
+    RIGHT_SHIN = 11
+    RIGHT_FOOT = 12
+
+
+class Limbs(NamedTuple):
+    """The bones of one side."""
+
+    side: int
+    """1 left, -1 right."""
+    arm: Bone
+    forearm: Bone
+    thigh: Bone
+    shin: Bone
+    foot: Bone
+
+
+LEFT = Limbs(1, Bone.LEFT_ARM, Bone.LEFT_FOREARM, Bone.LEFT_THIGH, Bone.LEFT_SHIN, Bone.LEFT_FOOT)
+RIGHT = Limbs(
+    -1, Bone.RIGHT_ARM, Bone.RIGHT_FOREARM, Bone.RIGHT_THIGH, Bone.RIGHT_SHIN, Bone.RIGHT_FOOT
+)
+_PARENTS = (-1, 0, 1, 1, 3, 1, 5, 0, 7, 8, 0, 10, 11)
+REST_HEIGHT = 1.75
+"""Height [m] of the figure that `REST_JOINTS` describes."""
+REST_JOINTS = np.array(
+    [
+        (0.0, 0.0, 0.95),
+        (0.0, 0.0, 1.04),
+        (-0.01, 0.0, 1.49),
+        (0.0, 0.185, 1.41),
+        (0.0, 0.205, 1.13),
+        (0.0, -0.185, 1.41),
+        (0.0, -0.205, 1.13),
+        (0.0, 0.09, 0.91),
+        (0.0, 0.09, 0.49),
+        (0.0, 0.09, 0.08),
+        (0.0, -0.09, 0.91),
+        (0.0, -0.09, 0.49),
+        (0.0, -0.09, 0.08),
+    ]
+)
+"""Where each bone begins [m]."""
+
+
+class Turn(NamedTuple):
+    """How a bone is turned against its parent [rad].
+
+    Positive swings a hanging limb forward, swings it to the left, twists it counter-clockwise.
+    """
+
+    forward: float = 0.0
+    left: float = 0.0
+    twist: float = 0.0
+
+
+Pose = dict[Bone, Turn]
+"""Turns of the bones that do not rest."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Skinned:
+    """A mesh in the resting pose with the share that each bone has in each of its vertices."""
+
+    mesh: Mesh
+    weights: Float32[np.ndarray, "num_vertices num_bones"]
+    """Rows sum to 1."""
+
+    @staticmethod
+    def joined(parts: Sequence["Skinned"]) -> "Skinned":
+        """Several parts of one figure."""
+        return Skinned(
+            mesh=Mesh.joined([part.mesh for part in parts]),
+            weights=np.concatenate([part.weights for part in parts]),
+        )
+
+    def bent_vertices(
+        self, transforms: Float64[np.ndarray, "num_bones 3 4"]
+    ) -> Float64[np.ndarray, "num_vertices 3"]:
+        """Where the vertices are after each bone moved by its transform from the resting pose."""
+        blended = (self.weights @ transforms.reshape(len(transforms), 12)).reshape(-1, 3, 4)
+        bent: Float64[np.ndarray, "num_vertices 3"] = (
+            np.einsum("vij,vj->vi", blended[:, :, :3], self.mesh.vertices) + blended[:, :, 3]
+        )
+        return bent
+
+    def bent(self, transforms: Float64[np.ndarray, "num_bones 3 4"]) -> Mesh:
+        """The mesh after each bone moved by its transform from the resting pose."""
+        blended = (self.weights @ transforms.reshape(len(transforms), 12)).reshape(-1, 3, 4)
+        rotation = blended[:, :, :3]
+        vertices = np.einsum("vij,vj->vi", rotation, self.mesh.vertices) + blended[:, :, 3]
+        normals = np.einsum("vij,vj->vi", rotation, self.mesh.normals)
+        lengths = np.sqrt(np.square(normals).sum(axis=1, keepdims=True))
+        normals /= np.maximum(lengths, 1e-9)
+        return replace(
+            self.mesh, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32)
+        )
+
+
+def bone_transforms(
+    pose: Pose, joints: Float64[np.ndarray, "num_bones 3"]
+) -> Float64[np.ndarray, "num_bones 3 4"]:
+    """The rigid motion [R | t] of each bone from rest to a pose; the pelvis stays in place."""
+    resting = Turn()
+    turns = turn_matrices(np.array([pose.get(bone, resting) for bone in Bone], dtype=np.float64))
+    transforms = np.empty((len(joints), 3, 4))
+    rotations, places = transforms[:, :, :3], joints.copy()
+    for bone, parent in enumerate(_PARENTS):
+        if parent < 0:
+            rotations[bone] = turns[bone]
+        else:
+            rotations[bone] = rotations[parent] @ turns[bone]
+            places[bone] = places[parent] + rotations[parent] @ (joints[bone] - joints[parent])
+    transforms[:, :, 3] = places - np.einsum("bij,bj->bi", rotations, joints)
+    return transforms
+
+
+def turn_matrices(
+    turns: Float64[np.ndarray, "num_turns 3"],
+) -> Float64[np.ndarray, "num_turns 3 3"]:
+    """The rotations of `Turn`s: first forward, then left, then the twist."""
+    (cf, cl, ct), (sf, sl, st) = np.cos(turns).T, np.sin(turns).T
+    zero, one = np.zeros_like(cf), np.ones_like(cf)
+    forward = np.array([[cf, zero, -sf], [zero, one, zero], [sf, zero, cf]])
+    left = np.array([[one, zero, zero], [zero, cl, -sl], [zero, sl, cl]])
+    twist = np.array([[ct, -st, zero], [st, ct, zero], [zero, zero, one]])
+    turned: Float64[np.ndarray, "num_turns 3 3"] = np.einsum(
+        "ijn,jkn,kln->nil", twist, left, forward
+    )
+    return turned
+
+
+def rigid(mesh: Mesh, bone: Bone) -> Skinned:
+    """A part that moves with one bone."""
+    weights = np.zeros((len(mesh.vertices), len(Bone)), dtype=np.float32)
+    weights[:, bone] = 1.0
+    return Skinned(mesh=mesh, weights=weights)
+
+
+def chained(
+    mesh: Mesh, bones: Sequence[Bone], borders: Sequence[float], *, softness: float = 0.045
+) -> Skinned:
+    """A part along a chain of bones from top to bottom that blend over at heights `borders`."""
+    height = mesh.vertices[:, 2]
+    weights = np.zeros((len(height), len(Bone)), dtype=np.float32)
+    remaining = np.ones_like(height)
+    for bone, border in zip(bones[:-1], borders, strict=True):
+        passed = np.clip((border + softness - height) / (2 * softness), 0.0, 1.0)
+        passed = passed * passed * (3 - 2 * passed)
+        weights[:, bone] = remaining * (1 - passed)
+        remaining = remaining * passed
+    weights[:, bones[-1]] += remaining
+    return Skinned(mesh=mesh, weights=weights)
+
+
+class Reach(NamedTuple):
+    """How a limb of two bones reaches a point [rad]."""
+
+    toward: float
+    """Forward turn from hanging to the point."""
+    opening: float
+    """Between the first bone and the way to the point: a knee is ahead of it, an elbow behind."""
+    bend: float
+    """Between the bones; 0 is a stretched limb."""
+
+
+def reach(ahead: float, above: float, upper: float, lower: float) -> Reach:
+    """Angles that bring the end of a limb to a point, or as near as the limb is long.
+
+    Args:
+        ahead: Of the limb's root [m].
+        above: The limb's root [m].
+        upper: Length of the first bone [m].
+        lower: Length of the second [m].
+    """
+    distance = min(float(np.hypot(ahead, above)), 0.999 * (upper + lower))
+    opening = (upper**2 + distance**2 - lower**2) / (2 * upper * distance)
+    corner = (upper**2 + lower**2 - distance**2) / (2 * upper * lower)
+    return Reach(
+        toward=float(np.arctan2(ahead, -above)),
+        opening=float(np.arccos(np.clip(opening, -1, 1))),
+        bend=np.pi - float(np.arccos(np.clip(corner, -1, 1))),
+    )

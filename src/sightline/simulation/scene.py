@@ -1,0 +1,168 @@
+"""What a simulated street consists of: meshes, road users and light, at one moment."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Mesh:
+    """Triangles with what the camera and the LiDAR need to know of them.
+
+    Frame of whoever made it: objects have their origin in the middle of their footprint, x ahead,
+    y left, z up; metres.
+    """
+
+    vertices: Float32[np.ndarray, "num_vertices 3"]
+    normals: Float32[np.ndarray, "num_vertices 3"]
+    """Unit normals for shading; smooth surfaces share vertices, sharp edges do not."""
+    uvs: Float32[np.ndarray, "num_vertices 2"]
+    """Where on the surface, in metres, for its texture."""
+    faces: Int32[np.ndarray, "num_faces 3"]
+    materials: Int32[np.ndarray, " num_faces"]
+    """A `Material` each."""
+    colors: Float32[np.ndarray, "num_faces 3"]
+    """Linear RGB albedo in [0, 1] before texture."""
+
+    def moved(self, position: Sequence[float], yaw: float = 0.0) -> "Mesh":
+        """The mesh turned by `yaw` [rad] about z, then moved to `position` [m]."""
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+        offset = np.asarray(position, dtype=np.float64)
+        return replace(
+            self,
+            vertices=(self.vertices @ rotation.T + offset).astype(np.float32),
+            normals=(self.normals @ rotation.T).astype(np.float32),
+        )
+
+    @staticmethod
+    def joined(parts: Sequence["Mesh"]) -> "Mesh":
+        """Several meshes of one frame as one."""
+        starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        shifted = [part.faces + start for part, start in zip(parts, starts, strict=False)]
+        return Mesh(
+            vertices=np.concatenate([part.vertices for part in parts]),
+            normals=np.concatenate([part.normals for part in parts]),
+            uvs=np.concatenate([part.uvs for part in parts]),
+            faces=np.concatenate(shifted).astype(np.int32),
+            materials=np.concatenate([part.materials for part in parts]),
+            colors=np.concatenate([part.colors for part in parts]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pose:
+    """Where something stands: position of the middle of its footprint and heading."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+    """Radians, counter-clockwise from above, 0 faces +x."""
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class Motion(Protocol):
+    """A way through the street."""
+
+    def at(self, time_s: float) -> Pose:
+        """The pose at a time [s]; time 0 is the first frame."""
+
+
+@runtime_checkable
+class Shape(Protocol):
+    """What an actor looks like, which may change as it moves (legs, wheels)."""
+
+    def at(self, time_s: float) -> Mesh:
+        """The mesh in the actor's own frame."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Actor:
+    """A road user: what it is, how large, what it looks like and where it goes."""
+
+    class_name: str
+    """KITTI's: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
+    size_lwh: tuple[float, float, float]
+    """Length, width, height [m] of the upright box around `shape`, with some 1 cm of truth."""
+    shape: Shape
+    motion: Motion
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Light:
+    """Sun and sky."""
+
+    sun_direction: tuple[float, float, float]
+    """Unit vector towards the sun, world frame."""
+    sun_color: tuple[float, float, float]
+    """Linear RGB irradiance of the unoccluded sun; zero when overcast."""
+    sun_softness: float
+    """Angular radius [rad] over which shadow rays are spread."""
+    sky_zenith: tuple[float, float, float]
+    sky_horizon: tuple[float, float, float]
+    """Linear RGB radiance."""
+    cloud_cover: float
+    """0 clear to 1 overcast."""
+    haze_m: float
+    """Distance over which the contrast falls to 1/e."""
+    exposure: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Street:
+    """A place with its traffic over time, in a world frame: z up, ego starts near the origin."""
+
+    ground_and_buildings: Mesh
+    """All that never moves."""
+    actors: tuple[Actor, ...]
+    ego: Motion
+    """Of the point on the road below the LiDAR."""
+    light: Light
+
+    def snapshot(self, time_s: float = 0.0) -> "Scene":
+        """The street at one moment."""
+        poses = tuple(actor.motion.at(time_s) for actor in self.actors)
+        parts = [self.ground_and_buildings]
+        for actor, pose in zip(self.actors, poses, strict=True):
+            parts.append(actor.shape.at(time_s).moved((pose.x, pose.y, pose.z), pose.yaw))
+        owners = [np.full(len(part.faces), index - 1) for index, part in enumerate(parts)]
+        return Scene(
+            mesh=Mesh.joined(parts),
+            owners=np.concatenate(owners).astype(np.int32),
+            actors=self.actors,
+            poses=poses,
+            ego=self.ego.at(time_s),
+            light=self.light,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Scene:
+    """A street at one moment, ready for the sensors; world frame."""
+
+    mesh: Mesh
+    owners: Int32[np.ndarray, " num_faces"]
+    """Index into `actors` of each face; -1 for the street itself."""
+    actors: tuple[Actor, ...]
+    poses: tuple[Pose, ...]
+    """Of `actors`."""
+    ego: Pose
+    """The point on the road below the LiDAR."""
+    light: Light
+
+
+def world_from_footprint(pose: Pose, height_m: float) -> Float64[np.ndarray, "4 4"]:
+    """The frame that stands `height_m` above a pose, x ahead, z up."""
+    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
+    return np.array(
+        [
+            [cos, -sin, 0.0, pose.x],
+            [sin, cos, 0.0, pose.y],
+            [0.0, 0.0, 1.0, pose.z + height_m],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )

@@ -1,0 +1,143 @@
+"""From radiance to the bytes of a camera: lens, colour mosaic, noise, tone curve.
+
+The order is that of a real camera: the lens darkens the corners and blurs, each photosite counts
+light of one colour, the missing colours are interpolated, and a curve maps the result to 8 bits.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final, TypeVar, cast
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8, UInt16
+
+from sightline.ops.compiled import compiled
+
+Image = TypeVar("Image", Float32[np.ndarray, "h w 3"], UInt16[np.ndarray, "h w 3"])
+
+_AMPLIFICATION: Final = (2.6, 1.0, 3.6)
+"""Of red, green and blue behind the photosites: amplified light is noisier."""
+_SHOULDER: Final = 0.15
+_FULL: Final = 65535
+"""Value of a photosite that is full, as the demosaicing takes it."""
+_REC709: Final = (0.2126, 0.7152, 0.0722)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SensorConfig:
+    """How the sensor and the lens answer."""
+
+    sensitivity: float = 3.0
+    """Share of a photosite that one unit of radiance fills at an exposure of 1."""
+    metering: float = 0.8
+    """How far the exposure follows the brightness of the scene; 0: only the light's, 1: wholly."""
+    metering_limit: float = 2.5
+    """Largest factor by which metering raises or lowers the light's exposure."""
+    target_level: float = 0.26
+    """Mean exposed radiance that metering aims at; 1 fills a photosite."""
+    vignette: float = 0.16
+    """Share of the light that is lost in the corners."""
+    lens_blur_px: float = 0.55
+    """Standard deviation of the blur in front of the colour mosaic."""
+    resampling_blur_px: float = 0.4
+    """Standard deviation of the blur behind it, where a camera's picture is rectified."""
+    photon_noise: float = 0.025
+    """Standard deviation of a full photosite, as a share; it grows with the root of the light."""
+    read_noise: float = 0.0016
+    """Standard deviation in the dark, as a share of a full photosite."""
+    gamma: float = 1.08
+    """Exponent of the tone curve; KITTI's cameras are close to linear."""
+
+    def __post_init__(self) -> None:
+        """Checks what would give no picture."""
+        if self.gamma <= 0:
+            raise ValueError(f"gamma must be positive, got {self.gamma}")
+        if self.metering_limit < 1:
+            raise ValueError(f"metering_limit must be at least 1, got {self.metering_limit}")
+        if (
+            min(
+                self.vignette,
+                self.lens_blur_px,
+                self.resampling_blur_px,
+                self.photon_noise,
+                self.read_noise,
+            )
+            < 0
+        ):
+            raise ValueError(
+                "vignette, lens_blur_px, resampling_blur_px, photon_noise and read_noise must not "
+                f"be negative, got {self}"
+            )
+
+
+def sensor_image(
+    radiance: Float32[np.ndarray, "height width 3"],
+    exposure: float,
+    *,
+    rng: np.random.Generator,
+    config: SensorConfig,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The picture that a sensor takes of linear RGB radiance; only the noise depends on `rng`."""
+    height, width, _ = radiance.shape
+    exposed = radiance * np.float32(_gain(radiance, exposure, config))
+    exposed *= _vignette(height, width, config.vignette)[..., None]
+    exposed = _blurred(exposed, config.lens_blur_px)
+    noise = rng.standard_normal((height, width), dtype=np.float32)
+    mosaic = np.empty((height, width), np.uint16)
+    _count_photons(exposed, noise, config.photon_noise, config.read_noise, mosaic)
+    # OpenCV names the pattern by its second row and column: this is red first.
+    counted = cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB_EA)
+    return _tone_curve(config.gamma)[_blurred(counted, config.resampling_blur_px)]
+
+
+def _blurred(image: Image, sigma_px: float) -> Image:
+    if sigma_px <= 0:
+        return image
+    # A wider kernel than 3 x 3 would only hold zeros for the blur of a sharp lens.
+    size = 2 * math.ceil(1.7 * sigma_px) + 1
+    return cast(
+        "Image", cv2.GaussianBlur(image, (size, size), sigma_px, borderType=cv2.BORDER_REFLECT)
+    )
+
+
+def _gain(radiance: Float32[np.ndarray, "h w 3"], exposure: float, config: SensorConfig) -> float:
+    """Shares of a photosite per unit of radiance, by the light's exposure and own metering."""
+    exposure *= config.sensitivity
+    # A full photosite tells no more, so that the sky does not darken the street for nothing.
+    seen = np.minimum(radiance[::4, ::4] @ np.array(_REC709, np.float32) * exposure, 1.0)
+    level = float(np.exp(np.log(np.maximum(seen, 1e-3)).mean()))
+    factor = (config.target_level / level) ** config.metering
+    return exposure * min(max(factor, 1 / config.metering_limit), config.metering_limit)
+
+
+def _vignette(height: int, width: int, loss: float) -> Float32[np.ndarray, "height width"]:
+    y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
+    # As wide pictures are cut from a round image circle, the sides lose more than top and bottom.
+    squared = 0.85 * x**2 + 0.15 * y**2
+    return (1 - loss * squared).astype(np.float32)
+
+
+@compiled
+def _count_photons(
+    exposed: Float32[np.ndarray, "height width 3"],
+    noise: Float32[np.ndarray, "height width"],
+    photon_noise: float,
+    read_noise: float,
+    mosaic: UInt16[np.ndarray, "height width"],
+) -> None:
+    """Light of one colour a photosite, red first, with noise that grows with the light."""
+    for row in range(mosaic.shape[0]):
+        for column in range(mosaic.shape[1]):
+            color = (row & 1) + (column & 1)
+            light = max(exposed[row, column, color], np.float32(0.0))
+            gain = _AMPLIFICATION[color]
+            variance = gain * photon_noise * photon_noise * light + (gain * read_noise) ** 2
+            counted = light + noise[row, column] * np.sqrt(variance)
+            mosaic[row, column] = np.uint16(_FULL * min(max(counted, 0.0), 1.0) + 0.5)
+
+
+def _tone_curve(gamma: float) -> UInt8[np.ndarray, " levels"]:
+    """Value of every level: a power, with a shoulder that lets the brightest come in gently."""
+    encoded = (np.arange(_FULL + 1) / _FULL) ** (1 / gamma)
+    return (255 * (encoded + _SHOULDER * encoded * (1 - encoded)) + 0.5).astype(np.uint8)

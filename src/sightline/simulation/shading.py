@@ -1,0 +1,311 @@
+"""Light on surfaces: sun with soft shadow, highlights, lamps and haze, by compiled kernels.
+
+Radiance is linear RGB. A matt surface of albedo a under irradiance e shows a * e / pi.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from sightline.ops.compiled import compiled
+from sightline.simulation.materials import Material
+from sightline.simulation.raycast import Raycaster
+from sightline.simulation.scene import Scene
+from sightline.simulation.sky import Daylight, daylight, sky_radiance, smooth_sky
+from sightline.simulation.surfaces import (
+    NOTHING,
+    MaterialTables,
+    MeshTables,
+    Rays,
+    SurfaceHits,
+    material_tables,
+    mesh_tables,
+    surfaces_met,
+)
+from sightline.simulation.texture_noise import hashed
+from sightline.simulation.vectors import Vector, dot, minus, normalized, row_of, scaled, store_row
+
+SUN_QUARTERS: Final = 4
+"""Four neighbouring pixels look at a quarter of the sun each."""
+SUN_STRATA: Final = 16
+"""Parts of the sun's disc, which alternate between its quarters."""
+
+_LEAF: Final = int(Material.LEAF)
+_GLASS: Final = int(Material.GLASS)
+_WINDOW: Final = int(Material.WINDOW)
+_HEADLIGHT: Final = int(Material.HEADLIGHT)
+_TAIL_LIGHT: Final = int(Material.TAIL_LIGHT)
+
+_LEAF_TRANSMISSION: Final = 0.45
+"""Sunlight on the far side of a leaf that shows on this side, as a share of the same in front."""
+_HIGHLIGHT_GAIN: Final = 0.7
+_HIGHLIGHT_SHARPNESS: Final = 6.0
+"""Against `highlight_power`: the sun is small, and the sky around it is mirrored by rays."""
+_BOUNCE: Final = 0.18
+"""Albedo of the surroundings, where it is not looked up."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LitWorld:
+    """A scene as the shading takes it."""
+
+    raycaster: Raycaster
+    mesh: MeshTables
+    materials: MaterialTables
+    light: Daylight
+    sun_softness: float
+    """Angular radius of the sun [rad]."""
+
+
+class RayBatch(NamedTuple):
+    """Rays that start on some of the surfaces."""
+
+    sources: Int32[np.ndarray, " num_rays"]
+    """Which of the surfaces each ray starts on."""
+    rays: Rays
+
+
+def lit_world(scene: Scene, raycaster: Raycaster) -> LitWorld:
+    """Prepares a scene for shading; `raycaster` is over its mesh."""
+    return LitWorld(
+        raycaster=raycaster,
+        mesh=mesh_tables(scene.mesh),
+        materials=material_tables(),
+        light=daylight(scene.light),
+        sun_softness=scene.light.sun_softness,
+    )
+
+
+def sun_visibility(
+    world: LitWorld,
+    found: SurfaceHits,
+    rows: Int32[np.ndarray, " num_rays"],
+    strata: Int32[np.ndarray, " num_rays"],
+) -> Float32[np.ndarray, " num_rays"]:
+    """Whether the surfaces in some rows see the sun: 1 or 0, which is also that of a turned away.
+
+    Each looks at the part of the sun that is named in `strata`, 0 to SUN_STRATA - 1.
+    """
+    visible = np.zeros(len(rows), np.float32)
+    if max(world.light.sun_color) > 0.0:
+        batch = _sun_rays(found, rows, world.light, world.sun_softness, strata)
+        hidden = world.raycaster.occluded(batch.rays.origins, batch.rays.directions)
+        visible[batch.sources[~hidden]] = 1.0
+    return visible
+
+
+@compiled
+def _sun_rays(
+    found: SurfaceHits,
+    rows: Int32[np.ndarray, " num_rays"],
+    light: Daylight,
+    softness: float,
+    strata: Int32[np.ndarray, " num_rays"],
+) -> RayBatch:
+    sun = light.sun_direction
+    side, rise = perpendicular(sun)
+    count = rows.shape[0]
+    sources = np.empty(count, np.int32)
+    origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+    used = 0
+    for ray in range(count):
+        row = rows[ray]
+        if found.materials[row] == NOTHING:
+            continue
+        is_leaf = found.materials[row] == _LEAF
+        if not is_leaf and dot(row_of(found.tilted_normals, row), sun) <= 0.0:
+            continue
+        across, up = _place_on_disc(strata[ray])
+        sources[used] = ray
+        for axis in range(3):
+            shift = softness * (across * side[axis] + up * rise[axis])
+            directions[used, axis] = sun[axis] + shift
+        store_row(origins, used, lifted(found, row))
+        used += 1
+    return RayBatch(sources[:used], Rays(origins[:used], directions[:used]))
+
+
+@compiled
+def _place_on_disc(stratum: int) -> tuple[float, float]:
+    """A place on the unit disc for each stratum: a quarter of it, and in there a ring each."""
+    quarter, turn = stratum % SUN_QUARTERS, stratum // SUN_QUARTERS
+    angle = 0.5 * math.pi * (quarter + (turn + 0.5) / SUN_QUARTERS)
+    radius = math.sqrt(((quarter + turn) % SUN_QUARTERS + 0.5) / SUN_QUARTERS)
+    return radius * math.cos(angle), radius * math.sin(angle)
+
+
+@compiled
+def lifted(found: SurfaceHits, row: int) -> Vector:
+    """Where a ray that leaves a surface starts, so that it does not meet the same surface again."""
+    lift = 0.002 + 1e-4 * found.distances[row]
+    position, flat = row_of(found.positions, row), row_of(found.flat_normals, row)
+    return (
+        position[0] + lift * flat[0],
+        position[1] + lift * flat[1],
+        position[2] + lift * flat[2],
+    )
+
+
+@compiled
+def perpendicular(axis: Vector) -> tuple[Vector, Vector]:
+    """Two unit vectors at right angles to a unit vector and to each other.
+
+    Duff et al. 2017, Building an Orthonormal Basis, Revisited, Listing 3.
+    """
+    sign = 1.0 if axis[2] >= 0.0 else -1.0
+    a = -1.0 / (sign + axis[2])
+    b = axis[0] * axis[1] * a
+    return (
+        (1.0 + sign * axis[0] * axis[0] * a, sign * b, -sign * axis[0]),
+        (b, sign + axis[1] * axis[1] * a, -axis[1]),
+    )
+
+
+def shaded(
+    world: LitWorld,
+    found: SurfaceHits,
+    faces: Int32[np.ndarray, " num_rays"],
+    sun_visible: Float32[np.ndarray, " num_rays"],
+    ambient: Float32[np.ndarray, "num_rays 3"],
+) -> Float32[np.ndarray, "num_rays 3"]:
+    """Radiance that comes back along each ray, without mirror images and haze.
+
+    `ambient` is the mean radiance that arrives from all around, weighted by the cosine.
+    """
+    radiance = np.empty((len(faces), 3), np.float32)
+    _shade(world.mesh, world.materials, world.light, found, faces, sun_visible, ambient, radiance)
+    return radiance
+
+
+@compiled
+def _shade(
+    mesh: MeshTables,
+    materials: MaterialTables,
+    light: Daylight,
+    found: SurfaceHits,
+    faces: Int32[np.ndarray, " num_rays"],
+    sun_visible: Float32[np.ndarray, " num_rays"],
+    ambient: Float32[np.ndarray, "num_rays 3"],
+    radiance: Float32[np.ndarray, "num_rays 3"],
+) -> None:
+    for row in range(faces.shape[0]):
+        material = found.materials[row]
+        view = row_of(found.directions, row)
+        if material == NOTHING:
+            store_row(radiance, row, sky_radiance(light, view[0], view[1], view[2]))
+            continue
+        normal = row_of(found.tilted_normals, row)
+        facing = dot(normal, light.sun_direction)
+        lit = sun_visible[row] * _sun_share(material, facing) / math.pi
+        shine = 0.0
+        if materials.highlight[material] > 0.0 and sun_visible[row] > 0.0 and facing > 0.0:
+            shine = sun_visible[row] * _highlight(materials, material, light, normal, view)
+        lamp = (0.0, 0.0, 0.0)
+        if light.lamps > 0.0:
+            lamp = _lamp(mesh, light, material, faces[row], row_of(found.albedos, row))
+        for channel in range(3):
+            arriving = ambient[row, channel] + lit * light.sun_color[channel]
+            radiance[row, channel] = (
+                found.albedos[row, channel] * arriving
+                + shine * light.sun_color[channel]
+                + lamp[channel]
+            )
+
+
+@compiled
+def _sun_share(material: int, facing: float) -> float:
+    """Share of the sun's irradiance that a surface throws back, by the cosine towards the sun."""
+    if material == _LEAF and facing < 0.0:
+        return -_LEAF_TRANSMISSION * facing
+    return max(facing, 0.0)
+
+
+@compiled
+def _highlight(
+    materials: MaterialTables, material: int, light: Daylight, normal: Vector, view: Vector
+) -> float:
+    """The sun's highlight per unit of its irradiance: Blinn-Phong."""
+    middle = normalized(minus(light.sun_direction, view), normal)
+    power = _HIGHLIGHT_SHARPNESS * materials.highlight_power[material]
+    peak = _HIGHLIGHT_GAIN * materials.highlight[material]
+    return peak * max(dot(normal, middle), 0.0) ** power
+
+
+@compiled
+def _lamp(mesh: MeshTables, light: Daylight, material: int, face: int, albedo: Vector) -> Vector:
+    """Radiance of what glows in the dark: lamps, and the windows of rooms with somebody in."""
+    if material == _HEADLIGHT:
+        return scaled(albedo, 4.0 * light.lamps)
+    if material == _TAIL_LIGHT:
+        return scaled(albedo, 0.9 * light.lamps)
+    if material == _WINDOW:
+        # The two triangles of a pane share their first vertex.
+        corner = mesh.faces[face, 0]
+        chance = hashed(
+            int(100.0 * mesh.vertices[corner, 0]),
+            int(100.0 * mesh.vertices[corner, 1]),
+            int(100.0 * mesh.vertices[corner, 2]),
+        )
+        if chance < 0.35:
+            glow = light.lamps * (0.10 + 0.7 * chance)
+            return glow, glow * 0.72, glow * 0.38
+    return 0.0, 0.0, 0.0
+
+
+@compiled
+def add_haze(
+    light: Daylight, found: SurfaceHits, radiance: Float32[np.ndarray, "num_rays 3"]
+) -> None:
+    """Mixes the colour of the horizon into what is far away, in place."""
+    air = smooth_sky(light, 0.03)
+    for row in range(radiance.shape[0]):
+        if found.materials[row] != NOTHING:
+            clear = math.exp(-found.distances[row] / light.haze_m)
+            for channel in range(3):
+                radiance[row, channel] = radiance[row, channel] * clear + air[channel] * (
+                    1.0 - clear
+                )
+
+
+@compiled
+def guessed_ambient(light: Daylight, normal: Vector) -> Vector:
+    """Mean radiance around a surface in the open, of sky and of ground under sun and sky."""
+    sky, horizon = smooth_sky(light, 0.6), smooth_sky(light, 0.1)
+    upward = 0.5 + 0.5 * normal[2]
+    sun = max(light.sun_direction[2], 0.0) / math.pi
+    red = 0.5 * (sky[0] + horizon[0])
+    green = 0.5 * (sky[1] + horizon[1])
+    blue = 0.5 * (sky[2] + horizon[2])
+    below = (1.0 - upward) * _BOUNCE
+    return (
+        red * upward + below * (red + 0.6 * sun * light.sun_color[0]),
+        green * upward + below * (green + 0.6 * sun * light.sun_color[1]),
+        blue * upward + below * (blue + 0.6 * sun * light.sun_color[2]),
+    )
+
+
+@compiled
+def _guess(
+    light: Daylight, found: SurfaceHits, share: float, ambient: Float32[np.ndarray, "n 3"]
+) -> None:
+    for row in range(ambient.shape[0]):
+        if found.materials[row] != NOTHING:
+            guess = guessed_ambient(light, row_of(found.normals, row))
+            store_row(ambient, row, scaled(guess, share))
+
+
+def shaded_directly(
+    world: LitWorld, rays: Rays, pixel_angle: float, ambient_share: float
+) -> tuple[Float32[np.ndarray, "num_rays 3"], SurfaceHits]:
+    """Radiance along any rays and what they meet: sun and guessed ambient light, no mirrors."""
+    hits = world.raycaster.cast(rays.origins, rays.directions)
+    found = surfaces_met(world.mesh, rays, hits, pixel_angle)
+    count = len(hits.faces)
+    rows = np.arange(count, dtype=np.int32)
+    sun_visible = sun_visibility(world, found, rows, rows % np.int32(SUN_STRATA))
+    ambient = np.zeros((count, 3), np.float32)
+    _guess(world.light, found, ambient_share, ambient)
+    return shaded(world, found, hits.faces, sun_visible, ambient), found

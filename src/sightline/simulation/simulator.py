@@ -1,0 +1,221 @@
+"""One moment of a simulated drive: every sensor and every label."""
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float64, Int32
+from torch.utils.data import Dataset
+
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import project_points
+from sightline.simulation.camera import KITTI_IMAGE_SIZE, CameraConfig, CameraFrame, render_camera
+from sightline.simulation.labels import KITTI_FOCAL_PX, label_frame
+from sightline.simulation.lidar import LIDARS, LidarConfig, LidarModel, take_sweep
+from sightline.simulation.raycast import Raycaster
+from sightline.simulation.scene import Scene, Street, world_from_footprint
+from sightline.simulation.street import make_street
+from sightline.structures.sample import CameraLidarSample
+
+FRAME_S = 0.1
+"""Between two frames of a sequence: KITTI's 10 Hz."""
+
+_IMAGE_FROM_CAMERA = (
+    (KITTI_FOCAL_PX, 0.0, 609.5593, 44.85728),
+    (0.0, KITTI_FOCAL_PX, 172.854, 0.2163791),
+    (0.0, 0.0, 1.0, 0.002745884),
+)
+# KITTI's mount: camera 0 is 0.27 m ahead of the LiDAR and 0.08 m below it.
+_CAMERA_FROM_LIDAR = (
+    (0.0, -1.0, 0.0, 0.0),
+    (0.0, 0.0, -1.0, -0.08),
+    (1.0, 0.0, 0.0, -0.27),
+    (0.0, 0.0, 0.0, 1.0),
+)
+_MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SimulationConfig:
+    """What is simulated, but for the number of frames."""
+
+    seed: int = 0
+    sequence_length: int = 1
+    """Frames of a drive at 10 Hz; 1 = every frame is another street."""
+    image_size: tuple[int, int] = KITTI_IMAGE_SIZE
+    """Height, width [px]. What differs from KITTI's size is cut from the picture's top and both
+    sides, or added there: (352, 1216) is the depth benchmark's crop."""
+    focal_px: float = KITTI_FOCAL_PX
+    """Resizes the picture before it is cut: half of KITTI's shows as much in half the pixels."""
+    samples_per_pixel: int = 1
+    lidar: LidarModel = "hdl-64e"
+    rolling_shutter: bool = False
+    """Whether the LiDAR moves during its turn."""
+
+    def __post_init__(self) -> None:
+        """Checks the choices that no other type checks."""
+        if self.sequence_length < 1 or min(self.image_size) < 32 or self.focal_px <= 0:
+            raise ValueError(
+                "a simulation needs a sequence_length of 1 or more, an image of at least 32x32 "
+                f"and a positive focal length, got {self.sequence_length}, {self.image_size} and "
+                f"{self.focal_px}"
+            )
+
+    @property
+    def calibration(self) -> Calibration:
+        """KITTI's camera 2, at the chosen size and focal length."""
+        kitti = Calibration(
+            image_from_camera=torch.tensor(_IMAGE_FROM_CAMERA, dtype=torch.float64),
+            camera_from_lidar=torch.tensor(_CAMERA_FROM_LIDAR, dtype=torch.float64),
+        )
+        scale = self.focal_px / KITTI_FOCAL_PX
+        height, width = (scale * size for size in KITTI_IMAGE_SIZE)
+        return kitti.resize(scale, scale).crop(
+            round((width - self.image_size[1]) / 2), round(height - self.image_size[0])
+        )
+
+    @property
+    def lidar_config(self) -> LidarConfig:
+        """The chosen LiDAR."""
+        return replace(LIDARS[self.lidar], rolling_shutter=self.rolling_shutter)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SimulatedFrame:
+    """A sample and what only its maker knows."""
+
+    sample: CameraLidarSample
+    """With labels, dense true depth, pose and time; its sweep is a whole turn."""
+    instances: Int32[np.ndarray, "height width"]
+    """For each pixel 1 + the row of its object in the labels; 0 for all else."""
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class StreetMaker(Protocol):
+    """Makes a street by chance; a function of a module, so that worker processes find it."""
+
+    __module__: str
+    __qualname__: str
+
+    def __call__(self, rng: np.random.Generator, *, duration_s: float) -> Street:
+        """Makes a street whose traffic is known for so long."""
+
+    def __hash__(self) -> int:
+        """Functions have it; the street of a drive is kept until another is asked for."""
+
+
+def simulate_frame(
+    config: SimulationConfig, index: int, streets: StreetMaker = make_street
+) -> SimulatedFrame:
+    """Makes frame `index`; the same arguments give the same bytes, in any order and anywhere."""
+    drive, step = divmod(index, config.sequence_length)
+    street = simulate_street(config, drive, streets)
+    time_s = step * FRAME_S
+    scene = street.snapshot(time_s)
+    raycaster = Raycaster(scene.mesh)
+    camera_rng, lidar_rng = (
+        np.random.default_rng(child)
+        for child in np.random.SeedSequence([config.seed, drive, step]).spawn(2)
+    )
+    lidar = config.lidar_config
+    picture = render_camera(
+        scene,
+        config.calibration,
+        config.image_size,
+        rng=camera_rng,
+        config=CameraConfig(
+            samples_per_pixel=config.samples_per_pixel, lidar_height_m=lidar.height_m
+        ),
+        raycaster=raycaster,
+    )
+    points = take_sweep(
+        scene, raycaster, rng=lidar_rng, config=lidar, ego=street.ego, time_s=time_s
+    )
+    name = f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}"
+    return _assemble(name, config, scene, picture, torch.from_numpy(points), time_s)
+
+
+def _assemble(
+    name: str,
+    config: SimulationConfig,
+    scene: Scene,
+    picture: CameraFrame,
+    points: torch.Tensor,
+    time_s: float,
+) -> SimulatedFrame:
+    lidar_height_m = config.lidar_config.height_m
+    labels = label_frame(scene, picture, config.calibration, lidar_height_m)
+    rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY look up the last two
+    labelled = labels.actors >= 0
+    rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
+    depth = np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0))
+    sample = CameraLidarSample(
+        sample_id=name,
+        calibration=config.calibration,
+        image_size=config.image_size,
+        image=torch.from_numpy(np.ascontiguousarray(picture.image.transpose(2, 0, 1))),
+        points=points,
+        objects=labels.objects,
+        depth=torch.from_numpy(depth),
+        world_from_lidar=torch.from_numpy(world_from_footprint(scene.ego, lidar_height_m)),
+        timestamp_s=time_s,
+    )
+    return SimulatedFrame(sample=sample, instances=rows[picture.owners])
+
+
+@lru_cache(maxsize=1)  # the frames of a drive come one after the other
+def simulate_street(
+    config: SimulationConfig, drive: int, streets: StreetMaker = make_street
+) -> Street:
+    """The street of a drive, which is a frame where `sequence_length` is 1."""
+    rng = np.random.default_rng(np.random.SeedSequence([config.seed, drive]))
+    return streets(rng, duration_s=(config.sequence_length - 1) * FRAME_S)
+
+
+def simulate_course(
+    config: SimulationConfig, drive: int, length: int, streets: StreetMaker = make_street
+) -> Float64[np.ndarray, "length 4 4"]:
+    """`world_from_lidar` of the first `length` frames of a drive."""
+    ego = simulate_street(config, drive, streets).ego
+    height_m = config.lidar_config.height_m
+    return np.stack(
+        [world_from_footprint(ego.at(step * FRAME_S), height_m) for step in range(length)]
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedDataset(Dataset[CameraLidarSample]):
+    """Samples made as they are asked for: a data set without files."""
+
+    num_frames: int
+    config: SimulationConfig = field(default_factory=SimulationConfig)
+    streets: StreetMaker = make_street
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """Names of the samples, in order."""
+        return tuple(f"{index:06d}" for index in range(self.num_frames))
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return self.num_frames
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Makes a sample; its points are those that the camera sees, as in KITTI's reduced sweeps.
+
+        Raises:
+            IndexError: There is no such sample.
+        """
+        if not 0 <= index < self.num_frames:
+            raise IndexError(f"sample {index} of a simulated data set of {self.num_frames}")
+        sample = simulate_frame(self.config, index, self.streets).sample
+        return replace(sample, points=seen_by_camera(sample), sample_id=self.sample_ids[index])
+
+
+def seen_by_camera(sample: CameraLidarSample) -> torch.Tensor:
+    """The points of the sweep that fall in the image: KITTI's "reduced" sweep."""
+    assert sample.points is not None, "a simulated sample has a sweep"
+    projected = project_points(sample.points[:, :3], sample.calibration)
+    return sample.points[projected.in_image(sample.image_size)]

@@ -1,0 +1,74 @@
+"""Vectors of three numbers, as the compiled kernels calculate with them."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float32
+
+from sightline.ops.compiled import compiled
+
+Vector = tuple[float, float, float]
+
+
+@compiled
+def row_of(rows: Float32[np.ndarray, "n 3"], row: int) -> Vector:
+    """A row of an array as three numbers."""
+    # numba's float() keeps float32; the kernels work in float64.
+    return np.float64(rows[row, 0]), np.float64(rows[row, 1]), np.float64(rows[row, 2])
+
+
+@compiled
+def store_row(rows: Float32[np.ndarray, "n 3"], row: int, vector: Vector) -> None:
+    """Writes a row of an array."""
+    rows[row, 0], rows[row, 1], rows[row, 2] = vector
+
+
+@compiled
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def plus(a: Vector, b: Vector) -> Vector:
+    """Sum."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled
+def minus(a: Vector, b: Vector) -> Vector:
+    """Difference."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def scaled(a: Vector, factor: float) -> Vector:
+    """Product with a number."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@compiled
+def weighted(weights: Vector, a: Vector, b: Vector, c: Vector) -> Vector:
+    """Weighted sum of three vectors."""
+    return plus(plus(scaled(a, weights[0]), scaled(b, weights[1])), scaled(c, weights[2]))
+
+
+@compiled
+def normalized(a: Vector, otherwise: Vector) -> Vector:
+    """At unit length; the other vector where there is no length."""
+    squared = dot(a, a)
+    if squared < 1e-16:
+        return otherwise
+    return scaled(a, 1.0 / math.sqrt(squared))
+
+
+@compiled
+def luminance(color: Vector) -> float:
+    """Brightness of linear RGB (Rec. 709)."""
+    return 0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2]

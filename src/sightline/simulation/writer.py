@@ -1,0 +1,183 @@
+"""The files of a simulated data set: KITTI's object tree, or its raw recordings and depth tree."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.atomic import atomic_write_text
+from sightline.data.depth_png import write_depth_png
+from sightline.data.instance_png import write_instance_png
+from sightline.data.kitti_files import (
+    write_image,
+    write_object_calibration,
+    write_points,
+    write_raw_calibration,
+)
+from sightline.data.kitti_labels import write_objects
+from sightline.data.object_labels import kitti_from_labels
+from sightline.data.object_tree import Velodyne
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import sparse_depth_map
+from sightline.simulation.simulator import FRAME_S, SimulatedFrame, seen_by_camera
+
+DATE = "2000_01_01"
+"""Day of all simulated drives: no real one."""
+_START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FrameFiles:
+    """Where the parts of a frame go."""
+
+    image: Path
+    points: Path
+    objects: Path
+    depth: Path
+    """Of every pixel."""
+    sparse_depth: Path
+    """Of the pixels that the LiDAR hits: the depth benchmark's input."""
+    instances: Path
+    calibration: Path | None
+    """None: that of the day stands for all frames."""
+
+    def are_there(self) -> bool:
+        """Whether the frame needs no work; a file that is there is whole."""
+        paths = [self.image, self.points, self.objects, self.depth, self.sparse_depth]
+        paths += [self.instances, *([self.calibration] if self.calibration else [])]
+        return all(path.is_file() for path in paths)
+
+    def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
+        """Writes all parts, each aside first and then renamed."""
+        sample = frame.sample
+        assert sample.image is not None, "a simulated frame has an image"
+        assert sample.objects is not None, "a simulated frame has labels"
+        assert sample.depth is not None, "a simulated frame has depth"
+        assert sample.points is not None, "a simulated frame has a sweep"
+        seen = seen_by_camera(sample)
+        write_image(self.image, sample.image)
+        write_points(self.points, sample.points if velodyne == "velodyne" else seen)
+        write_objects(self.objects, kitti_from_labels(sample.objects, sample.calibration))
+        write_depth_png(self.depth, sample.depth.numpy())
+        sparse_depth = sparse_depth_map(seen, sample.calibration, sample.image_size)
+        write_depth_png(self.sparse_depth, sparse_depth.numpy())
+        write_instance_png(self.instances, frame.instances)
+        if self.calibration is not None:
+            write_object_calibration(self.calibration, sample.calibration)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectLayout:
+    """KITTI's object tree, with what only a simulator knows beside it."""
+
+    root: Path
+    velodyne: Velodyne
+
+    def frame(self, index: int) -> FrameFiles:
+        """The files of a frame."""
+        folder, name = self.root / "training", f"{index:06d}"
+        return FrameFiles(
+            image=folder / "image_2" / f"{name}.png",
+            points=folder / self.velodyne / f"{name}.bin",
+            objects=folder / "label_2" / f"{name}.txt",
+            depth=folder / "depth" / f"{name}.png",
+            sparse_depth=folder / "velodyne_raw" / f"{name}.png",
+            instances=folder / "instance" / f"{name}.png",
+            calibration=folder / "calib" / f"{name}.txt",
+        )
+
+    def num_begun(self) -> int:
+        """One more than the highest frame of which there is an image."""
+        names = (path.stem for path in (self.root / "training" / "image_2").glob("*.png"))
+        return 1 + max((int(name) for name in names if name.isdecimal()), default=-1)
+
+    def write_lists(self, frames: int, validation_frames: int) -> None:
+        """Writes ImageSets/train.txt and, where there are such frames, val.txt: the first ones."""
+        names = [f"{index:06d}\n" for index in range(frames)]
+        lists = {"train": names[validation_frames:], "val": names[:validation_frames]}
+        for name, lines in lists.items():
+            if lines:
+                atomic_write_text(self.root / "ImageSets" / f"{name}.txt", "".join(lines))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DriveLayout:
+    """KITTI's raw recordings of one day, and the same drives as a depth completion tree.
+
+    DATE/DRIVE/{image_02,velodyne_points,label_02,instance}/data/N.* with poses and times;
+    train/DRIVE/proj_depth/{groundtruth,velodyne_raw}/image_02/N.png.
+    """
+
+    root: Path
+    sequence_length: int
+
+    def frame(self, index: int) -> FrameFiles:
+        """The files of a frame; `index` counts through all drives."""
+        drive, step = divmod(index, self.sequence_length)
+        folder, name = self.drive_folder(drive), f"{step:010d}"
+        maps = self.root / "train" / folder.name / "proj_depth"
+        return FrameFiles(
+            image=folder / "image_02" / "data" / f"{name}.png",
+            points=folder / "velodyne_points" / "data" / f"{name}.bin",
+            objects=folder / "label_02" / "data" / f"{name}.txt",
+            depth=maps / "groundtruth" / "image_02" / f"{name}.png",
+            sparse_depth=maps / "velodyne_raw" / "image_02" / f"{name}.png",
+            instances=folder / "instance" / "data" / f"{name}.png",
+            calibration=None,
+        )
+
+    def drive_folder(self, drive: int) -> Path:
+        """The raw recording of a drive."""
+        return self.root / DATE / f"{DATE}_drive_{drive:04d}_sync"
+
+    def num_begun(self) -> int:
+        """One more than the highest frame of which there is an image."""
+        begun = 0
+        for folder in (self.root / DATE).glob(f"{DATE}_drive_*_sync"):
+            steps = [int(path.stem) for path in (folder / "image_02" / "data").glob("*.png")]
+            drive = int(folder.name.split("_")[-2])
+            if steps:
+                begun = max(begun, drive * self.sequence_length + max(steps) + 1)
+        return begun
+
+    def drives(self, frames: int) -> Iterator[tuple[int, int]]:
+        """Each drive and its number of frames, the last one possibly cut short."""
+        for first in range(0, frames, self.sequence_length):
+            yield first // self.sequence_length, min(self.sequence_length, frames - first)
+
+    def write_calibration(self, calibration: Calibration) -> None:
+        """Writes the day's calibration."""
+        write_raw_calibration(self.root / DATE, calibration)
+
+    def has_course(self, drive: int, length: int) -> bool:
+        """Whether the poses and times of a drive of so many frames are there."""
+        return all(
+            path.is_file() and path.read_bytes().count(b"\n") == length
+            for path in self._course_files(drive)
+        )
+
+    def write_course(
+        self, drive: int, world_from_lidar: Float64[np.ndarray, "num_frames 4 4"]
+    ) -> None:
+        """Writes the poses (3x4, row by row) and the times of a drive."""
+        poses, *times = self._course_files(drive)
+        rows = world_from_lidar[:, :3].reshape(-1, 12).tolist()
+        atomic_write_text(poses, "".join(" ".join(map(repr, row)) + "\n" for row in rows))
+        moments = (_START + timedelta(seconds=step * FRAME_S) for step in range(len(rows)))
+        text = "".join(f"{moment:%Y-%m-%d %H:%M:%S.%f}000\n" for moment in moments)
+        for path in times:
+            atomic_write_text(path, text)
+
+    def _course_files(self, drive: int) -> tuple[Path, Path, Path]:
+        folder = self.drive_folder(drive)
+        return (
+            folder / "poses.txt",
+            folder / "image_02" / "timestamps.txt",
+            folder / "velodyne_points" / "timestamps.txt",
+        )
+
+
+Layout = ObjectLayout | DriveLayout

@@ -1,0 +1,276 @@
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.check import check_tree
+from sightline.data.depth_png import read_depth_png
+from sightline.data.instance_png import read_instance_png
+from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_raw import KittiRawDrive
+from sightline.data.open import open_dataset
+from sightline.data.rings import ring_numbers
+from sightline.geometry.projection import sparse_depth_map
+from sightline.geometry.transforms import transform_points
+from sightline.simulation.generate import MANIFEST_NAME, SimulationResult, simulate
+from sightline.simulation.presets import PRESETS
+from sightline.simulation.simulator import SimulatedDataset, SimulationConfig, simulate_frame
+from tests.simulation.streets import make_tiny_street
+
+TINY = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0)
+DRIVES = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0, sequence_length=3)
+
+
+def make(out: Path, frames: int, config: SimulationConfig = TINY, **options) -> SimulationResult:
+    return simulate(out, frames=frames, config=config, streets=make_tiny_street, **options)
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("frames")
+    assert make(out, 4, workers=1, validation_frames=1) == SimulationResult(written=4, skipped=0)
+    return out
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("drives")
+    assert make(out, 5, DRIVES, workers=1) == SimulationResult(written=5, skipped=0)
+    return out
+
+
+def test_an_object_tree_passes_the_check_and_opens(frames: Path):
+    assert list(check_tree(frames, num_workers=1)) == []
+    dataset = open_dataset(frames, sample_list="train")
+    assert dataset.sample_ids == ("000001", "000002", "000003")
+    assert open_dataset(frames, sample_list="val").sample_ids == ("000000",)
+    sample = dataset[1]
+    assert ring_numbers(sample.points.numpy()).max() == 63
+
+
+def test_what_is_read_is_what_was_simulated(frames: Path):
+    made = simulate_frame(TINY, 2, make_tiny_street)
+    sample, folder = made.sample, frames / "training"
+    read = open_dataset(frames)[2]
+    assert torch.equal(read.image, sample.image)
+    assert torch.equal(read.points, sample.points)
+    assert read.objects.class_names == sample.objects.class_names
+    assert torch.allclose(read.objects.boxes3d.tensor, sample.objects.boxes3d.tensor, atol=0.011)
+    assert torch.equal(read.calibration.image_from_lidar, TINY.calibration.image_from_lidar)
+    assert np.array_equal(read_instance_png(folder / "instance/000002.png"), made.instances)
+    depth = read_depth_png(folder / "depth/000002.png")
+    assert np.abs(depth - sample.depth.numpy()).max() <= 1 / 512 + 1e-6
+    sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size).numpy()
+    read_sparse = read_depth_png(folder / "velodyne_raw/000002.png")
+    assert np.abs(read_sparse - sparse).max() <= 1 / 512 + 1e-6
+
+
+def test_instances_number_the_rows_of_the_label_file(frames: Path):
+    for path in sorted((frames / "training/instance").glob("*.png")):
+        instances = read_instance_png(path)
+        objects = read_labels(frames / f"training/label_2/{path.stem}.txt")
+        assert instances.max() <= len(objects.class_names)
+        for row, box in enumerate(objects.boxes2d, start=1):
+            y, x = np.nonzero(instances == row)
+            if objects.class_names[row - 1] == "DontCare":
+                assert len(x) == 0
+                continue
+            assert box[0] - 1 <= x.min() <= x.max() <= box[2] + 1
+            assert box[1] - 1 <= y.min() <= y.max() <= box[3] + 1
+
+
+def test_two_workers_write_the_same_bytes_as_one(frames: Path, tmp_path: Path):
+    make(tmp_path, 4, workers=2, validation_frames=1)
+    assert content(tmp_path) == content(frames)
+
+
+def test_frames_that_are_there_are_kept_and_what_is_missing_is_made_alike(
+    frames: Path, tmp_path: Path
+):
+    make(tmp_path, 4, workers=1, validation_frames=1)
+    (tmp_path / "training/depth/000001.png").unlink()
+    (tmp_path / "training/image_2/000003.png").unlink()
+    kept = tmp_path / "training/image_2/000002.png"
+    before = kept.stat().st_mtime_ns
+    result = make(tmp_path, 4, workers=1, validation_frames=1)
+    assert result == SimulationResult(written=2, skipped=2)
+    assert kept.stat().st_mtime_ns == before
+    assert content(tmp_path) == content(frames)
+
+
+def test_a_run_with_more_frames_extends_and_one_with_fewer_changes_nothing(
+    frames: Path, tmp_path: Path
+):
+    make(tmp_path, 2, workers=1, validation_frames=1)
+    assert make(tmp_path, 4, workers=1, validation_frames=1).written == 2
+    assert content(tmp_path) == content(frames)
+    assert make(tmp_path, 1, workers=1, validation_frames=1) == SimulationResult(
+        written=0, skipped=4
+    )
+    assert content(tmp_path) == content(frames)
+
+
+def test_ctrl_c_leaves_whole_files_and_the_next_run_finishes_to_the_same_bytes(
+    frames: Path, tmp_path: Path
+):
+    program = (
+        "from pathlib import Path\n"
+        "from tests.simulation.test_generate import make\n"
+        f"make(Path({str(tmp_path)!r}), 400, workers=2, validation_frames=1)\n"
+    )
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True) as process:
+        images = tmp_path / "training/image_2"
+        deadline = time.monotonic() + 120
+        while len(list(images.glob("*.png"))) < 2 and time.monotonic() < deadline:
+            assert process.poll() is None, process.stderr.read().decode()
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        assert b"KeyboardInterrupt" in process.communicate(timeout=60)[1]
+    begun = max(int(path.stem) for path in images.glob("*.png")) + 1
+    assert begun < 400
+    assert not [path for path in tmp_path.rglob(".*") if path.is_file()]
+    for number in range(begun, 4):  # whatever the speed, compare four frames
+        assert not (images / f"{number:06d}.png").exists()
+    make(tmp_path, 4, workers=1, validation_frames=1)
+    whole, resumed = content(frames), content(tmp_path)
+    for name, expected in whole.items():
+        if not name.startswith("ImageSets"):
+            assert resumed[name] == expected, name
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"config": SimulationConfig(seed=4, image_size=(94, 310), focal_px=180.0)}, "seed 3"),
+        ({"validation_frames": 2}, "validation_frames 1 instead of 2"),
+        ({"velodyne": "velodyne_reduced", "validation_frames": 1}, "velodyne velodyne instead"),
+    ],
+)
+def test_other_settings_never_mix_with_what_is_there(frames: Path, options: dict, message: str):
+    before = content(frames)
+    with pytest.raises(ValueError, match=message):
+        make(frames, 6, **{"workers": 1, "validation_frames": 1, **options})
+    assert content(frames) == before
+
+
+def test_data_of_unknown_origin_are_not_mixed_with(tmp_path: Path):
+    (tmp_path / "training").mkdir()
+    with pytest.raises(ValueError, match=f"data without a {MANIFEST_NAME}"):
+        make(tmp_path, 1)
+
+
+def test_the_manifest_records_version_seed_and_settings(frames: Path):
+    manifest = json.loads((frames / MANIFEST_NAME).read_text())
+    assert manifest["seed"] == 3
+    assert manifest["image_size"] == [94, 310]
+    assert manifest["sightline"].count(".") >= 2
+    assert manifest["streets"] == "tests.simulation.streets.make_tiny_street"
+
+
+def test_reduced_sweeps_hold_what_the_camera_sees(frames: Path, tmp_path: Path):
+    make(tmp_path, 1, workers=1, velodyne="velodyne_reduced")
+    assert list(check_tree(tmp_path, num_workers=1)) == []
+    reduced = open_dataset(tmp_path, velodyne="velodyne_reduced")[0]
+    whole = open_dataset(frames)[0]
+    assert 0 < len(reduced.points) < len(whole.points) / 3
+    assert (reduced.points[:, 0] > 0).all()
+
+
+def test_drives_pass_the_check_as_recordings_and_as_depth_tree(drives: Path):
+    assert list(check_tree(drives, num_workers=1)) == []
+    day = drives / "2000_01_01"
+    for folder in sorted(day.glob("*_sync")):
+        assert list(check_tree(folder, num_workers=1)) == []
+    depth = KittiDepthDataset(drives, "train")
+    assert len(depth) == 5
+    assert depth[0].depth is not None
+
+
+def test_the_poses_of_a_drive_bring_standing_points_to_the_same_place(drives: Path):
+    folder = drives / "2000_01_01/2000_01_01_drive_0000_sync"
+    drive = KittiRawDrive(folder, folder / "poses.txt")
+    assert [sample.timestamp_s for sample in drive] == pytest.approx([0.0, 0.1, 0.2])
+    for sample in drive:
+        points = sample.points[:, :3].double()
+        world = transform_points(sample.world_from_lidar, points)
+        walls = world[(world[:, :2].abs().amax(dim=1) > 29) & (world[:, 2] > 0.5)]
+        assert len(walls) > 1000
+        # The inner faces of the courtyard's walls stand 29.8 m away in the world.
+        assert (walls[:, :2].abs().amax(dim=1) - 29.8).abs().median() < 0.02
+    first, last = drive[0].world_from_lidar, drive[2].world_from_lidar
+    assert torch.linalg.vector_norm(last[:3, 3] - first[:3, 3]) > 0.15
+
+
+def test_a_drive_cut_short_is_extended_with_its_poses_and_times(drives: Path, tmp_path: Path):
+    make(tmp_path, 2, DRIVES, workers=1)
+    make(tmp_path, 5, DRIVES, workers=2)
+    assert content(tmp_path) == content(drives)
+
+
+def test_labels_of_a_drive_follow_its_frames(drives: Path):
+    folder = drives / "2000_01_01/2000_01_01_drive_0001_sync"
+    names = sorted(path.stem for path in (folder / "label_02/data").glob("*.txt"))
+    assert names == ["0000000000", "0000000001"]
+    instances = read_instance_png(folder / "instance/data/0000000001.png")
+    assert instances.shape == DRIVES.image_size
+
+
+@pytest.mark.parametrize(
+    ("frames_asked", "options"),
+    [(0, {}), (2, {"workers": 0}), (2, {"validation_frames": 3})],
+)
+def test_senseless_numbers_are_refused(tmp_path: Path, frames_asked: int, options: dict):
+    with pytest.raises(ValueError, match="at least 1 frame and 1 worker"):
+        make(tmp_path, frames_asked, **options)
+    assert not any(tmp_path.iterdir())
+
+
+def test_drives_are_not_reduced_or_split(tmp_path: Path):
+    with pytest.raises(ValueError, match="leave both out"):
+        make(tmp_path, 2, DRIVES, velodyne="velodyne_reduced")
+
+
+def test_an_output_that_is_a_file_is_refused(tmp_path: Path):
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(ValueError, match="is no folder"):
+        make(tmp_path / "out", 1)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_names_the_frame(tmp_path: Path, workers: int):
+    make(tmp_path, 1, workers=workers)
+    shutil.rmtree(tmp_path / "training/depth")
+    (tmp_path / "training/depth").write_text("in the way")
+    with pytest.raises(ValueError, match=r"^frame 0: .*depth.* cannot be written"):
+        make(tmp_path, 3, workers=workers)
+
+
+def test_presets_split_into_training_and_validation():
+    preset = PRESETS["street-2k"]
+    assert preset.frames - preset.validation_frames == 2000
+    assert preset.config.image_size == (352, 1216)
+
+
+def test_a_data_set_without_files_gives_reduced_samples():
+    dataset = SimulatedDataset(2, TINY, make_tiny_street)
+    sample = dataset[1]
+    assert dataset.sample_ids == ("000000", "000001")
+    assert sample.sample_id == "000001"
+    assert (sample.points[:, 0] > 0).all()
+    with pytest.raises(IndexError):
+        dataset[2]

@@ -1,0 +1,167 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.kitti_labels import read_labels, write_objects
+from sightline.data.object_labels import kitti_from_labels
+from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.simulation.camera import CameraFrame, render_camera
+from sightline.simulation.labels import FrameLabels, label_frame
+from sightline.simulation.meshes.cars import make_car
+from sightline.simulation.scene import Actor, Mesh, Pose, Street
+from sightline.simulation.simulator import SimulationConfig, simulate_frame
+from tests.simulation.streets import Straight, block, box_actor, ground, street
+
+SIZE = (188, 621)
+CALIBRATION = SimulationConfig(image_size=SIZE, focal_px=360.0).calibration
+
+
+def look(scenery: Street) -> tuple[CameraFrame, FrameLabels]:
+    scene = scenery.snapshot(0.0)
+    frame = render_camera(scene, CALIBRATION, SIZE, rng=np.random.default_rng(0))
+    return frame, label_frame(scene, frame, CALIBRATION, KITTI_LIDAR_HEIGHT_M)
+
+
+def empty_street(rng: np.random.Generator, *, duration_s: float) -> Street:  # noqa: ARG001
+    return street()
+
+
+def mask_box(frame: CameraFrame, actor: int) -> np.ndarray:
+    y, x = np.nonzero(frame.owners == actor)
+    return np.array([x.min(), y.min(), x.max(), y.max()])
+
+
+def car(seed: int, x: float, y: float, yaw: float) -> Actor:
+    model = make_car(np.random.default_rng(seed))
+    motion = Straight(Pose(x=x, y=y, z=0.0, yaw=yaw))
+    return Actor(
+        class_name=model.class_name, size_lwh=model.size_lwh, shape=model.shape, motion=motion
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_boxes_are_tight_on_what_the_picture_shows_of_unoccluded_cars(seed: int):
+    rng = np.random.default_rng(seed)
+    places = [(9.0, 3.5), (14.0, -4.0), (22.0, 0.0), (6.5, -4.5), (5.0, 3.2)]
+    cars = [car(seed * 10 + i, x, y, rng.uniform(-3, 3)) for i, (x, y) in enumerate(places)]
+    frame, labels = look(street(*cars))
+    tight = 0
+    for row, actor in enumerate(labels.actors.tolist()):
+        if actor >= 0 and labels.objects.occlusion[row] == 0:
+            alone, _ = look(street(*cars[actor : actor + 1]))
+            if (alone.owners == 0).sum() == (frame.owners == actor).sum():  # nothing hides it
+                box = labels.objects.boxes2d.tensor[row].numpy()
+                assert np.abs(box - mask_box(frame, actor)).max() <= 1.5
+                tight += 1
+    assert tight >= 2
+
+
+def test_a_car_cut_by_the_image_has_a_box_tight_on_its_part_inside():
+    frame, labels = look(street(box_actor(5.0, 4.0, yaw=0.6, size_lwh=(4.5, 1.8, 1.5))))
+    box = labels.objects.boxes2d.tensor[0].numpy()
+    assert box[0] == 0
+    assert np.abs(box - mask_box(frame, 0)).max() <= 1.5
+    assert 0.1 < float(labels.objects.truncation[0]) < 0.9
+
+
+def test_a_wall_of_half_the_view_hides_half_of_a_truck_seen_from_behind():
+    truck = box_actor(20.0, 0.0, size_lwh=(8.0, 2.4, 3.0), class_name="Truck")
+    levels = {}
+    for share, edge in {0.04: 1.1, 0.5: 0.0, 0.75: -0.6}.items():
+        # The camera stands 0.06 m to the left; the wall at 8 m hides all left of `edge` at 16 m.
+        at_wall = 0.06 + (edge - 0.06) * (8.0 - 0.27) / (16.0 - 0.27)
+        wall = block((8.0, at_wall + 3.0, 2.0), (0.01, 3.0, 2.0))
+        _, labels = look(street(truck, scenery=Mesh.joined([ground(), wall])))
+        assert labels.objects.class_names == ("Truck",), share
+        levels[share] = int(labels.objects.occlusion[0])
+    assert levels == {0.04: 0, 0.5: 1, 0.75: 2}
+
+
+def test_the_box_of_an_occluded_object_is_that_of_the_whole_object():
+    truck = box_actor(20.0, 0.0, size_lwh=(8.0, 2.4, 3.0), class_name="Truck")
+    wall = block((8.0, 3.0, 2.0), (0.01, 3.0, 2.0))
+    _, hidden = look(street(truck, scenery=Mesh.joined([ground(), wall])))
+    _, free = look(street(truck))
+    assert torch.equal(hidden.objects.boxes2d.tensor, free.objects.boxes2d.tensor)
+
+
+def test_truncation_is_the_share_of_the_outline_beyond_the_image():
+    # Seen end on, the near face (2 m wide, 8 m ahead of the camera) is the whole outline.
+    left_edge = (0 - float(CALIBRATION.image_from_camera[0, 2])) / 360.0 * 8.0
+    left = 0.06 - left_edge  # of the LiDAR, at that distance
+    actor = box_actor(8.27 + 0.01, left + 0.5, size_lwh=(0.02, 2.0, 1.5))
+    _, labels = look(street(actor))
+    assert float(labels.objects.truncation[0]) == pytest.approx(0.75, abs=0.02)
+    assert float(labels.objects.boxes2d.tensor[0, 0]) == 0
+
+
+def test_what_is_wholly_inside_is_not_truncated():
+    _, labels = look(street(box_actor(15.0, 0.0)))
+    assert float(labels.objects.truncation[0]) == 0
+
+
+def test_what_nothing_shows_of_has_no_label():
+    wall = block((8.0, 0.0, 2.0), (0.1, 4.0, 2.0))
+    _, labels = look(street(box_actor(15.0, 0.0), scenery=Mesh.joined([ground(), wall])))
+    assert len(labels.objects.class_names) == 0
+    assert labels.objects.boxes3d.tensor.shape == (0, 7)
+
+
+def test_a_street_without_road_users_has_no_labels():
+    frame = simulate_frame(SimulationConfig(image_size=(94, 310), focal_px=180.0), 0, empty_street)
+    assert len(frame.sample.objects.class_names) == 0
+    assert not frame.instances.any()
+
+
+def test_a_few_pixels_over_a_wall_do_not_make_a_label_but_a_region_to_ignore():
+    # Of the person behind the wall only the top of the head shows.
+    person = box_actor(6.0, 0.0, size_lwh=(0.5, 0.6, 1.8), class_name="Pedestrian")
+    wall = block((5.0, 0.0, 0.865), (0.05, 2.0, 0.865))
+    frame, labels = look(street(person, scenery=Mesh.joined([ground(), wall])))
+    shown = (frame.owners == 0).sum()
+    assert 25 <= shown < 200
+    assert labels.objects.class_names == ("DontCare",)
+    box = labels.objects.boxes2d.tensor[0].numpy()
+    assert np.array_equal(box, mask_box(frame, 0))
+
+
+def test_far_groups_are_one_region_without_a_3d_part(tmp_path):
+    far = [box_actor(85.0, y) for y in (-1.0, 1.0, 3.0)] + [box_actor(88.0, 25.0)]
+    _, labels = look(street(*far, box_actor(12.0, -3.0)))
+    assert labels.objects.class_names == ("Car", "DontCare", "DontCare")
+    assert labels.actors.tolist() == [4, -1, -1]
+    write_objects(tmp_path / "0.txt", kitti_from_labels(labels.objects, CALIBRATION))
+    line = (tmp_path / "0.txt").read_text().splitlines()[1].split()
+    assert line[:4] == ["DontCare", "-1", "-1", "-10"]
+    assert line[8:] == ["-1", "-1", "-1", "-1000", "-1000", "-1000", "-10"]
+
+
+@pytest.mark.parametrize("ego_yaw", [0.0, 0.7])
+def test_3d_part_is_kittis(tmp_path, ego_yaw: float):
+    cos, sin = math.cos(ego_yaw), math.sin(ego_yaw)
+    ego = Pose(x=30.0, y=-20.0, z=0.0, yaw=ego_yaw)
+    ahead, left = 15.27, 3.06  # 15 m ahead of the camera, 3 m to its left
+    actor = box_actor(
+        30.0 + cos * ahead - sin * left,
+        -20.0 + sin * ahead + cos * left,
+        yaw=ego_yaw + 0.2,
+        size_lwh=(4.2, 1.7, 1.5),
+    )
+    _, labels = look(street(actor, ego=Straight(ego)))
+    write_objects(tmp_path / "0.txt", kitti_from_labels(labels.objects, CALIBRATION))
+    read = read_labels(tmp_path / "0.txt")
+    assert read.dimensions_hwl[0].tolist() == [1.5, 1.7, 4.2]
+    # The bottom centre: the camera stands 1.65 m above the road. KITTI's camera 2 is 0.06 m left.
+    assert read.locations[0] == pytest.approx([-3.06, 1.65, 15.0], abs=0.011)
+    assert read.rotation_y[0] == pytest.approx(-0.2 - math.pi / 2, abs=0.006)
+    bearing = math.atan2(-3.06, 15.0)
+    assert read.alpha[0] == pytest.approx(-0.2 - math.pi / 2 - bearing, abs=0.011)
+
+
+def test_an_actor_beside_the_camera_that_reaches_behind_it_is_labelled_without_a_fault():
+    frame, labels = look(street(box_actor(1.5, 2.2, size_lwh=(6.0, 1.8, 1.6))))
+    box = labels.objects.boxes2d.tensor[0].numpy()
+    assert np.abs(box - mask_box(frame, 0)).max() <= 1.5
+    assert 0.3 < float(labels.objects.truncation[0]) <= 1

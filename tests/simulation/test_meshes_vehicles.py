@@ -1,0 +1,191 @@
+import numpy as np
+import pytest
+
+from sightline.simulation.materials import Material
+from sightline.simulation.meshes.cars import STYLES, make_car
+from sightline.simulation.meshes.models import RigidShape
+from sightline.simulation.meshes.sizes import KITTI_SIZES, Kind, Size, SizeStatistics, draw_kind
+from sightline.simulation.meshes.trams import make_tram
+from sightline.simulation.meshes.trucks import make_truck
+from sightline.simulation.meshes.vans import VAN_STYLES, make_van
+from sightline.simulation.scene import Mesh
+from tests.simulation.mesh_checks import assert_sound, share_of_front_faces
+
+MAKERS = {"Car": make_car, "Van": make_van, "Truck": make_truck, "Tram": make_tram}
+STYLED = [
+    *((f"{style} car", make_car, style) for style in STYLES),
+    *((f"{style}", make_van, style) for style in VAN_STYLES),
+]
+
+
+def models(count):
+    for seed in range(count):
+        for make in MAKERS.values():
+            yield make(np.random.default_rng(seed))
+        for _, make, style in STYLED:
+            yield make(np.random.default_rng(1000 + seed), style)
+
+
+def test_vehicles_fill_their_box_and_stand_in_its_middle_on_the_ground():
+    for model in models(6):
+        vertices = model.shape.at(0.0).vertices
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        assert high - low == pytest.approx(np.array(model.size_lwh), abs=0.01)
+        assert low + high == pytest.approx((0, 0, model.size_lwh[2]), abs=0.01)
+
+
+def test_meshes_are_sound():
+    for model in models(2):
+        assert_sound(model.shape.at(0.0))
+
+
+@pytest.mark.parametrize(("make", "style"), [entry[1:] for entry in STYLED])
+def test_from_outside_a_ray_meets_front_faces(make, style):
+    mesh = make(np.random.default_rng(5), style).shape.at(0.0)
+    assert share_of_front_faces(mesh) > 0.995
+
+
+@pytest.mark.parametrize("make", [make_truck, make_tram])
+def test_from_outside_a_ray_meets_front_faces_of_large_vehicles(make):
+    for seed in range(3):
+        mesh = make(np.random.default_rng(seed)).shape.at(0.0)
+        assert share_of_front_faces(mesh) > 0.98
+
+
+@pytest.mark.parametrize("make", [make_car, make_van])
+def test_cars_have_what_a_detector_and_a_laser_look_for(make):
+    for seed in range(5):
+        mesh = make(np.random.default_rng(seed)).shape.at(0.0)
+        middles = mesh.vertices[mesh.faces].mean(axis=1)
+        length, _, height = np.ptp(mesh.vertices, axis=0)
+
+        def part(material, mesh=mesh, middles=middles):
+            return middles[mesh.materials == material]
+
+        assert part(Material.HEADLIGHT)[:, 0].min() > 0.25 * length
+        assert part(Material.TAIL_LIGHT)[:, 0].max() < -0.3 * length
+        assert part(Material.GLASS)[:, 2].min() > 0.4 * height
+        plates = part(Material.RETRO_REFLECTOR)[:, 0]
+        assert plates.min() < -0.4 * length
+        assert plates.max() > 0.4 * length
+        assert part(Material.RUBBER)[:, 2].min() < 0.1
+
+
+def areas(mesh):
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def test_tail_lights_are_small():
+    for style in STYLES:
+        for seed in range(3):
+            model = make_car(np.random.default_rng(seed), style)
+            mesh = model.shape.at(0.0)
+            lamps = areas(mesh)[mesh.materials == Material.TAIL_LIGHT].sum()
+            _, width, height = model.size_lwh
+            assert 0.01 < lamps / (width * height) < 0.12
+
+
+def test_triangle_budgets_are_kept():
+    for model in models(2):
+        limit = 8000 if model.class_name in ("Car", "Van", "Truck") else 16000
+        assert 2000 < len(model.shape.at(0.0).faces) < limit
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_sizes_are_distributed_as_in_kitti(name):
+    count = 40 if name != "Car" else 150
+    sizes = np.array([MAKERS[name](np.random.default_rng(s)).size_lwh for s in range(count)])
+    statistics = KITTI_SIZES[name]
+    error = sizes.mean(axis=0) - np.array(statistics.mean)
+    tolerance = 3 * np.array(statistics.deviation) / np.sqrt(count) + 0.01
+    if name == "Tram":  # no trams that KITTI's annotators saw only a part of
+        tolerance[0] += 2.5
+    assert (np.abs(error) < tolerance).all(), error
+
+
+def test_drawn_sizes_have_the_means_deviations_and_correlations_of_the_class():
+    statistics = KITTI_SIZES["Van"]
+    sizes = statistics.draw(np.random.default_rng(0), 20000)
+    assert sizes.mean(axis=0) == pytest.approx(np.array(statistics.mean), rel=0.01)
+    assert sizes.std(axis=0) == pytest.approx(np.array(statistics.deviation), rel=0.12)
+    length_width = np.corrcoef(sizes.T)[0, 1]
+    assert length_width == pytest.approx(statistics.correlations[0], abs=0.05)
+    assert (sizes >= np.array(statistics.low)).all()
+    assert (sizes <= np.array(statistics.high)).all()
+
+
+def test_a_wanted_kind_takes_sizes_that_suit_it_and_drawn_kinds_keep_the_class():
+    statistics = SizeStatistics(
+        mean=Size(4.0, 2.0, 1.5),
+        deviation=Size(0.5, 0.1, 0.1),
+        correlations=(0.0, 0.0, 0.0),
+        low=Size(2.0, 1.0, 1.0),
+        high=Size(6.0, 3.0, 2.0),
+    )
+    kinds = [Kind(share=0.5, mean_size=Size(length, 2.0, 1.5)) for length in (3.5, 4.5)]
+    spread = Size(0.3, 0.3, 0.3)
+    rng = np.random.default_rng(0)
+    drawn = [draw_kind(rng, statistics, kinds, spread) for _ in range(2000)]
+    lengths = np.array([size.length for _, size in drawn])
+    is_long = np.array([kind == 1 for kind, _ in drawn])
+    assert lengths.mean() == pytest.approx(4.0, abs=0.05)
+    assert is_long.mean() == pytest.approx(0.5, abs=0.05)
+    assert lengths[is_long].mean() > lengths[~is_long].mean() + 0.5
+    wanted = [draw_kind(rng, statistics, kinds, spread, 1) for _ in range(300)]
+    assert {kind for kind, _ in wanted} == {1}
+    mean = np.mean([size.length for _, size in wanted])
+    assert mean == pytest.approx(lengths[is_long].mean(), abs=0.1)
+
+
+def test_shares_of_styles_sum_to_one():
+    for styles in (STYLES, VAN_STYLES):
+        assert sum(style.kind.share for style in styles.values()) == pytest.approx(1.0)
+
+
+def test_without_a_wish_all_common_styles_of_size_and_colour_occur():
+    lengths, colors = [], []
+    for seed in range(60):
+        model = make_car(np.random.default_rng(seed))
+        mesh = model.shape.at(0.0)
+        lengths.append(model.size_lwh[0])
+        painted = mesh.colors[mesh.materials == Material.CAR_PAINT]
+        values, counts = np.unique(painted, axis=0, return_counts=True)
+        colors.append(values[counts.argmax()])
+    brightness = np.array(colors).mean(axis=1)
+    chroma = np.ptp(np.array(colors), axis=1)
+    assert np.ptp(lengths) > 1.2
+    assert (brightness < 0.03).mean() > 0.1  # black
+    assert (brightness > 0.3).mean() > 0.1  # silver and white
+    assert 0.02 < (chroma > 0.1).mean() < 0.5  # colourful
+
+
+def test_the_same_seed_makes_the_same_vehicle_whatever_the_global_generator_does():
+    for make in MAKERS.values():
+        np.random.seed(1)  # noqa: NPY002
+        state = np.random.get_state()[1].tobytes()  # noqa: NPY002
+        first = make(np.random.default_rng(3))
+        assert np.random.get_state()[1].tobytes() == state  # noqa: NPY002
+        np.random.seed(2)  # noqa: NPY002
+        second = make(np.random.default_rng(3))
+        assert first.size_lwh == second.size_lwh
+        for name in ("vertices", "normals", "uvs", "faces", "materials", "colors"):
+            one, other = (getattr(model.shape.at(0.0), name) for model in (first, second))
+            assert one.tobytes() == other.tobytes()
+
+
+def test_different_seeds_make_different_cars():
+    first, second = (make_car(np.random.default_rng(seed), "sedan") for seed in (0, 1))
+    assert first.size_lwh != second.size_lwh
+
+
+def test_an_unknown_style_is_named_with_those_that_there_are():
+    with pytest.raises(ValueError, match=r"no Car style is called 'hovercraft'.*'sedan'"):
+        make_car(np.random.default_rng(0), "hovercraft")
+
+
+def test_a_rigid_shape_is_the_same_at_all_times():
+    mesh = make_car(np.random.default_rng(0)).shape.at(0.0)
+    shape = RigidShape(mesh=mesh)
+    assert isinstance(shape.at(0.0), Mesh)
+    assert shape.at(7.5) is mesh
