@@ -11,7 +11,7 @@ import jsonargparse
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.image_file import write_rgb
+from sightline.data.atomic import atomic_write_bytes
 from sightline.data.progress import track
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.simulation.simulator import SimulationConfig, simulate_frame
@@ -19,8 +19,10 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
 from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points
 
-_HEIGHT_PX = 150
+_HEIGHT_PX = 160
 _GAP_PX = 4
+_JPEG_QUALITY = 80
+_VIEW = BirdsEyeView(x_min_m=-3.0, x_max_m=47.0, y_min_m=-25.0, y_max_m=25.0, pixels_per_m=6.4)
 
 
 def main(
@@ -39,7 +41,9 @@ def main(
         for seed in track(seeds, description="simulating")
     ]
     columns = [np.concatenate(rows[start::2]) for start in (0, 1)]
-    write_rgb(out, np.concatenate(columns, axis=1))
+    sheet = np.concatenate(columns, axis=1)
+    _, encoded = cv2.imencode(".jpg", sheet[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    atomic_write_bytes(out, encoded.tobytes())
     print(out)
 
 
@@ -55,7 +59,7 @@ def _row(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
     boxes = draw_boxes2d(boxes, Boxes2D(objects.boxes2d.tensor), objects.class_names, tags=False)
     dimmed = np.rint(image * 0.55).astype(np.uint8)
     sweep = draw_points(dimmed, sample.points, sample.calibration)
-    above = draw_birds_eye(sample.points, objects.boxes3d, objects.class_names, view=BirdsEyeView())
+    above = draw_birds_eye(sample.points, objects.boxes3d, objects.class_names, view=_VIEW)
     return np.concatenate([_scaled(picture) for picture in (boxes, sweep, above)], axis=1)
 
 

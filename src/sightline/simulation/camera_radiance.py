@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float32, Int32
 
 from sightline.ops.compiled import compiled
 from sightline.simulation.camera_rays import Samples
+from sightline.simulation.materials import Material
 from sightline.simulation.shading import (
     SUN_QUARTERS,
     SUN_STRATA,
@@ -20,6 +21,7 @@ from sightline.simulation.shading_mirrors import add_mirror_images
 from sightline.simulation.surfaces import NOTHING, SurfaceHits, surfaces_met
 from sightline.simulation.vectors import dot, minus, row_of
 
+_LEAF: Final = int(Material.LEAF)
 _SAME_PLANE: Final = 0.004
 """How far off the plane of a surface its neighbour in the image may lie, by distance."""
 
@@ -63,7 +65,9 @@ def _soft_sun(
     sun_visible = sun_visibility(world, found, everywhere, samples.strata)
     mixed = np.zeros((height, width), bool)
     _mark_mixed(sun_visible[: height * width].reshape(height, width), mixed)
-    edges = np.flatnonzero(mixed).astype(np.int32)
+    # Foliage is a mixture of light and shade anyway.
+    is_leaf = found.materials[: height * width] == _LEAF
+    edges = np.flatnonzero(mixed.ravel() & ~is_leaf).astype(np.int32)
     for turn in range(1, SUN_STRATA // SUN_QUARTERS):
         strata = samples.strata[edges] + np.int32(turn * SUN_QUARTERS)
         sun_visible[edges] += sun_visibility(world, found, edges, strata)

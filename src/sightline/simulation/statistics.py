@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float, Float64, Shaped
+from jaxtyping import Float64, Shaped
 
 from sightline.data.kitti_labels import NO_LOCATION
 from sightline.simulation.measures import GRADIENTS, Measures, measure_tree
@@ -121,11 +121,14 @@ def _shown(value: float | None) -> str:
 _Tell = Callable[[Measures], float | None]
 
 
-def _mean(values: Sequence[float] | Shaped[np.ndarray, " num_values"]) -> float | None:
+_Values = Sequence[int] | Sequence[float] | Shaped[np.ndarray, " num_values"]
+
+
+def _mean(values: _Values) -> float | None:
     return float(np.mean(values)) if len(values) else None
 
 
-def _quantile(values: Sequence[float] | Float[np.ndarray, " num"], share: float) -> float | None:
+def _quantile(values: _Values, share: float) -> float | None:
     return float(np.quantile(values, share)) if len(values) else None
 
 
