@@ -25,6 +25,7 @@ def run(capsys, *arguments):
         ["demo"],
         ["check"],
         ["show"],
+        ["simulate"],
         ["predict"],
         ["predict", "depth-completion"],
         ["evaluate"],

@@ -5,10 +5,10 @@ help. What a command needs is imported inside it, so that `--help` answers at on
 """
 
 import json
+import os
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import reduce
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +26,7 @@ Velodyne = Literal["velodyne", "velodyne_reduced"]
 LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 
 _INTERRUPTED = 130  # what a shell reports for a program that Ctrl-C ended
+_BROKEN_PIPE = 141  # likewise
 _REFUSED = 2
 _NUMBER_LISTS = ("--beams", "--ious", "--image-size")
 _FILE_WIDTH = 160  # columns of a table that goes to no terminal
@@ -90,65 +91,62 @@ def simulate(
     out: Path,
     *,
     frames: int | None = None,
-    preset: Literal["street-2k"] | None = None,
     seed: int | None = None,
+    workers: int = 2,
     sequence_length: int | None = None,
     image_size: tuple[int, int] | None = None,
-    lidar: LidarModel | None = None,
-    velodyne: Velodyne | None = None,
+    focal_px: float | None = None,
     samples_per_pixel: int | None = None,
-    workers: int = 2,
+    lidar: LidarModel | None = None,
+    rolling_shutter: bool = False,
+    velodyne: Velodyne | None = None,
+    validation_frames: int | None = None,
+    preset: Literal["street-2k"] | None = None,
     compare: Path | None = None,
-    json: Path | None = None,
 ) -> None:
     """Makes street frames or drives in KITTI's format, with dense depth and exact labels.
 
-    The same settings give the same files for any number of workers; an interrupted run is finished
-    by running it again, and more frames extend what is there.
+    The same settings give the same files for any number of workers. An interrupted run is finished
+    by running it again; more frames extend what is there.
 
     Args:
         out: Folder for the data.
-        frames: How many in all. Default: those that are there, or the preset's.
-        preset: A named data set; options that are given as well replace its settings.
-        seed: Another seed gives other streets. Default: 0.
-        sequence_length: Frames of a drive at 10 Hz, in KITTI's raw layout. Default: 1, each frame
-            another street, in the object layout.
-        image_size: Width and height in pixels. Default: 1242 375.
-        lidar: The sensor. Default: hdl-64e.
-        velodyne: velodyne for whole turns, velodyne_reduced for what the camera sees. Default:
-            velodyne.
-        samples_per_pixel: 1, or 4 for finer pictures. Default: 1.
+        frames: How many, over all drives. Default: 100, or the preset's.
+        seed: Another seed gives other streets. Default: 0, or the preset's.
         workers: Processes.
-        compare: Real frames in KITTI's object layout, to print their statistics beside ours.
-        json: File for the statistics.
+        sequence_length: Frames of a drive at 10 Hz, in KITTI's raw layout. Default: 1, every frame
+            another street, in the object layout.
+        image_size: Width and height in pixels. Default: 1242 375, or the preset's.
+        focal_px: Focal length in pixels. Default: KITTI's.
+        samples_per_pixel: 1, or 4 for finer pictures. Default: 1.
+        lidar: The sensor. Default: hdl-64e.
+        rolling_shutter: Lets the LiDAR move during its turn.
+        velodyne: velodyne for whole turns of the LiDAR, velodyne_reduced for what the camera sees.
+            Default: velodyne, or the preset's.
+        validation_frames: So many, the first ones, go to ImageSets/val.txt and not to train.txt.
+        preset: A named data set; what is given besides replaces its settings.
+        compare: Folder of real frames in KITTI's object layout, to print their statistics beside
+            ours; without --frames or --preset, those of the frames that are in OUT already.
     """
-    from sightline.simulation.generate import simulate as generate
-    from sightline.simulation.presets import PRESETS, Preset
-    from sightline.simulation.statistics import compare as compare_statistics
+    from sightline.simulation.command import run_simulation
 
-    chosen = PRESETS[preset] if preset else Preset(frames=0)
-    given = {
-        "seed": seed,
-        "sequence_length": sequence_length,
-        "image_size": image_size and image_size[::-1],
-        "lidar": lidar,
-        "samples_per_pixel": samples_per_pixel,
-    }
-    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if num_frames := frames if frames is not None else chosen.frames:
-        result = generate(
-            out,
-            frames=num_frames,
-            config=replace(chosen.config, **changes),
-            workers=workers,
-            velodyne=velodyne or chosen.velodyne,
-            validation_frames=min(chosen.validation_frames, num_frames),
-        )
-        print(f"{out}: {result.written} frames written, {result.skipped} were there already")
-    elif compare is None:
-        raise ValueError("nothing to do: give --frames, --preset, or --compare for frames in OUT")
-    if compare is not None:
-        _deliver(compare_statistics(out, compare), json)
+    done = run_simulation(
+        out,
+        frames=frames,
+        seed=seed,
+        workers=workers,
+        sequence_length=sequence_length,
+        image_size=image_size,
+        focal_px=focal_px,
+        samples_per_pixel=samples_per_pixel,
+        lidar=lidar,
+        rolling_shutter=rolling_shutter,
+        velodyne=velodyne,
+        validation_frames=validation_frames,
+        preset=preset,
+        compare_with=compare,
+    )
+    print(done)
 
 
 def predict_depth_completion(
@@ -216,6 +214,7 @@ def evaluate_objects(
         seed: Of the resamples.
         json: File for the whole report.
     """
+    _check_writable(json)
     from sightline.evaluation.kitti_object import evaluate_objects as evaluate
     from sightline.evaluation.kitti_object_rules import parse_overlaps
 
@@ -250,6 +249,7 @@ def evaluate_proposals(
         max_proposals: Only so many of a frame, those of the highest score.
         json: File for the whole report.
     """
+    _check_writable(json)
     from sightline.evaluation.kitti_object_proposals import evaluate_proposals as evaluate
 
     report = evaluate(
@@ -269,6 +269,7 @@ def evaluate_depth(
         workers: Threads that read and score.
         json: File for the whole report.
     """
+    _check_writable(json)
     from sightline.evaluation.depth import evaluate_depth as evaluate
 
     _deliver(evaluate(predictions, truth, workers=workers), json)
@@ -294,6 +295,7 @@ def evaluate_held_out(
         velodyne: Folder of the sweeps in an object tree.
         json: File for the whole report.
     """
+    _check_writable(json)
     from sightline.data.open import open_dataset
     from sightline.evaluation.held_out import evaluate_held_out as evaluate
     from sightline.inference.depth import DepthCompleter
@@ -344,6 +346,9 @@ def main(arguments: list[str] | None = None) -> int:
             version=version("sightline"),
             parser_class=_OneLineParser,
         )
+    except BrokenPipeError:  # the reader, `head` say, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _BROKEN_PIPE
     except KeyboardInterrupt:
         return _fail("interrupted; run the same command again to finish", _INTERRUPTED)
     except (ValueError, OSError) as error:
@@ -367,6 +372,15 @@ class _OneLineParser(jsonargparse.ArgumentParser):
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         del ex  # its text is in the message
         sys.exit(_fail(f"{message}; see sightline --help", _REFUSED))
+
+
+def _check_writable(path: Path | None) -> None:
+    """Refuses the place of a report before the work for it is done."""
+    if path is None:
+        return
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise ValueError(f"{path} cannot be written; name a file in a folder that you may write to")
 
 
 def _deliver(report: _Report, path: Path | None) -> None:

@@ -82,6 +82,11 @@ def test_a_path_that_is_no_folder_is_one_problem(tmp_path):
     assert line.startswith(f"{tmp_path / 'nowhere'}: is no folder; give the folder")
 
 
+def test_no_threads_are_too_few(tmp_path):
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        list(check_tree(tmp_path, num_workers=0))
+
+
 def test_an_empty_folder_among_full_ones_is_one_problem_however_many_frames(tree):
     for path in (tree / "velodyne").iterdir():
         path.unlink()

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,14 @@ def test_an_object_tree_is_known_by_its_root_and_by_its_split(tmp_path):
         dataset = open_dataset(path, parts=("points",))
         assert isinstance(dataset, KittiObjectDataset)
         assert dataset.sample_ids == ("000000", "000001", "000002")
+
+
+def test_a_split_is_known_from_inside_it_and_through_a_link(tmp_path, monkeypatch):
+    write_object_tree(tmp_path, 2)
+    (tmp_path / "link").symlink_to(tmp_path / "training")
+    monkeypatch.chdir(tmp_path / "training")
+    for path in (Path(), tmp_path / "link"):
+        assert isinstance(open_dataset(path, parts=("points",)), KittiObjectDataset)
 
 
 def test_training_comes_before_testing_unless_testing_is_named(tmp_path):

@@ -183,6 +183,11 @@ def test_a_negative_number_of_resamples_is_refused(street):
         evaluate_objects(*street, bootstrap=-1)
 
 
+def test_a_negative_seed_is_refused(street):
+    with pytest.raises(ValueError, match="seed must not be negative, got -4"):
+        evaluate_objects(*street, bootstrap=1, seed=-4)
+
+
 def test_overlaps_are_read_as_the_command_line_has_them():
     assert parse_overlaps("strict") == STRICT
     assert parse_overlaps("loose") == LOOSE

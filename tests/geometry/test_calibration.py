@@ -30,6 +30,11 @@ def test_a_mirrored_mount_is_refused():
         calibration(camera_from_lidar=mirrored)
 
 
+def test_a_mount_that_is_no_rigid_transform_is_refused():
+    with pytest.raises(ValueError, match="last row of camera_from_lidar is not 0 0 0 1"):
+        calibration(camera_from_lidar=[*CAMERA_FROM_LIDAR[:3], [0.0, 0.0, 0.0, 2.0]])
+
+
 def test_values_that_are_not_finite_are_refused():
     with pytest.raises(ValueError, match="image_from_camera holds NaN"):
         calibration(image_from_camera=[[float("nan")] * 4, *IMAGE_FROM_CAMERA[1:]])

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from sightline.data.depth_png import read_depth_png
-from sightline.data.kitti_files import write_points
+from sightline.data.kitti_files import read_points, write_points
 from sightline.data.open import open_dataset
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.batch import (
@@ -274,6 +274,18 @@ def test_a_sweep_without_points_gives_a_map_without_depths(data, tmp_path):
         out = tmp_path / method
         predict_depth_completion(data, out, method=method, sample_list=["000000"])
         assert not read_depth_png(out / "000000.png").any()
+
+
+@pytest.mark.parametrize("method", ["nearest", "linear", "classical", "adaptive"])
+def test_a_return_beyond_the_formats_reach_does_not_end_the_job(data, tmp_path, method):
+    path = data / "training" / "velodyne" / "000000.bin"
+    stray = torch.tensor([[300.0, 0.0, 0.0, 0.5]])
+    write_points(path, torch.cat((read_points(path), stray)))
+    out = tmp_path / method
+    predict_depth_completion(data, out, method=method, sample_list=["000000"])
+    depth_m = read_depth_png(out / "000000.png")
+    assert depth_m.any()
+    assert depth_m.max() < 200
 
 
 def test_a_job_without_anything_to_do_is_done(data, out):

@@ -121,3 +121,5 @@ def test_bad_boxes_scores_and_settings_are_refused_by_name(function, columns):
         function.__wrapped__(boxes, scores[:2], 0.5)
     with pytest.raises(ValueError, match=rf"with {columns} values each, got .*\(3, 3\)"):
         function.__wrapped__(boxes[:, :3], scores, 0.5)
+    with pytest.raises(ValueError, match=r"labels must be whole numbers, got torch\.float32"):
+        function.__wrapped__(boxes, scores, 0.5, labels=torch.tensor([1.2, 1.7, 1.2]))

@@ -52,5 +52,5 @@ def test_a_preset_gives_what_is_not_asked_for(asked: list[dict], tmp_path: Path)
 
 def test_drives_are_not_compared(tmp_path: Path):
     with pytest.raises(ValueError, match="drives are not compared"):
-        run_simulation(tmp_path, sequence_length=4, compare_with=tmp_path)
+        run_simulation(tmp_path, frames=4, sequence_length=4, compare_with=tmp_path)
     assert not any(tmp_path.iterdir())

@@ -28,7 +28,12 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     Args:
         root: The data set's folder.
         num_workers: Threads that read; None: one a core.
+
+    Raises:
+        ValueError: `num_workers` is not positive.
     """
+    if num_workers is not None and num_workers < 1:
+        raise ValueError(f"workers must be at least 1, got {num_workers}")
     root = Path(root)
     trees = find_trees(root)
     if not trees:

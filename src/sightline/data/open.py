@@ -93,6 +93,7 @@ def open_dataset(
     if not path.is_dir():
         what = "is no folder" if path.exists() else "does not exist"
         raise ValueError(f"{path} {what}; give the folder of a KITTI data set")
+    path = _by_its_name(path)
     root = path.parent if path.name in _OBJECT_SPLITS else path
     names = _OBJECT_SPLITS if root == path else (path.name,)
     for split in names:
@@ -114,6 +115,13 @@ def open_dataset(
     if sample_list is None:
         return dataset
     return NamedSubset(dataset, read_sample_list(sample_list, path))
+
+
+def _by_its_name(path: Path) -> Path:
+    """The same folder under the name that tells a split, where `path` is "." or a link to it."""
+    known = (*_OBJECT_SPLITS, *_DRIVE_SPLITS)
+    resolved = path.resolve()
+    return resolved if path.name not in known and resolved.name in known else path
 
 
 def _open_depth_tree(path: Path, *, load_images: bool) -> SampleDataset | None:

@@ -51,6 +51,8 @@ def evaluate_objects(
     """
     if bootstrap < 0:
         raise ValueError(f"bootstrap must not be negative, got {bootstrap}: give 0 to leave it out")
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     minima = overlaps.as_array()
     frames = read_frames(results_dir, labels_dir, split, progress=progress)
     parts: list[MatchingData] = []

@@ -20,7 +20,7 @@ class Calibration:
     coordinate: metres along the optical axis from the centre of camera 2, as in KITTI's depth maps.
 
     Raises:
-        ValueError: A matrix is not finite or singular, or the rotation is none.
+        ValueError: A matrix is not finite or singular, or camera_from_lidar is not rigid.
     """
 
     image_from_camera: Float64[Tensor, "*batch 3 4"]
@@ -46,6 +46,12 @@ class Calibration:
             raise ValueError(
                 "camera_from_lidar (R0_rect @ Tr_velo_to_cam) does not hold a rotation; expected "
                 "orthonormal rows and determinant +1"
+            )
+        bottom = self.camera_from_lidar[..., 3, :]
+        if (bottom != bottom.new_tensor([0.0, 0.0, 0.0, 1.0])).any():
+            raise ValueError(
+                "the last row of camera_from_lidar is not 0 0 0 1, so it is no rigid transform; "
+                "build it with rigid_transform"
             )
 
     @property

@@ -6,8 +6,10 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+
 from sightline.data.atomic import atomic_write_text
-from sightline.data.depth_png import write_depth_png
+from sightline.data.depth_png import MAX_DEPTH_M, write_depth_png
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.data.parallel import run_pieces
@@ -76,7 +78,8 @@ def predict_depth_completion(
 
     Writes `out`/SAMPLE.png, 16-bit depth PNGs of the image's full size, and `out`/sightline.json,
     which says what made them. A file appears whole or not at all, and those that are there are
-    skipped, so a job that was stopped goes on where it was: run it again.
+    skipped, so a job that was stopped goes on where it was: run it again. A depth beyond the 256 m
+    that KITTI's format holds becomes 0, no value.
 
     Args:
         data: Folder of the data set; see `open_dataset`.
@@ -155,8 +158,10 @@ class _DepthMapPiece:
     def __call__(self, position: int) -> str:
         index, name = self.samples[position]
         try:
-            depth = self.complete(self.dataset[index])
-            write_depth_png(self.out / f"{name}.png", depth.depth_m.cpu().numpy())
+            depth_m = self.complete(self.dataset[index]).depth_m.cpu().numpy()
+            # One stray return beyond the format's reach must not end the job of a whole data set.
+            too_far = np.isfinite(depth_m) & (depth_m > MAX_DEPTH_M)
+            write_depth_png(self.out / f"{name}.png", np.where(too_far, np.float32(0), depth_m))
         except (ValueError, OSError) as error:
             return f"sample {name}: {error}"
         return ""

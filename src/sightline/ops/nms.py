@@ -31,8 +31,8 @@ def nms2d(
     """Indices of the boxes x_min, y_min, x_max, y_max that stay, best first.
 
     Raises:
-        ValueError: Lengths differ, a score is NaN, a box is not finite or has its corners swapped,
-            or a setting is out of range.
+        ValueError: Lengths differ, a score is NaN, labels are no integers, a box is not finite or
+            has its corners swapped, or a setting is out of range.
     """
     _require_settings(boxes, scores, labels, iou_threshold, max_detections, columns=4)
     kept: Tensor = _nms(boxes, scores, labels, iou_threshold, max_detections)
@@ -50,8 +50,8 @@ def nms_bev(
     """Indices of the rotated boxes x, y, length, width, yaw that stay, best first.
 
     Raises:
-        ValueError: Lengths differ, a score is NaN, a box is not finite or has a negative size, or
-            a setting is out of range.
+        ValueError: Lengths differ, a score is NaN, labels are no integers, a box is not finite or
+            has a negative size, or a setting is out of range.
     """
     _require_settings(boxes, scores, labels, iou_threshold, max_detections, columns=5)
     kept: Tensor = _nms(boxes, scores, labels, iou_threshold, max_detections)
@@ -78,6 +78,8 @@ def _require_settings(
                 f"{name} must hold one value for each of the {boxes.shape[0]} boxes, got shape "
                 f"{tuple(values.shape)}"
             )
+    if labels is not None and (labels.is_floating_point() or labels.is_complex()):
+        raise ValueError(f"labels must be whole numbers, got {labels.dtype}: cast them first")
     if not 0 <= iou_threshold <= 1:
         raise ValueError(f"iou_threshold must be between 0 and 1, got {iou_threshold}")
     if max_detections is not None and max_detections < 0:

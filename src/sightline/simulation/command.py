@@ -34,7 +34,8 @@ def run_simulation(
 ) -> str:
     """Makes a simulated data set, or finishes or extends one; see `generate.simulate`.
 
-    What is None is the preset's, or the default's. `image_size` is width and height, as KITTI's
+    What is None is the preset's, or the default's; where only a comparison is asked for, nothing is
+    made. `image_size` is width and height, as KITTI's
     users write it; everywhere else in this project it is height and width.
 
     Returns:
@@ -44,6 +45,8 @@ def run_simulation(
         ValueError: The arguments make no sense, or as `generate.simulate` and
             `statistics.compare` say.
     """
+    if frames is None and preset is None and compare_with is not None:
+        return compare(out, compare_with).table()
     base = Preset(frames=_FRAMES) if preset is None else PRESETS[preset]
     default = base.config
     config = SimulationConfig(
