@@ -128,7 +128,7 @@ def _same_surface(found: SurfaceHits, pixel: int, other: int) -> bool:
     if dot(normal, row_of(found.normals, other)) < 0.8:
         return False
     apart = minus(row_of(found.positions, other), row_of(found.positions, pixel))
-    return abs(dot(apart, normal)) < _SAME_PLANE * found.distances[pixel]
+    return bool(abs(dot(apart, normal)) < _SAME_PLANE * found.distances[pixel])
 
 
 @compiled

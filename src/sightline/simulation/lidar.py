@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 
 from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.simulation.foliage import cast_through_foliage
 from sightline.simulation.materials import SURFACES, Material
 from sightline.simulation.raycast import Hits, Raycaster
 from sightline.simulation.scene import Motion, Scene, world_from_footprint
+from sightline.simulation.surfaces import Rays, mesh_tables
 
 _MID_GREY = 0.25  # albedo (linear) of the sample that `Surface.lidar_reflectance` speaks of
 _COLOR_RANGE = (0.35, 1.8)  # how far a dark or bright colour moves the reflectance at 905 nm
@@ -236,7 +238,7 @@ def _cast_through_glass(
     rng: np.random.Generator,
 ) -> Hits:
     """First hits, where some rays pass one pane and find what is behind it; distances in all."""
-    hits = raycaster.cast(origins, directions)
+    hits = cast_through_foliage(raycaster, mesh_tables(scene.mesh), Rays(origins, directions))
     passed = np.flatnonzero(_passes(scene, hits.faces, rng))
     advance = hits.distances[passed] + np.float32(_BEHIND_GLASS_M)
     behind = raycaster.cast(

@@ -26,8 +26,7 @@ class Raycaster:
 
     def __init__(self, mesh: Mesh) -> None:
         self._scene = EmbreeScene()
-        # Embree reads the vertices, it does not copy them: they live as long as the scene.
-        self._triangles = TriangleMesh(self._scene, mesh.vertices, mesh.faces)
+        TriangleMesh(self._scene, mesh.vertices, mesh.faces)
 
     def cast(
         self,

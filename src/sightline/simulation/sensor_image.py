@@ -88,7 +88,10 @@ def sensor_image(
     _count_photons(exposed, noise, config.photon_noise, config.read_noise, mosaic)
     # OpenCV names the pattern by its second row and column: this is red first.
     counted = cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB_EA)
-    return _tone_curve(config.gamma)[_blurred(counted, config.resampling_blur_px)]
+    picture: UInt8[np.ndarray, "height width 3"] = _tone_curve(config.gamma)[
+        _blurred(counted, config.resampling_blur_px)
+    ]
+    return picture
 
 
 def _blurred(image: Image, sigma_px: float) -> Image:
@@ -108,7 +111,7 @@ def _gain(radiance: Float32[np.ndarray, "h w 3"], exposure: float, config: Senso
     seen = np.minimum(radiance[::4, ::4] @ np.array(_REC709, np.float32) * exposure, 1.0)
     level = float(np.exp(np.log(np.maximum(seen, 1e-3)).mean()))
     factor = (config.target_level / level) ** config.metering
-    return exposure * min(max(factor, 1 / config.metering_limit), config.metering_limit)
+    return float(exposure * min(max(factor, 1 / config.metering_limit), config.metering_limit))
 
 
 def _vignette(height: int, width: int, loss: float) -> Float32[np.ndarray, "height width"]:

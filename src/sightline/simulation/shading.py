@@ -231,7 +231,7 @@ def _highlight(
     middle = normalized(minus(light.sun_direction, view), normal)
     power = _HIGHLIGHT_SHARPNESS * materials.highlight_power[material]
     peak = _HIGHLIGHT_GAIN * materials.highlight[material]
-    return peak * max(dot(normal, middle), 0.0) ** power
+    return float(peak * max(dot(normal, middle), 0.0) ** power)
 
 
 @compiled

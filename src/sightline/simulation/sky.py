@@ -126,4 +126,4 @@ def _sun_glow(light: Daylight, x: float, y: float, z: float) -> float:
     wide = squared * squared * squared
     narrow = towards**220.0
     disc = 1.0 if towards > 0.99996 else 0.0
-    return 0.03 * wide + 0.35 * narrow + 20.0 * disc
+    return float(0.03 * wide + 0.35 * narrow + 20.0 * disc)

@@ -53,7 +53,7 @@ def value_noise(x: float, y: float, seed: int) -> float:
     low += (_stirred(key + _PER_X) - low) * along_x
     high = _stirred(key + _PER_Y)
     high += (_stirred(key + _PER_X + _PER_Y) - high) * along_x
-    return 2.0 * (low + (high - low) * along_y) - 1.0
+    return float(2.0 * (low + (high - low) * along_y) - 1.0)
 
 
 @compiled
@@ -123,14 +123,14 @@ def in_bond(spot: Spot, stone_u: float, stone_v: float) -> Spot:
 @compiled
 def off_center(position: float, period: float) -> float:
     """Where between the edges of its tile a position lies: -0.5 to 0.5."""
-    return position / period - np.floor(position / period) - 0.5
+    return float(position / period - np.floor(position / period) - 0.5)
 
 
 @compiled
 def _line_length(position: float, period: float, thickness: float) -> float:
     """Length on lines between 0 and a position."""
     whole = np.floor(position / period)
-    return whole * thickness + min(position - whole * period, thickness)
+    return float(whole * thickness + min(position - whole * period, thickness))
 
 
 @compiled
