@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from sightline.data.atomic import atomic_write_bytes
-from sightline.data.image_file import decode_pixels
-from sightline.data.image_header import parse_image_header
+from sightline.data.image_file import read_png16
 
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE
@@ -21,15 +20,11 @@ def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
     Raises:
         ValueError: The file is no whole PNG of one channel with 16 bits.
     """
-    content = Path(path).read_bytes()
-    header = parse_image_header(content, path)
-    if (header.file_format, header.bits_per_channel, header.channels) != ("png", 16, 1):
-        raise ValueError(
-            f"{path} is a {header.file_format.upper()} of {header.channels} channels with "
-            f"{header.bits_per_channel} bits, expected a depth map: PNG, 1 channel, 16 bits "
-            "(metres times 256); convert it without a loss of depth or name the depth folder"
-        )
-    steps = decode_pixels(content, header, cv2.IMREAD_ANYDEPTH, path)
+    steps = read_png16(
+        path,
+        expected="a depth map: PNG, 1 channel, 16 bits (metres times 256)",
+        remedy="convert it without a loss of depth or name the depth folder",
+    )
     return steps.astype(np.float32) / np.float32(STEPS_PER_METRE)
 
 

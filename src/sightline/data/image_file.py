@@ -37,6 +37,29 @@ def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB, dst=bgr).astype(np.uint8, copy=False)
 
 
+def read_png16(
+    path: Path | str, *, expected: str, remedy: str
+) -> UInt16[np.ndarray, "height width"]:
+    """Reads a map kept as a PNG of one channel with 16 bits.
+
+    Args:
+        path: The file.
+        expected: What errors say should have been there.
+        remedy: What errors say to do.
+
+    Raises:
+        ValueError: The file is something else, cut short or damaged.
+    """
+    content = Path(path).read_bytes()
+    header = parse_image_header(content, path)
+    if (header.file_format, header.bits_per_channel, header.channels) != ("png", 16, 1):
+        raise ValueError(
+            f"{path} is a {header.file_format.upper()} of {header.channels} channels with "
+            f"{header.bits_per_channel} bits, expected {expected}; {remedy}"
+        )
+    return decode_pixels(content, header, cv2.IMREAD_ANYDEPTH, path).astype(np.uint16, copy=False)
+
+
 def decode_pixels(
     content: bytes, header: ImageHeader, flags: int, source: Path | str
 ) -> UInt8[np.ndarray, "height width 3"] | UInt16[np.ndarray, "height width"]:

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Int32
 
 from sightline.data.atomic import atomic_write_bytes
-from sightline.data.image_file import decode_pixels
-from sightline.data.image_header import parse_image_header
+from sightline.data.image_file import read_png16
 
 
 def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
@@ -17,15 +16,12 @@ def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
     Raises:
         ValueError: The file is no whole PNG of one channel with 16 bits.
     """
-    content = Path(path).read_bytes()
-    header = parse_image_header(content, path)
-    if (header.file_format, header.bits_per_channel, header.channels) != ("png", 16, 1):
-        raise ValueError(
-            f"{path} is a {header.file_format.upper()} of {header.channels} channels with "
-            f"{header.bits_per_channel} bits, expected a map of objects: PNG, 1 channel, 16 bits; "
-            "name a file of the folder instance"
-        )
-    return decode_pixels(content, header, cv2.IMREAD_ANYDEPTH, path).astype(np.int32)
+    owners = read_png16(
+        path,
+        expected="a map of objects: PNG, 1 channel, 16 bits",
+        remedy="name a file of the folder instance",
+    )
+    return owners.astype(np.int32)
 
 
 def write_instance_png(path: Path | str, instances: Int32[np.ndarray, "height width"]) -> None:

@@ -76,7 +76,7 @@ class LidarConfig:
     """Standard deviation along the ray."""
     drop_out: float = 0.01
     """Share of returns lost whatever they hit."""
-    detectable_echo: float = 0.01
+    detectable_echo: float = 0.0135
     """Echo (reflectance * cosine / (range / 40 m)^2) that is found with probability 1 - 1/e."""
     rolling_shutter: bool = False
     """Whether the sensor moves during its turn, which skews the sweep as real ones are."""
