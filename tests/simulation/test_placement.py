@@ -147,10 +147,10 @@ def seen_in_frames():
 
 @pytest.mark.parametrize(
     ("class_name", "tolerance"),
-    [("Car", 0.25), ("Van", 0.5), ("Pedestrian", 0.6), ("Cyclist", 0.6)],
+    [("Car", 0.35), ("Van", 0.5), ("Pedestrian", 0.6), ("Cyclist", 0.6)],
 )
 def test_counts_and_distances_are_near_kittis(seen_in_frames, class_name, tolerance):
-    """Tolerances allow for the spread of 200 frames around rates that differ by less than 25 %."""
+    """Tolerances allow for the spread of 200 frames, and for a coarse camera that sees less."""
     facts = KITTI_COUNTS[class_name]
     found = [item for frame in seen_in_frames for item in frame if item.class_name == class_name]
     per_frame = len(found) / len(seen_in_frames)
