@@ -153,3 +153,18 @@ def test_the_demo_names_what_it_wrote(capsys, tmp_path):
     page = (tmp_path / "report.html").read_text()
     assert "adaptive" in page
     assert 'src="000001.png"' in page
+
+
+def test_ctrl_c_before_the_command_line_is_imported_is_one_line():
+    script = (
+        "import sys; from sightline import __main__\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, *rest):\n"
+        "        if name == 'sightline.cli': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "sys.exit(__main__.run())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "sightline: interrupted\n")

@@ -35,7 +35,7 @@ def test_the_readme_has_commands_and_python_to_run():
 
 def test_the_commands_of_the_readme_run_one_after_the_other(folder_with_frames):
     for command in COMMANDS:
-        arguments = [sys.executable, "-m", "sightline.cli", *command.split()[1:]]
+        arguments = [sys.executable, "-m", "sightline", *command.split()[1:]]
         done = subprocess.run(
             arguments, cwd=folder_with_frames, capture_output=True, text=True, check=False
         )

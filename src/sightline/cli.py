@@ -411,7 +411,3 @@ def _join_numbers(arguments: list[str], option: str) -> list[str]:
         return arguments  # the parser says what is wrong
     joined = f"{option}=[{','.join(arguments[start + 1 : end])}]"
     return [*arguments[:start], joined, *arguments[end:]]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -92,6 +92,13 @@ def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
         open_dataset(tmp_path / "depth", sample_list=["x"], parts=("points",))
 
 
+def test_an_object_split_under_another_name_is_refused_with_the_remedy(tmp_path):
+    write_object_tree(tmp_path, 1)
+    (tmp_path / "training").rename(tmp_path / "mine")
+    with pytest.raises(ValueError, match="rename it to training or testing"):
+        open_dataset(tmp_path / "mine")
+
+
 def test_folders_that_are_no_data_set_are_refused(tmp_path):
     with pytest.raises(ValueError, match="nowhere does not exist"):
         open_dataset(tmp_path / "nowhere")

@@ -105,6 +105,11 @@ def open_dataset(
                 velodyne=velodyne,
                 parts=parts,
             )
+    if list_object_frames(path, ("image", "points"), velodyne) and (path / "image_2").is_dir():
+        raise ValueError(
+            f"{path} holds the parts of an object split; rename it to training or testing, as in "
+            "KITTI's tree"
+        )
     dataset = _open_depth_tree(path, load_images="image" in parts) or _open_drive(path)
     if dataset is None:
         raise ValueError(
