@@ -15,7 +15,6 @@ from sightline.simulation.meshes.primitives import (
     loft,
     moved,
     polygon,
-    quad_strip,
     quads,
     repainted,
     rods,
@@ -154,9 +153,6 @@ def test_quads_and_strips_face_the_side_from_which_they_run_counter_clockwise():
     mesh = quads(corners, GREY)
     assert mesh.normals == pytest.approx(np.tile((0, -1, 0), (4, 1)))
     assert mesh.uvs.max(axis=0).tolist() == [2, 1]
-    left = np.array([(0, 1, 0), (3, 1, 0.0)])
-    strip = quad_strip(left, left - (0, 2, 0), GREY)
-    assert strip.normals == pytest.approx(np.tile((0, 0, 1), (4, 1)))
 
 
 def test_a_lathe_profile_that_runs_to_the_left_has_its_outside_away_from_the_axis():

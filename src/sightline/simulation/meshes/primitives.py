@@ -110,17 +110,6 @@ def polygon(corners: Float[np.ndarray, "num_corners 3"], finish: Finish) -> Mesh
     return _mesh(vertices, normals, uvs, faces, finish)
 
 
-def quad_strip(
-    left: Float[np.ndarray, "num_points 3"],
-    right: Float[np.ndarray, "num_points 3"],
-    finish: Finish,
-    *,
-    smooth: bool = True,
-) -> Mesh:
-    """A band between two lines, seen from the side where `left` is left as one walks along it."""
-    return grid(np.stack((left, right), axis=1), finish, smooth=smooth)
-
-
 def quads(corners: Float[np.ndarray, "num_quads 4 3"], finish: Finish) -> Mesh:
     """Flat rectangles; their corners run counter-clockwise seen from outside."""
     first, second, _, last = np.moveaxis(np.asarray(corners, dtype=np.float64), 1, 0)

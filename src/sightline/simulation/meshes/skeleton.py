@@ -49,8 +49,6 @@ RIGHT = Limbs(
     -1, Bone.RIGHT_ARM, Bone.RIGHT_FOREARM, Bone.RIGHT_THIGH, Bone.RIGHT_SHIN, Bone.RIGHT_FOOT
 )
 _PARENTS = (-1, 0, 1, 1, 3, 1, 5, 0, 7, 8, 0, 10, 11)
-REST_HEIGHT = 1.75
-"""Height [m] of the figure that `REST_JOINTS` describes."""
 REST_JOINTS = np.array(
     [
         (0.0, 0.0, 0.95),
