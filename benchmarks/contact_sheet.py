@@ -14,6 +14,7 @@ from jaxtyping import UInt8
 from sightline.data.atomic import atomic_write_bytes
 from sightline.data.progress import track
 from sightline.geometry.boxes2d import Boxes2D
+from sightline.simulation.dataset import sample_of
 from sightline.simulation.simulator import SimulationConfig, simulate_frame
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
@@ -37,7 +38,7 @@ def main(
     """
     seeds = range(first_seed, first_seed + frames)
     rows = [
-        _row(simulate_frame(SimulationConfig(seed=seed), 0).sample)
+        _row(sample_of(simulate_frame(SimulationConfig(seed=seed), 0)))
         for seed in track(seeds, description="simulating")
     ]
     columns = [np.concatenate(rows[start::2]) for start in (0, 1)]

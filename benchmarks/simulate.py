@@ -5,24 +5,25 @@ Its last line is kept in benchmarks/results/simulate.json.
 - A frame and core: single streets at 1242x375 with one sample a pixel, everything included from
   the street to the files, in one process, stage by stage. Processor time, which other programs on
   the machine disturb least and which counts Embree's helper threads, too.
-- Memory: the peak of that process, what it holds in all and what is its own: libraries that are
-  mapped from files are shared by all workers.
+- Memory: of each process of `sightline simulate` with one worker and with two, looked at while
+  it runs: the most that was ever resident (VmHWM), pages that it shares with others counted in
+  full, and the most of its proportional share (PSS), where each page is divided among those who
+  use it. Only where the system tells (Linux).
 - Two workers against one: wall time of whole runs, in turns, after a warm-up.
 """
 
 import json
-import resource
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 import jsonargparse
 import numpy as np
-import torch
 
 from benchmarks.machine import describe_machine
 from sightline.simulation.camera import CameraConfig, render_camera
@@ -34,6 +35,8 @@ from sightline.simulation.simulator import SimulationConfig, simulate_frame, sim
 from sightline.simulation.writer import ObjectLayout
 
 Result = TypeVar("Result")
+
+_LOOK_S = 0.2  # between two looks at the memory
 
 
 class Stages:
@@ -52,7 +55,6 @@ class Stages:
 
 def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: int = 11) -> None:
     """Prints a table, then one line of JSON."""
-    torch.set_num_threads(1)
     config = SimulationConfig(seed=seed)
     whole, stages = Stages(), Stages()
     with tempfile.TemporaryDirectory() as folder:
@@ -60,20 +62,30 @@ def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: in
         time_frame(config, 0, layout, Stages(), Stages())  # compiles and warms up
         for index in range(1, frames + 1):
             time_frame(config, index, layout, whole, stages)
-    memory = {"peak_mb": peak_mb(), "own_mb": own_mb()}
-    held = f"{memory['peak_mb']:.0f} MB at most, {memory['own_mb']:.0f} MB its own"
+    memory = {workers: measure_memory(config.seed, parallel_frames, workers) for workers in (1, 2)}
     speed = time_workers(config, parallel_frames, repeats)
     seconds = {**stages.seconds, "frame": whole.seconds["frame"]}
     results = {name: spread(values) for name, values in seconds.items()}
     for name, result in results.items():
         print(f"{name:<16} {result['median_s']:7.3f} s  (IQR {result['iqr_s']:.3f})")
-    print(f"memory           {held}")
+    for workers, processes in memory.items():
+        for role, held in processes.items():
+            print(
+                f"memory, {role} of {workers}: {held['resident_mb']:.0f} MB resident at most, "
+                f"{held['share_mb']:.0f} MB its share"
+            )
     print(
         f"wall, a frame    {speed['one_worker_s']:7.3f} s with one worker, "
         f"{speed['two_workers_s']:.3f} s with two: {speed['speed_up']:.2f} x"
     )
     setting = {"image_size": config.image_size, "frames": frames, "seed": seed}
-    record = {"machine": describe_machine(), **setting, "results": results, **memory, **speed}
+    record = {
+        "machine": describe_machine(),
+        **setting,
+        "results": results,
+        "memory": memory,
+        **speed,
+    }
     print(json.dumps(record))
 
 
@@ -132,19 +144,53 @@ def spread(values: list[float]) -> dict[str, float]:
     return {"median_s": median, "iqr_s": high - low}
 
 
-def peak_mb() -> float:
-    """The most memory that this process ever held."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+def measure_memory(seed: int, frames: int, workers: int) -> dict[str, dict[str, float]]:
+    """Largest figures of the command's own process and of any of its workers."""
+    most: dict[str, dict[str, float]] = {}
+    if not Path("/proc/self/smaps_rollup").is_file():
+        return most
+    with tempfile.TemporaryDirectory() as folder:
+        options = ["--frames", str(frames), "--seed", str(seed), "--workers", str(workers)]
+        command = [sys.executable, "-m", "sightline", "simulate", f"{folder}/out", *options]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+            while process.poll() is None:
+                for pid in (process.pid, *children_of(process.pid)):
+                    role = "worker" if pid != process.pid or workers == 1 else "main process"
+                    held = most.setdefault(role, {"resident_mb": 0.0, "share_mb": 0.0})
+                    for name, value in memory_of(pid).items():
+                        held[name] = max(held[name], value)
+                time.sleep(_LOOK_S)
+        if process.returncode != 0:
+            raise RuntimeError(f"{' '.join(command)} failed")
+    return most
 
 
-def own_mb() -> float:
-    """Of the peak, what is not mapped from files; the peak where the system does not tell."""
-    status = Path("/proc/self/status")
-    if not status.is_file():
-        return peak_mb()
-    lines = dict(line.split(":", 1) for line in status.read_text().splitlines() if ":" in line)
-    return peak_mb() - int(lines["RssFile"].split()[0]) * 1024 / 1e6
+def children_of(pid: int) -> Iterator[int]:
+    """Processes that a process has started."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        if facts_of(folder / "status").get("PPid", "").strip() == str(pid):
+            yield int(folder.name)
+
+
+def memory_of(pid: int) -> dict[str, float]:
+    """What a process has held at most so far, and its share of it now; empty if it has ended."""
+    folder = Path(f"/proc/{pid}")
+    facts = facts_of(folder / "status") | facts_of(folder / "smaps_rollup")
+    names = {"resident_mb": "VmHWM", "share_mb": "Pss"}
+    return {
+        name: int(facts[fact].split()[0]) * 1024 / 1e6
+        for name, fact in names.items()
+        if fact in facts
+    }
+
+
+def facts_of(path: Path) -> dict[str, str]:
+    """What a file of lines `name: value` says; nothing where its process has ended."""
+    try:
+        lines = path.read_text().splitlines()
+    except OSError:
+        return {}
+    return dict(line.split(":", 1) for line in lines if ":" in line)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ import pytest
 
 from sightline import cli
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.training import command
+from tests.inference.networks import write_tiny_weights
 
 
 def run(capsys, *arguments):
@@ -33,6 +35,9 @@ def run(capsys, *arguments):
         ["evaluate", "proposals"],
         ["evaluate", "depth"],
         ["evaluate", "held-out"],
+        ["reproduce"],
+        ["reproduce", "shiftconv"],
+        ["export"],
     ],
 )
 def test_every_command_explains_itself(capsys, command):
@@ -43,7 +48,7 @@ def test_every_command_explains_itself(capsys, command):
 
 def test_help_is_answered_without_the_heavy_libraries():
     script = (
-        "import sys; from sightline.cli import main\n"
+        "import sys; from sightline.cli.main import main\n"
         "try: main(['evaluate', 'held-out', '--help'])\n"
         "except SystemExit: pass\n"
         "print(sorted({'torch', 'numba', 'scipy', 'cv2'} & set(sys.modules)))"
@@ -78,6 +83,8 @@ def test_what_scores_does_not_wait_for_libraries_that_it_does_not_need(module, u
         (["check", "DATA", "--workers", "two"], "Got value: two"),
         (["evaluate", "held-out", "DATA", "--method", "magic"], "magic"),
         (["evaluate", "held-out", "DATA", "--beams", "many"], "beams"),
+        (["evaluate", "held-out", "DATA", "--engine", "steam"], "steam"),
+        (["reproduce", "shiftconv"], "name a data set with --data"),
         (["check", "DATA", "--wrokers", "2"], "wrokers"),
     ],
 )
@@ -99,9 +106,16 @@ def test_wrong_arguments_are_refused_in_one_line(capsys, tmp_path, arguments, sa
         ["evaluate", "proposals", "nowhere", "nowhere"],
         ["evaluate", "depth", "nowhere", "nowhere"],
         ["evaluate", "held-out", "nowhere"],
+        ["reproduce", "shiftconv", "--data", "nowhere"],
+        ["export", "out.onnx", "--weights", "nowhere"],
+        ["show", str(PACKAGED_FRAMES), "000000", "--weights", "nowhere"],
+        ["predict", "depth-completion", str(PACKAGED_FRAMES), "out", "--weights", "nowhere"],
+        ["evaluate", "held-out", str(PACKAGED_FRAMES), "--weights", "nowhere"],
     ],
 )
-def test_a_folder_that_is_not_there_is_named_in_one_line(capsys, tmp_path, monkeypatch, arguments):
+def test_data_or_weights_that_are_not_there_are_named_in_one_line(
+    capsys, tmp_path, monkeypatch, arguments
+):
     monkeypatch.chdir(tmp_path)
     status, _, err = run(capsys, *arguments)
     assert status == 2
@@ -160,7 +174,7 @@ def test_ctrl_c_before_the_command_line_is_imported_is_one_line():
         "import sys; from sightline import __main__\n"
         "class Interrupting:\n"
         "    def find_spec(self, name, *rest):\n"
-        "        if name == 'sightline.cli': raise KeyboardInterrupt\n"
+        "        if name == 'sightline.cli.main': raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Interrupting())\n"
         "sys.exit(__main__.run())"
     )
@@ -168,3 +182,72 @@ def test_ctrl_c_before_the_command_line_is_imported_is_one_line():
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (130, "sightline: interrupted\n")
+
+
+@pytest.mark.parametrize("subcommand", ["fit", "validate", "test"])
+def test_training_gets_its_arguments_as_they_are_given(capsys, monkeypatch, subcommand):
+    calls = []
+
+    def train(*arguments, **settings):
+        calls.append((*arguments, settings))
+        return 0
+
+    monkeypatch.setattr(command, "run_training", train)
+    given = ["--config", "depth-best", "--beams", "64", "32"]
+    status, _, _ = run(capsys, subcommand, *given)
+    assert status == 0
+    recipes = cli.PACKAGE_RECIPES
+    assert calls == [(subcommand, given, {"recipes": recipes})]
+    assert recipes.parts[-2:] == ("sightline", "recipes")
+
+
+def test_help_lists_the_training_commands(capsys):
+    _, out, _ = run(capsys, "--help")
+    assert {"fit", "validate", "test"} <= {line.split()[0] for line in out.splitlines() if line}
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (ValueError("no such\nrecipe"), 2, "sightline: no such recipe\n"),
+        (KeyboardInterrupt("interrupted; add --x"), 130, "sightline: interrupted; add --x\n"),
+        (
+            KeyboardInterrupt(),
+            130,
+            "sightline: interrupted; run the same command again to finish\n",
+        ),
+    ],
+)
+def test_a_training_that_ends_early_says_why_in_one_line(capsys, monkeypatch, error, status, said):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(command, "run_training", fail)
+    assert run(capsys, "fit", "--config", "none") == (status, "", said)
+
+
+def test_a_network_can_stand_wherever_a_method_can(capsys, tmp_path):
+    weights = str(write_tiny_weights(tmp_path / "tiny.safetensors", uncertainty=True))
+    data, out, report = str(PACKAGED_FRAMES), tmp_path / "out", tmp_path / "report.json"
+    for command_line in (
+        ["predict", "depth-completion", data, str(out), "--uncertainty", str(tmp_path / "error")],
+        ["evaluate", "held-out", data, "--beams", "8", "--json", str(report)],
+        ["show", data, "000000", "--out", str(tmp_path / "000000.png")],
+        ["reproduce", "shiftconv", "--data", data, "--json", str(tmp_path / "tables.json")],
+    ):
+        status, _, err = run(capsys, *command_line, "--weights", weights)
+        assert (status, err) == (0, "")
+    made_by = json.loads((out / "sightline.json").read_text())
+    assert (made_by["method"], made_by["engine"]) == ("tiny", "torch")
+    assert (tmp_path / "error" / "000001.png").stat().st_size > 0
+    assert json.loads(report.read_text())["beams"]["8"]["coverage"] == 1
+    tables = json.loads((tmp_path / "tables.json").read_text())
+    assert tables["table_3"]["with"]["name"] == "tiny"
+    assert tables["table_3"]["without"] is None
+
+
+def test_a_method_and_weights_at_once_are_refused(capsys):
+    command_line = ["evaluate", "held-out", str(PACKAGED_FRAMES), "--method", "linear"]
+    status, _, err = run(capsys, *command_line, "--weights", "depth-best")
+    assert status == 2
+    assert "name one of them" in err

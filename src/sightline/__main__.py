@@ -6,7 +6,7 @@ import sys
 def run() -> int:
     """The exit status of the command; Ctrl-C while it is being imported ends it in one line too."""
     try:
-        from sightline.cli import main
+        from sightline.cli.main import main
     except KeyboardInterrupt:
         print("sightline: interrupted", file=sys.stderr)
         return 130

@@ -6,10 +6,12 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, Dataset
 
+from sightline.data.depth_png import write_depth_png
 from sightline.data.kitti_object import KittiObjectDataset
 from tests.data.trees import (
     IMAGE_SIZE,
     calibration,
+    depth_map,
     picture,
     points,
     write_object_frame,
@@ -44,6 +46,25 @@ def test_a_sample_holds_image_sweep_calibration_and_labels(tmp_path):
     assert torch.equal(sample.calibration.image_from_lidar, calibration().image_from_lidar)
     assert sample.objects.class_names == ("Car", "DontCare")
     assert sample.depth is None
+
+
+def test_true_depth_is_read_from_trees_that_have_it(tmp_path):
+    root = write_object_tree(tmp_path, "000007")
+    write_depth_png(root / "training" / "depth" / "000007.png", depth_map())
+    (sample,) = KittiObjectDataset(root, parts={"points", "depth"})
+    assert torch.equal(sample.depth, torch.from_numpy(depth_map()))
+
+
+def test_a_depth_map_of_another_size_than_the_image_is_refused_by_name(tmp_path):
+    root = write_object_tree(tmp_path, "000007")
+    write_depth_png(root / "training" / "depth" / "000007.png", depth_map(size=(12, 41)))
+    with pytest.raises(ValueError, match=r"depth/000007.png is 12x41 .* expected 12x40 like"):
+        KittiObjectDataset(root, parts={"depth"})[0]
+
+
+def test_asking_for_depth_that_the_tree_lacks_names_the_folder(tmp_path):
+    with pytest.raises(ValueError, match="lacks depth of 1 of 1 frames"):
+        KittiObjectDataset(write_object_tree(tmp_path, "000007"), parts={"depth"})
 
 
 def test_all_frames_are_read_in_order_where_no_list_is_given(tmp_path):

@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import torch
 
-from sightline.geometry.calibration import Calibration
+from sightline.data.calibration_text import CalibrationMatrices
 from sightline.simulation.camera import CameraConfig
 from sightline.simulation.materials import Material
+from sightline.simulation.pixels import resized_and_cropped
 from sightline.simulation.scene import Actor, Light, Mesh, Pose, Scene
 from sightline.simulation.sensor_image import SensorConfig
 
@@ -68,10 +68,11 @@ def small_calibration():
         [1.0, 0.0, 0.0, -0.27],
         [0.0, 0.0, 0.0, 1.0],
     ]
-    return Calibration(
-        image_from_camera=torch.tensor(image_from_camera, dtype=torch.float64),
-        camera_from_lidar=torch.tensor(camera_from_lidar, dtype=torch.float64),
-    ).resize(0.25, 0.25)
+    calibration = CalibrationMatrices(
+        image_from_camera=np.array(image_from_camera),
+        camera_from_lidar=np.array(camera_from_lidar),
+    )
+    return resized_and_cropped(calibration, 0.25, 0, 0)
 
 
 def rectangle(corner, along, up, material, color=(0.4, 0.4, 0.4)):
@@ -146,8 +147,3 @@ def scene_of(street, things=(), light=DAY, ego=None):
         ego=ego or origin,
         light=light,
     )
-
-
-def matrices(calibration):
-    """(image_from_camera, camera_from_lidar) for the references."""
-    return calibration.image_from_camera.numpy(), calibration.camera_from_lidar.numpy()

@@ -1,15 +1,16 @@
 """What the camera sees, and where."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera import SKY, STREET, CameraConfig, render_camera
 from sightline.simulation.materials import Material
+from sightline.simulation.pixels import image_from_lidar, resized_and_cropped
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Pose
 from sightline.simulation.sensor_image import SensorConfig
@@ -21,7 +22,6 @@ from tests.simulation.camera_scenes import (
     QUIET,
     block,
     ground,
-    matrices,
     rectangle,
     scene_of,
     small_calibration,
@@ -58,13 +58,13 @@ def test_depth_of_a_plane_is_where_the_pixels_meet_it_along_the_optical_axis(
     slope, distance, offset
 ):
     normal = np.array([1.0, slope[0], slope[1]])
-    calibration = small_calibration().crop(int(offset[0]), int(offset[1]))
+    calibration = resized_and_cropped(small_calibration(), 1.0, int(offset[0]), int(offset[1]))
     middle = np.array([distance, 0.0, 0.0])
     sides = np.array([-slope[0], 1.0, 0.0]) * 300, np.array([-slope[1], 0.0, 1.0]) * 300
     in_world = middle - sides[0] / 2 - sides[1] / 2 + [0, 0, KITTI_LIDAR_HEIGHT_M]
     plane = rectangle(in_world, *sides, Material.PLASTIC)
     frame = photograph(scene_of([plane]), calibration=calibration)
-    projection = calibration.image_from_lidar.numpy()
+    projection = image_from_lidar(calibration)
     for column, row in PIXELS:
         expected = reference.depth_of_plane(column, row, normal, distance, projection)
         assert frame.depth_m[row, column] == pytest.approx(expected, rel=2e-5)
@@ -80,7 +80,7 @@ def test_a_pixel_belongs_to_what_its_ray_meets_first(seed):
         things.append(block(low, low + rng.uniform(0.3, 3.0, size=3)))
     scene = scene_of([ground(reach=60.0)], things)
     frame = photograph(scene)
-    calibration = matrices(small_calibration())
+    calibration = astuple(small_calibration())
     raised = np.array([0, 0, KITTI_LIDAR_HEIGHT_M])
     for column, row in rng.integers((0, 0), (311, 94), size=(25, 2)):
         origin, way = reference.pixel_ray(column, row, *calibration)
@@ -108,7 +108,8 @@ def reference_owners_around(scene, column, row, calibration):
 def test_convention_pixel_zero_zero_is_the_centre_of_the_top_left_pixel():
     calibration = small_calibration()
     whole = photograph(a_street(), calibration=calibration)
-    part = photograph(a_street(), calibration=calibration.crop(40, 20), size=(50, 100))
+    cropped = resized_and_cropped(calibration, 1.0, 40, 20)
+    part = photograph(a_street(), calibration=cropped, size=(50, 100))
     np.testing.assert_array_equal(part.owners, whole.owners[20:70, 40:140])
     np.testing.assert_allclose(part.depth_m, whole.depth_m[20:70, 40:140], rtol=1e-4)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera_radiance import pixel_radiance
 from sightline.simulation.camera_rays import camera_view, pixel_samples, with_edge_samples
 from sightline.simulation.materials import Material

@@ -21,9 +21,10 @@ from sightline.data.open import open_dataset
 from sightline.data.rings import ring_numbers
 from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.transforms import transform_points
+from sightline.simulation.dataset import SimulatedDataset, sample_of
 from sightline.simulation.generate import MANIFEST_NAME, SimulationResult, simulate
 from sightline.simulation.presets import PRESETS
-from sightline.simulation.simulator import SimulatedDataset, SimulationConfig, simulate_frame
+from sightline.simulation.simulator import SimulationConfig, simulate_frame
 from tests.simulation.streets import make_tiny_street
 
 TINY = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0)
@@ -64,13 +65,13 @@ def test_an_object_tree_passes_the_check_and_opens(frames: Path):
 
 def test_what_is_read_is_what_was_simulated(frames: Path):
     made = simulate_frame(TINY, 2, make_tiny_street)
-    sample, folder = made.sample, frames / "training"
+    sample, folder = sample_of(made), frames / "training"
     read = open_dataset(frames)[2]
     assert torch.equal(read.image, sample.image)
     assert torch.equal(read.points, sample.points)
     assert read.objects.class_names == sample.objects.class_names
     assert torch.allclose(read.objects.boxes3d.tensor, sample.objects.boxes3d.tensor, atol=0.011)
-    assert torch.equal(read.calibration.image_from_lidar, TINY.calibration.image_from_lidar)
+    assert torch.equal(read.calibration.image_from_lidar, sample.calibration.image_from_lidar)
     assert np.array_equal(read_instance_png(folder / "instance/000002.png"), made.instances)
     depth = read_depth_png(folder / "depth/000002.png")
     assert np.abs(depth - sample.depth.numpy()).max() <= 1 / 512 + 1e-6

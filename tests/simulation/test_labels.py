@@ -2,11 +2,9 @@ import math
 
 import numpy as np
 import pytest
-import torch
 
 from sightline.data.kitti_labels import read_labels, write_objects
-from sightline.data.object_labels import kitti_from_labels
-from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera import CameraFrame, render_camera
 from sightline.simulation.labels import FrameLabels, label_frame
 from sightline.simulation.meshes.cars import make_car
@@ -52,7 +50,7 @@ def test_boxes_are_tight_on_what_the_picture_shows_of_unoccluded_cars(seed: int)
         if actor >= 0 and labels.objects.occlusion[row] == 0:
             alone, _ = look(street(*cars[actor : actor + 1]))
             if (alone.owners == 0).sum() == (frame.owners == actor).sum():  # nothing hides it
-                box = labels.objects.boxes2d.tensor[row].numpy()
+                box = labels.objects.boxes2d[row]
                 assert np.abs(box - mask_box(frame, actor)).max() <= 1.5
                 tight += 1
     assert tight >= 2
@@ -60,7 +58,7 @@ def test_boxes_are_tight_on_what_the_picture_shows_of_unoccluded_cars(seed: int)
 
 def test_a_car_cut_by_the_image_has_a_box_tight_on_its_part_inside():
     frame, labels = look(street(box_actor(5.0, 4.0, yaw=0.6, size_lwh=(4.5, 1.8, 1.5))))
-    box = labels.objects.boxes2d.tensor[0].numpy()
+    box = labels.objects.boxes2d[0]
     assert box[0] == 0
     assert np.abs(box - mask_box(frame, 0)).max() <= 1.5
     assert 0.1 < float(labels.objects.truncation[0]) < 0.9
@@ -84,7 +82,7 @@ def test_the_box_of_an_occluded_object_is_that_of_the_whole_object():
     wall = block((8.0, 3.0, 2.0), (0.01, 3.0, 2.0))
     _, hidden = look(street(truck, scenery=Mesh.joined([ground(), wall])))
     _, free = look(street(truck))
-    assert torch.equal(hidden.objects.boxes2d.tensor, free.objects.boxes2d.tensor)
+    assert np.array_equal(hidden.objects.boxes2d, free.objects.boxes2d)
 
 
 def test_truncation_is_the_share_of_the_outline_beyond_the_image():
@@ -94,7 +92,7 @@ def test_truncation_is_the_share_of_the_outline_beyond_the_image():
     actor = box_actor(8.27 + 0.01, left + 0.5, size_lwh=(0.02, 2.0, 1.5))
     _, labels = look(street(actor))
     assert float(labels.objects.truncation[0]) == pytest.approx(0.75, abs=0.02)
-    assert float(labels.objects.boxes2d.tensor[0, 0]) == 0
+    assert float(labels.objects.boxes2d[0, 0]) == 0
 
 
 def test_what_is_wholly_inside_is_not_truncated():
@@ -106,12 +104,12 @@ def test_what_nothing_shows_of_has_no_label():
     wall = block((8.0, 0.0, 2.0), (0.1, 4.0, 2.0))
     _, labels = look(street(box_actor(15.0, 0.0), scenery=Mesh.joined([ground(), wall])))
     assert len(labels.objects.class_names) == 0
-    assert labels.objects.boxes3d.tensor.shape == (0, 7)
+    assert labels.objects.locations.shape == (0, 3)
 
 
 def test_a_street_without_road_users_has_no_labels():
     frame = simulate_frame(SimulationConfig(image_size=(94, 310), focal_px=180.0), 0, empty_street)
-    assert len(frame.sample.objects.class_names) == 0
+    assert len(frame.objects.class_names) == 0
     assert not frame.instances.any()
 
 
@@ -123,7 +121,7 @@ def test_a_few_pixels_over_a_wall_do_not_make_a_label_but_a_region_to_ignore():
     shown = (frame.owners == 0).sum()
     assert 25 <= shown < 200
     assert labels.objects.class_names == ("DontCare",)
-    box = labels.objects.boxes2d.tensor[0].numpy()
+    box = labels.objects.boxes2d[0]
     assert np.array_equal(box, mask_box(frame, 0))
 
 
@@ -132,7 +130,7 @@ def test_far_groups_are_one_region_without_a_3d_part(tmp_path):
     _, labels = look(street(*far, box_actor(12.0, -3.0)))
     assert labels.objects.class_names == ("Car", "DontCare", "DontCare")
     assert labels.actors.tolist() == [4, -1, -1]
-    write_objects(tmp_path / "0.txt", kitti_from_labels(labels.objects, CALIBRATION))
+    write_objects(tmp_path / "0.txt", labels.objects)
     line = (tmp_path / "0.txt").read_text().splitlines()[1].split()
     assert line[:4] == ["DontCare", "-1", "-1", "-10"]
     assert line[8:] == ["-1", "-1", "-1", "-1000", "-1000", "-1000", "-10"]
@@ -150,7 +148,7 @@ def test_3d_part_is_kittis(tmp_path, ego_yaw: float):
         size_lwh=(4.2, 1.7, 1.5),
     )
     _, labels = look(street(actor, ego=Straight(ego)))
-    write_objects(tmp_path / "0.txt", kitti_from_labels(labels.objects, CALIBRATION))
+    write_objects(tmp_path / "0.txt", labels.objects)
     read = read_labels(tmp_path / "0.txt")
     assert read.dimensions_hwl[0].tolist() == [1.5, 1.7, 4.2]
     # The bottom centre: the camera stands 1.65 m above the road. KITTI's camera 2 is 0.06 m left.
@@ -162,6 +160,6 @@ def test_3d_part_is_kittis(tmp_path, ego_yaw: float):
 
 def test_an_actor_beside_the_camera_that_reaches_behind_it_is_labelled_without_a_fault():
     frame, labels = look(street(box_actor(1.5, 2.2, size_lwh=(6.0, 1.8, 1.6))))
-    box = labels.objects.boxes2d.tensor[0].numpy()
+    box = labels.objects.boxes2d[0]
     assert np.abs(box - mask_box(frame, 0)).max() <= 1.5
     assert 0.3 < float(labels.objects.truncation[0]) <= 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sightline.data.rings import ring_numbers
-from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig, take_sweep
 from sightline.simulation.materials import SURFACES, Material
 from sightline.simulation.raycast import Raycaster
@@ -61,6 +61,15 @@ def test_a_beam_with_an_offset_starts_above_the_origin():
     assert np.allclose(points[:, 2], -KITTI_LIDAR_HEIGHT_M, atol=2e-3)
 
 
+def test_a_sensor_that_leans_forward_meets_level_ground_nearer_ahead_and_farther_behind():
+    points = sweep_of(street(), replace(SLOPED, lean_deg=2.0)).astype(np.float64)
+    assert np.allclose(points[:, 2], -KITTI_LIDAR_HEIGHT_M, atol=2e-3)
+    azimuth = (azimuths(points) + 180) % 360 - 180
+    for angle, where in ((5.0 + 2.0, np.abs(azimuth) < 1), (5.0 - 2.0, np.abs(azimuth) > 179)):
+        farthest = np.hypot(points[where, 0], points[where, 1]).max()
+        assert farthest == pytest.approx(KITTI_LIDAR_HEIGHT_M / np.tan(np.radians(angle)), rel=0.01)
+
+
 def test_points_are_in_the_frame_of_a_sensor_that_stands_askew_in_the_world():
     scenery = Mesh.joined([ground(), block((103.0, 54.0, 2.0), (0.5, 0.5, 2.0))])
     ego = Straight(Pose(x=100.0, y=50.0, z=0.0, yaw=np.arctan2(4, 3)))
@@ -90,7 +99,7 @@ def test_the_part_that_the_camera_sees_is_numbered_too():
 
 @pytest.mark.parametrize(("model", "beams"), [("hdl-64e", 64), ("hdl-32e", 32), ("vlp-16", 16)])
 def test_models_have_their_number_of_beams(model: str, beams: int):
-    config = replace(LIDARS[model], range_noise_m=0.0, blind_sectors=())
+    config = replace(LIDARS[model], range_noise_m=0.0, blind_sectors=(), lean_deg=0.0)
     points = sweep_of(street(scenery=courtyard(10.0)), config).astype(np.float64)
     lasers = config.lasers
     assert len(lasers) == beams
@@ -123,7 +132,7 @@ def test_fewer_returns_come_from_afar_and_at_a_slant():
 
     dark = (0.02, 0.02, 0.02)
     walls = [
-        block((d, 0.0, 3.0), (0.2, 8.0, 3.0), Material.RUBBER, dark) for d in (8.0, 30.0, 75.0)
+        block((d, 0.0, 3.0), (0.2, 8.0, 3.0), Material.RUBBER, dark) for d in (8.0, 60.0, 75.0)
     ]
     near, middle, far = (found_share(w.vertices[0, 0], w) for w in walls)
     assert near > 0.98

@@ -121,6 +121,14 @@ def test_occupancy_refuses_what_overlaps_and_keeps_the_margin():
     assert not occupancy.try_add(np.array([[3.2, 0.0, 0.0, np.pi / 2]]), 4.0, 2.5)
 
 
+def test_occupancy_takes_the_ground_of_buildings_even_where_they_overlap():
+    occupancy = Occupancy(1)
+    occupancy.take(np.zeros((1, 4)), 4.0, 2.0)
+    occupancy.take(np.array([[3.0, 0.0, 0.0, 0.0]]), 4.0, 2.0)
+    assert not occupancy.try_add(np.array([[4.5, 0.0, 0.0, 0.0]]), 0.4, 0.4)
+    assert occupancy.try_add(np.array([[5.5, 0.0, 0.0, 0.0]]), 0.4, 0.4)
+
+
 def test_overlap_of_turned_rectangles_agrees_with_the_separating_axis_test():
     rng = np.random.default_rng(0)
     boxes = rng.uniform([-3, -3, -4, 0.5, 0.5], [3, 3, 4, 5, 3], (2, 400, 5))

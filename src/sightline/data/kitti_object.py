@@ -7,7 +7,7 @@ from typing import Literal
 from torch.utils.data import Dataset
 
 from sightline.data.image_header import read_image_size
-from sightline.data.kitti_files import read_image, read_object_calibration, read_points
+from sightline.data.kitti_files import read_depth, read_image, read_object_calibration, read_points
 from sightline.data.kitti_labels import read_labels
 from sightline.data.object_labels import labels_from_kitti
 from sightline.data.object_tree import (
@@ -58,7 +58,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self.parts = frozenset(parts) - ({"objects"} if split == "testing" else set())
         folder = self.root / split
         needed: tuple[Part, ...] = ("image", "calibration")
-        needed += tuple(part for part in ("points", "objects") if part in self.parts)
+        needed += tuple(part for part in ("points", "objects", "depth") if part in self.parts)
         found = list_object_frames(folder, needed, velodyne)
         if not found:
             folders = ", ".join(f"{split}/{part_folder(part, velodyne)}" for part in needed)
@@ -92,6 +92,12 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         calibration = read_object_calibration(frame.calibration)
         image = read_image(frame.image) if "image" in self.parts else None
         height, width = read_image_size(frame.image) if image is None else image.shape[1:]
+        depth = None if frame.depth is None else read_depth(frame.depth)
+        if depth is not None and tuple(depth.shape) != (height, width):
+            raise ValueError(
+                f"{frame.depth} is {depth.shape[0]}x{depth.shape[1]} (height x width), expected "
+                f"{height}x{width} like {frame.image}; make both again"
+            )
         return CameraLidarSample(
             sample_id=frame.sample_id,
             calibration=calibration,
@@ -103,6 +109,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
                 if frame.objects is None
                 else labels_from_kitti(read_labels(frame.objects), calibration)
             ),
+            depth=depth,
         )
 
 

@@ -9,13 +9,15 @@ from sightline.data.image_file import IMAGE_SUFFIXES
 from sightline.data.plain_text import shortened
 
 Velodyne = Literal["velodyne", "velodyne_reduced"]
-Part = Literal["image", "points", "calibration", "objects"]
+Part = Literal["image", "points", "calibration", "objects", "depth"]
+"""`depth` is no part of KITTI's own tree: simulated ones have dense true depth, as 16-bit PNGs."""
 
 _SUFFIXES: dict[Part, tuple[str, ...]] = {
     "image": IMAGE_SUFFIXES,
     "points": (".bin",),
     "calibration": (".txt",),
     "objects": (".txt",),
+    "depth": (".png",),
 }
 _NAMED = 5  # so many frames an error lists by name
 
@@ -29,13 +31,15 @@ class ObjectFrame:
     points: Path | None = None
     calibration: Path | None = None
     objects: Path | None = None
+    depth: Path | None = None
 
 
 def part_folder(part: Part, velodyne: Velodyne = "velodyne") -> str:
-    """KITTI's name for the folder of a part."""
+    """The name of a part's folder: KITTI's, where KITTI has the part."""
     if part == "points":
         return velodyne
-    return {"image": "image_2", "calibration": "calib", "objects": "label_2"}[part]
+    names = {"image": "image_2", "calibration": "calib", "objects": "label_2", "depth": "depth"}
+    return names[part]
 
 
 def list_object_frames(
@@ -55,6 +59,7 @@ def list_object_frames(
             points=files.get("points", {}).get(frame_id),
             calibration=files.get("calibration", {}).get(frame_id),
             objects=files.get("objects", {}).get(frame_id),
+            depth=files.get("depth", {}).get(frame_id),
         )
         for frame_id in sorted({frame_id for listed in files.values() for frame_id in listed})
     }

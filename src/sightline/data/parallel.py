@@ -1,50 +1,137 @@
 """A pool of processes for jobs of many independent pieces."""
 
+import contextlib
+import multiprocessing
+import sys
+import traceback
 from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Final, NamedTuple
 
-import torch
-from torch.utils.data import DataLoader, Dataset
-
-from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+import cv2
 
 Piece = Callable[[int], str]
 """Does piece N of a job; returns the error, empty if there is none."""
+
+_PATIENCE_S: Final = 5.0
+"""What a worker may take for the piece that it is at when the job is stopped."""
 
 
 def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
     """Does pieces 0 to `count` - 1 of a job and gives what each returns, in order.
 
-    A piece returns its error instead of raising it: from a worker an exception would come back
-    wrapped in a traceback. It writes a file aside and renames it, so that a job which is stopped,
-    by Ctrl-C for one, leaves whole files only.
+    A piece returns its error instead of raising it: what it raises comes back from a worker as a
+    RuntimeError that holds a traceback. It writes a file aside and renames it, so that a job which
+    is stopped, by Ctrl-C for one, leaves whole files only.
 
     Args:
         piece: Picklable where workers are started afresh (macOS, Windows).
         count: Number of pieces.
         workers: Processes that work; 1 is this process alone.
+
+    Raises:
+        ChildProcessError: A worker was ended from outside, for want of memory for one.
     """
-    yield from DataLoader(
-        _Pieces(piece, count),
-        batch_size=None,
-        num_workers=0 if workers == 1 else min(workers, count),
-        generator=torch.Generator(),  # the loader draws a seed, which must not be the global one
-    )
+    if workers == 1:
+        yield from map(piece, range(count))
+        return
+    pool = _Pool(piece, min(workers, count))
+    try:
+        yield from pool.run(count)
+    finally:
+        pool.close()
 
 
-class _Pieces(Dataset[str]):
-    """One item for each piece; getting it does it.
+class _Outcome(NamedTuple):
+    """What comes back from a worker."""
 
-    A data set because torch's `DataLoader` then brings all that a pool of processes needs: it
-    hands over bad exits and Ctrl-C, and keeps torch to one thread in each worker.
+    result: str
+    fault: str
+    """Traceback, where the piece raised an error."""
+
+
+class _Pool:
+    """Workers, each of which does a piece at a time.
+
+    Not `concurrent.futures`, whose workers answer Ctrl-C with a traceback each and outlive a
+    parent that is killed, and not PyTorch's `DataLoader`: PyTorch alone takes half a gigabyte of a
+    worker, and not every job needs it.
     """
 
-    def __init__(self, piece: Piece, count: int) -> None:
-        self.piece = piece
-        self.count = count
+    def __init__(self, piece: Piece, workers: int) -> None:
+        self._processes: dict[Connection, BaseProcess] = {}
+        self._doing: dict[Connection, int] = {}
+        for _ in range(workers):
+            ours, theirs = multiprocessing.Pipe()
+            process = multiprocessing.Process(target=_work, args=(piece, theirs), daemon=True)
+            process.start()
+            theirs.close()
+            self._processes[ours] = process
 
-    def __len__(self) -> int:
-        return self.count
+    def run(self, count: int) -> Iterator[str]:
+        """Does the pieces and gives what they return, in order."""
+        waiting = iter(range(count))
+        done: dict[int, str] = {}
+        for channel in self._processes:
+            self._hand_out(channel, waiting)
+        for position in range(count):
+            while position not in done:
+                ready = set(wait(self._doing))
+                for channel in [channel for channel in self._doing if channel in ready]:
+                    done[self._doing[channel]] = self._take_back(channel)
+                    self._hand_out(channel, waiting)
+            yield done.pop(position)
 
-    def __getitem__(self, position: int) -> str:
-        keep_opencv_to_one_thread_in_workers()
-        return self.piece(position)
+    def close(self) -> None:
+        """Lets every worker finish its piece and ends it."""
+        for channel in self._processes:
+            with contextlib.suppress(OSError):  # it has ended already
+                channel.send(None)
+        for process in self._processes.values():
+            process.join(_PATIENCE_S)
+            process.terminate()
+
+    def _hand_out(self, channel: Connection, waiting: Iterator[int]) -> None:
+        self._doing.pop(channel, None)
+        position = next(waiting, None)
+        if position is not None:
+            self._doing[channel] = position
+            with contextlib.suppress(OSError):  # it has ended, as is seen when it is asked
+                channel.send(position)
+
+    def _take_back(self, channel: Connection) -> str:
+        try:
+            outcome = _Outcome(*channel.recv())
+        except (EOFError, OSError):
+            raise ChildProcessError(
+                "a worker process was ended from outside; where memory ran out, use fewer workers"
+            ) from None
+        if outcome.fault:
+            raise RuntimeError(f"piece {self._doing[channel]} of the job failed:\n{outcome.fault}")
+        return outcome.result
+
+
+def _work(piece: Piece, channel: Connection) -> None:
+    """Does the pieces whose numbers come through the channel, until None comes or nobody is left.
+
+    The workers are the parallelism: threads on top would make all of them wait for each other.
+    """
+    with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):  # the parent tells the user
+        cv2.setNumThreads(0)
+        if "torch" in sys.modules:
+            sys.modules["torch"].set_num_threads(1)
+        parent = multiprocessing.parent_process()
+        assert parent is not None, "a worker has a parent"
+        while parent.sentinel not in wait([channel, parent.sentinel]):
+            position = channel.recv()
+            if position is None:
+                return
+            channel.send(tuple(_outcome(piece, position)))
+
+
+def _outcome(piece: Piece, position: int) -> _Outcome:
+    try:
+        return _Outcome(piece(position), "")
+    except Exception:  # noqa: BLE001 - the parent raises it
+        return _Outcome("", traceback.format_exc())

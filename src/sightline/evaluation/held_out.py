@@ -21,9 +21,10 @@ from jaxtyping import Bool, Float32, Int64, jaxtyped
 from scipy import ndimage
 from torch import Tensor
 
+from sightline.data.augmentation import crop, keep_rings, points_in_view
 from sightline.data.progress import track
 from sightline.data.rings import NUM_RINGS, ring_numbers
-from sightline.geometry.projection import project_points, sparse_depth_map
+from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
@@ -35,8 +36,9 @@ BEAMS = (64, 32, 16, 8)
 CROP_SIZE = (352, 1216)
 """Height and width of the bottom-centre crop, as in the depth benchmark's own selection."""
 
-_HELD_OUT_EVERY = 8
-_FIRST_HELD_OUT = 4
+HELD_OUT_EVERY = 8
+FIRST_HELD_OUT = 4
+"""The tables' own; training may hold out others."""
 # A return farther than this behind the nearest point around it is hidden from the camera, which
 # sits elsewhere than the LiDAR: it is no truth for the pixel that it falls on.
 _VISIBILITY_WINDOW = (15, 7)  # rows, columns
@@ -58,9 +60,15 @@ class HeldOutFrame:
     """Ring number of each point of `sample`."""
     truth_m: Float32[Tensor, "height width"]
     """Depths of the held-out returns that the camera sees; 0 = none."""
+    first_held_out: int = FIRST_HELD_OUT
 
-    def with_beams(self, beams: int) -> CameraLidarSample:
+    def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
         """The sample as a sensor of so many beams would have taken it.
+
+        Args:
+            beams: How many of 64.
+            start: How many of the rings that are not held out to pass over at the top, for a
+                sensor that looks a little lower than the tables' one.
 
         Raises:
             ValueError: 64 is no multiple of `beams`.
@@ -69,11 +77,9 @@ class HeldOutFrame:
             raise ValueError(
                 f"beams must divide {NUM_RINGS} evenly (64, 32, 16, 8, ..), got {beams}"
             )
-        given = [ring for ring in range(NUM_RINGS) if not _is_held_out(ring)]
-        kept = torch.tensor(given[:: NUM_RINGS // beams])
-        points = self.sample.points
-        assert points is not None, "split_rings sets the points"
-        return replace(self.sample, points=points[torch.isin(self.rings, kept)])
+        rings = torch.arange(NUM_RINGS)
+        given = rings[~_is_held_out(rings, self.first_held_out)]
+        return keep_rings(self.sample, self.rings, given[start :: NUM_RINGS // beams].tolist())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -163,11 +169,15 @@ def evaluate_held_out(
     return HeldOutReport(scores=tuple(map(_mean_score, by_density)), frames=tuple(frames))
 
 
-def split_rings(sample: CameraLidarSample) -> HeldOutFrame:
+def split_rings(sample: CameraLidarSample, *, first_held_out: int = FIRST_HELD_OUT) -> HeldOutFrame:
     """Parts a frame: held-out rings to truth, the others to the sample that methods get.
 
     Both are cropped to `CROP_SIZE` at the bottom centre; a smaller image is kept whole. Labels and
     depth are taken off the sample.
+
+    Args:
+        sample: The frame.
+        first_held_out: The first ring that is held out; every eighth from there is.
 
     Raises:
         ValueError: The sample has no points, they are not in KITTI's order, or none of the
@@ -178,12 +188,12 @@ def split_rings(sample: CameraLidarSample) -> HeldOutFrame:
             f"sample {sample.sample_id} has no points, but held-out rings need a sweep; leave the "
             "sample out"
         )
-    points = sample.points[_falls_in_image(sample)]
+    points = sample.points[points_in_view(sample)]
     try:
         rings = torch.from_numpy(ring_numbers(points.numpy()))
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
-    held_out = _is_held_out(rings)
+    held_out = _is_held_out(rings, first_held_out)
     truth = sparse_depth_map(points[held_out], sample.calibration, sample.image_size)
     everything = sparse_depth_map(points, sample.calibration, sample.image_size)
     truth = torch.where(_is_visible(truth, everything), truth, 0.0)
@@ -194,30 +204,18 @@ def split_rings(sample: CameraLidarSample) -> HeldOutFrame:
             f"sample {sample.sample_id} has no return of a held-out ring in view, so there is "
             "nothing to score; leave the sample out"
         )
-    image = sample.image
-    cropped = CameraLidarSample(
-        sample_id=sample.sample_id,
-        calibration=sample.calibration.crop(left, top),
-        image_size=(height, width),
-        image=None if image is None else image[:, top : top + height, left : left + width],
-        points=points[~held_out],
-        world_from_lidar=sample.world_from_lidar,
-        timestamp_s=sample.timestamp_s,
+    given = replace(sample, points=points[~held_out], depth=None)
+    cropped = crop(given, top=top, left=left, height=height, width=width)
+    return HeldOutFrame(
+        sample=cropped,
+        rings=rings[~held_out],
+        truth_m=truth,
+        first_held_out=first_held_out,
     )
-    return HeldOutFrame(sample=cropped, rings=rings[~held_out], truth_m=truth)
 
 
-def _is_held_out(ring: int | Int64[Tensor, " num_points"]) -> bool | Bool[Tensor, " num_points"]:
-    return ring % _HELD_OUT_EVERY == _FIRST_HELD_OUT
-
-
-def _falls_in_image(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
-    """The cut that KITTI's reduced sweeps were made with; leaves those as they are."""
-    assert sample.points is not None, "the caller has checked"
-    height, width = sample.image_size
-    pixels, _ = project_points(sample.points[:, :3].double(), sample.calibration)
-    # Written so that NaN, which compares false with everything, is outside.
-    return (pixels >= 0).all(dim=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
+def _is_held_out(rings: Int64[Tensor, " count"], first: int) -> Bool[Tensor, " count"]:
+    return rings % HELD_OUT_EVERY == first
 
 
 def _is_visible(

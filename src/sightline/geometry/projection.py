@@ -7,10 +7,8 @@ from jaxtyping import Bool, Float, Float32, Int64
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.transforms import rigid_inverse, transform_points
-
-KITTI_LIDAR_HEIGHT_M = 1.73
-"""Height of KITTI's LiDAR above the road (Geiger et al. 2013, Fig. 3)."""
 
 # Gated fusion, Eq. 1-3: what each channel of a DHI image takes as its far end.
 _DHI_RANGE_M = 80.0

@@ -14,11 +14,10 @@ from sightline.depth_completion.methods import Method
 from sightline.evaluation.depth import DepthReport, evaluate_depth
 from sightline.evaluation.held_out import HeldOutReport, evaluate_held_out
 from sightline.inference.batch import predict_depth_completion
-from sightline.inference.depth import DepthCompleter
+from sightline.inference.depth import Completer, DepthCompleter, choose_completer
 from sightline.inference.pictures import write_frame_picture
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
-_METHOD: Method = "adaptive"
 _PAGE = """<!doctype html>
 <html lang="en">
 <meta charset="utf-8">
@@ -30,9 +29,9 @@ img {{ width: 100%; border-radius: 6px; margin: .5em 0 2em; }}
 pre {{ background: #f2f4f7; padding: 1em; border-radius: 6px; overflow-x: auto; }}
 </style>
 <h1>Sightline demo</h1>
-<p>Dense depth from a LiDAR sweep, by the <b>{method}</b> method (no training), on street frames
-that come with Sightline and were made by its simulator (<code>sightline simulate</code> makes
-more). The depth maps are 16-bit PNGs (metres times 256), in <code>depth/</code>.</p>
+<p>Dense depth from a LiDAR sweep by <b>{name}</b>, on street frames that come with Sightline and
+were made by its simulator (<code>sightline simulate</code> makes more). The depth maps are 16-bit
+PNGs (metres times 256), in <code>depth/</code>.</p>
 <h2>Against true depth</h2>
 <p>KITTI's rules. True depth is known here for every pixel, so this counts the regions above the
 highest beam too, where any method can only guess.</p>
@@ -61,20 +60,23 @@ def run_demo(out: Path) -> str:
     problems = list(check_tree(frames))
     if problems:
         raise ValueError(f"the embedded frames are damaged: {problems[0]}")
-    predict_depth_completion(frames, depth, method=_METHOD, workers=1)
+    completer = choose_completer()
+    predict_depth_completion(frames, depth, workers=1)
     against_truth = evaluate_depth(depth, frames / "training" / "depth")
-    dataset = open_dataset(frames, parts={"points"})
-    held_out = {method: _score_held_out(dataset, method) for method in get_args(Method)}
+    dataset = open_dataset(frames, parts=completer.parts)
+    completers: list[Completer] = [DepthCompleter(method) for method in get_args(Method)]
+    by_name = {each.name: each for each in (*completers, completer)}
+    held_out = {name: _score_held_out(dataset, each) for name, each in by_name.items()}
     pictures = [
-        write_frame_picture(frames, name, out / f"{name}.png", method=_METHOD)
+        write_frame_picture(frames, name, out / f"{name}.png", completer=completer)
         for name in dataset.sample_ids
     ]
     report = out / "report.html"
-    atomic_write_text(report, _page(against_truth, held_out, pictures))
-    score = held_out[_METHOD].scores[0]
+    atomic_write_text(report, _page(completer.name, against_truth, held_out, pictures))
+    score = held_out[completer.name].scores[0]
     return "\n".join(
         (
-            f"depth by the {_METHOD} method: on LiDAR rings that it never saw, RMSE "
+            f"depth by {completer.name}: on LiDAR rings that it never saw, RMSE "
             f"{score.rmse_mm:.0f} mm and MAE {score.mae_mm:.0f} mm",
             f"frames    {frames}",
             f"depth     {depth}",
@@ -84,20 +86,23 @@ def run_demo(out: Path) -> str:
     )
 
 
-def _score_held_out(dataset: SampleDataset, method: Method) -> HeldOutReport:
+def _score_held_out(dataset: SampleDataset, completer: Completer) -> HeldOutReport:
     samples = (dataset[index] for index in range(len(dataset)))
-    return evaluate_held_out(samples, DepthCompleter(method))
+    return evaluate_held_out(samples, completer)
 
 
 def _page(
-    against_truth: DepthReport, held_out: dict[Method, HeldOutReport], pictures: list[Path]
+    name: str,
+    against_truth: DepthReport,
+    held_out: dict[str, HeldOutReport],
+    pictures: list[Path],
 ) -> str:
     figures = "\n".join(
         f'<h2>Frame {picture.stem}</h2>\n<img src="{picture.name}" alt="frame {picture.stem}">'
         for picture in pictures
     )
     return _PAGE.format(
-        method=_METHOD,
+        name=name,
         depth_table=html.escape(_text(against_truth)),
         held_out_table=html.escape(_held_out_table(held_out)),
         pictures=figures,
@@ -110,9 +115,9 @@ def _text(report: DepthReport) -> str:
     return file.getvalue()
 
 
-def _held_out_table(reports: dict[Method, HeldOutReport]) -> str:
+def _held_out_table(reports: dict[str, HeldOutReport]) -> str:
     beams = [score.beams for score in next(iter(reports.values())).scores]
     lines = [f"{'beams':<12}" + "".join(f"{number:>8}" for number in beams)]
-    for method, report in reports.items():
-        lines.append(f"{method:<12}" + "".join(f"{score.rmse_mm:8.0f}" for score in report.scores))
+    for name, report in reports.items():
+        lines.append(f"{name:<12}" + "".join(f"{score.rmse_mm:8.0f}" for score in report.scores))
     return "\n".join(lines)

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
-from sightline.geometry.calibration import Calibration
-from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.data.calibration_text import CalibrationMatrices
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera_radiance import pixel_radiance
 from sightline.simulation.camera_rays import (
     Samples,
@@ -72,7 +72,7 @@ class CameraFrame:
 
 def render_camera(
     scene: Scene,
-    calibration: Calibration,
+    calibration: CalibrationMatrices,
     image_size: tuple[int, int] = KITTI_IMAGE_SIZE,
     *,
     rng: np.random.Generator,

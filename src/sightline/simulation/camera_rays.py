@@ -3,14 +3,13 @@
 from typing import Final, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float32, Float64, Int32
 
-from sightline.geometry.calibration import Calibration
-from sightline.geometry.projection import unproject_pixels
+from sightline.data.calibration_text import CalibrationMatrices
 from sightline.ops.compiled import compiled
 from sightline.simulation.antialiasing import edge_pixels, lenders
 from sightline.simulation.foliage import cast_through_foliage
+from sightline.simulation.pixels import unproject_pixels
 from sightline.simulation.raycast import Hits
 from sightline.simulation.scene import Pose, world_from_footprint
 from sightline.simulation.shading import SUN_QUARTERS, LitWorld
@@ -79,11 +78,11 @@ def _aim(
             rays.directions[ray, axis] = view.corner[axis] + across + along
 
 
-def camera_view(calibration: Calibration, ego: Pose, lidar_height_m: float) -> View:
+def camera_view(calibration: CalibrationMatrices, ego: Pose, lidar_height_m: float) -> View:
     """Inverts a calibration whose LiDAR stands `lidar_height_m` above the ego's footprint."""
-    pixels = torch.tensor([[0, 0], [0, 0], [1, 0], [0, 1]], dtype=torch.float64)
-    depths = torch.tensor([0, 1, 1, 1], dtype=torch.float64)
-    points = unproject_pixels(pixels, depths, calibration).numpy()
+    pixels = np.array([[0, 0], [0, 0], [1, 0], [0, 1]], dtype=np.float64)
+    depths = np.array([0, 1, 1, 1], dtype=np.float64)
+    points = unproject_pixels(pixels, depths, calibration)
     world_from_lidar = world_from_footprint(ego, lidar_height_m)
     center, ahead, right, down = points @ world_from_lidar[:3, :3].T + world_from_lidar[:3, 3]
     return View(

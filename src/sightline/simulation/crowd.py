@@ -48,24 +48,24 @@ class Customs:
 
 CUSTOMS: Final = {
     StreetKind.RESIDENTIAL: Customs(
-        vehicles_per_km=9.5, heavy_share=0.015, van_share=0.074, speed_mps=(3.0, 9.0),
-        parked_share=(0.13, 0.62), walkers=(0.27, 2.7), cyclists=0.29,
+        vehicles_per_km=9.5, heavy_share=0.014, van_share=0.074, speed_mps=(3.0, 9.0),
+        parked_share=(0.13, 0.62), walkers=(0.30, 3.2), cyclists=0.29,
     ),
     StreetKind.CITY: Customs(
-        vehicles_per_km=13.7, heavy_share=0.032, van_share=0.081, speed_mps=(4.0, 12.0),
-        parked_share=(0.18, 0.66), walkers=(0.46, 4.2), cyclists=0.49,
+        vehicles_per_km=13.7, heavy_share=0.030, van_share=0.081, speed_mps=(4.0, 12.0),
+        parked_share=(0.18, 0.66), walkers=(0.50, 5.0), cyclists=0.49,
     ),
     StreetKind.AVENUE: Customs(
-        vehicles_per_km=17.4, heavy_share=0.052, van_share=0.081, speed_mps=(7.0, 14.0),
-        parked_share=(0.18, 0.53), walkers=(0.18, 2.4), cyclists=0.35,
+        vehicles_per_km=17.4, heavy_share=0.048, van_share=0.081, speed_mps=(7.0, 14.0),
+        parked_share=(0.18, 0.53), walkers=(0.20, 2.8), cyclists=0.35,
     ),
     StreetKind.COUNTRY: Customs(
-        vehicles_per_km=41.5, heavy_share=0.052, van_share=0.074, speed_mps=(9.0, 14.0),
+        vehicles_per_km=41.5, heavy_share=0.048, van_share=0.074, speed_mps=(9.0, 14.0),
         parked_share=(0.0, 0.0), walkers=(0.01, 1.3), cyclists=0.08,
     ),
     StreetKind.SQUARE: Customs(
         vehicles_per_km=19.9, heavy_share=0.0, van_share=0.2, speed_mps=(1.0, 3.0),
-        parked_share=(0.0, 0.0), walkers=(0.71, 7.2), cyclists=0.88,
+        parked_share=(0.0, 0.0), walkers=(0.75, 8.4), cyclists=0.88,
     ),
 }  # fmt: skip
 
@@ -103,9 +103,7 @@ class Crowd:
                 continue
             x, y = footprint_corners(footprint).mean(axis=0).tolist()
             still = Still(pose=Pose(x=x, y=y, z=0.0, yaw=footprint.yaw))
-            # Neighbours touch, which is no reason to leave one out.
-            shrunk = (footprint.width - 0.05, footprint.depth - 0.05)
-            self._taken.try_add(still.poses(self.times), *shrunk, margin=-0.4)
+            self._taken.take(still.poses(self.times), footprint.width, footprint.depth)
 
     def draw_travel(self, standing_share: float) -> Travel:
         """A speed as is usual here, or standing with some probability."""

@@ -4,19 +4,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float64, Int32
 
-from sightline.geometry.boxes2d import Boxes2D
-from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
-from sightline.geometry.calibration import Calibration
-from sightline.geometry.transforms import wrap_angle
+from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
 from sightline.simulation.camera import CameraFrame
 from sightline.simulation.camera_rays import View, camera_view
+from sightline.simulation.pixels import image_from_lidar, wrap_angle
 from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Actor, Mesh, Pose, Scene, world_from_footprint
+from sightline.simulation.scene import Mesh, Pose, Scene, world_from_footprint
 from sightline.simulation.silhouette import silhouette
-from sightline.structures.labels import ObjectLabels
 
 _NEAR_M = 0.3
 """What is nearer to the image plane cannot be projected."""
@@ -37,7 +34,8 @@ _MAX_TRUNCATION: Final = 0.98
 DontCare. Pixels are those of KITTI's focal length."""
 KITTI_FOCAL_PX: Final = 721.5377
 _DONT_CARE_GAP_PX: Final = 8.0
-_NO_ALPHA: Final = -10.0
+_UNKNOWN: Final = -1.0
+"""KITTI's placeholder for the rest of what a region to ignore lacks."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,13 +58,13 @@ class _Seen:
 class FrameLabels:
     """Labels and which actor each is of."""
 
-    objects: ObjectLabels
+    objects: KittiObjects
     actors: Int32[np.ndarray, " num_objects"]
     """Index into the scene's actors; -1 for DontCare."""
 
 
 def label_frame(
-    scene: Scene, frame: CameraFrame, calibration: Calibration, lidar_height_m: float
+    scene: Scene, frame: CameraFrame, calibration: CalibrationMatrices, lidar_height_m: float
 ) -> FrameLabels:
     """Labels what the camera shows as KITTI's annotators would, from left to right of the actors.
 
@@ -80,27 +78,10 @@ def label_frame(
     seen = [onlooker.look_at(index) for index in np.flatnonzero(pixels >= _MIN_PIXELS).tolist()]
     labelled = [item for item in seen if _is_labelled(item)]
     regions = _joined([onlooker.shown_box(item) for item in seen if not _is_labelled(item)])
-    boxes3d = _boxes_in_lidar_frame(scene, [item.index for item in labelled], lidar_height_m)
-    num_regions = len(regions)
-    boxes2d = np.array([*(item.box for item in labelled), *regions]).reshape(-1, 4)
-    objects = ObjectLabels(
-        class_names=(
-            *(scene.actors[item.index].class_name for item in labelled),
-            *("DontCare",) * num_regions,
-        ),
-        boxes2d=Boxes2D(torch.from_numpy(boxes2d)),
-        boxes3d=Boxes3D(torch.cat((boxes3d.tensor, torch.zeros(num_regions, 7).double()))),
-        truncation=torch.tensor(
-            [*(item.truncation for item in labelled), *(-1.0,) * num_regions], dtype=torch.float64
-        ),
-        occlusion=torch.tensor(
-            [*(_occlusion(item.visible_share) for item in labelled), *(-1,) * num_regions],
-            dtype=torch.long,
-        ),
-        alpha=torch.cat(
-            (_alphas(boxes3d, calibration), torch.full((num_regions,), _NO_ALPHA).double())
-        ),
+    objects = _joined_objects(
+        _kitti_objects(scene, labelled, calibration, lidar_height_m), _regions_to_ignore(regions)
     )
+    num_regions = len(regions)
     actors = np.array([*(item.index for item in labelled), *(-1,) * num_regions], dtype=np.int32)
     return FrameLabels(objects=objects, actors=actors)
 
@@ -118,14 +99,14 @@ class _Onlooker:
 
     @staticmethod
     def of(
-        scene: Scene, frame: CameraFrame, calibration: Calibration, lidar_height_m: float
+        scene: Scene, frame: CameraFrame, calibration: CalibrationMatrices, lidar_height_m: float
     ) -> "_Onlooker":
         world_from_lidar = world_from_footprint(scene.ego, lidar_height_m)
         return _Onlooker(
             scene=scene,
             frame=frame,
             view=camera_view(calibration, scene.ego, lidar_height_m),
-            image_from_world=calibration.image_from_lidar.numpy() @ np.linalg.inv(world_from_lidar),
+            image_from_world=image_from_lidar(calibration) @ np.linalg.inv(world_from_lidar),
             scale=float(calibration.image_from_camera[1, 1]) / KITTI_FOCAL_PX,
         )
 
@@ -247,29 +228,64 @@ def _joined(boxes: list[Float64[np.ndarray, "4"]]) -> list[Float64[np.ndarray, "
     return merged
 
 
-def _boxes_in_lidar_frame(scene: Scene, indices: list[int], lidar_height_m: float) -> Boxes3D:
-    rows = [_box_row(scene.actors[index], scene.poses[index], scene.ego) for index in indices]
-    boxes = torch.tensor(rows, dtype=torch.float64).reshape(-1, 7)
-    boxes[:, 2] -= lidar_height_m
-    boxes[:, 6] = wrap_angle(boxes[:, 6])
-    return Boxes3D(boxes)
+def _kitti_objects(
+    scene: Scene, seen: list[_Seen], calibration: CalibrationMatrices, lidar_height_m: float
+) -> KittiObjects:
+    """What a label file says of objects with a 3D part."""
+    actors = [scene.actors[item.index] for item in seen]
+    sizes_lwh = np.array([actor.size_lwh for actor in actors], np.float64).reshape(-1, 3)
+    places = [_place(scene.poses[item.index], scene.ego) for item in seen]
+    ahead, left, up, yaw = np.array(places, np.float64).reshape(-1, 4).T
+    bottoms = np.stack((ahead, left, up - lidar_height_m), axis=1)
+    camera_from_lidar = calibration.camera_from_lidar
+    locations = bottoms @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
+    rotation_y = wrap_angle(-yaw - np.pi / 2)
+    bearing = np.arctan2(locations[:, 0], locations[:, 2])
+    return KittiObjects(
+        class_names=tuple(actor.class_name for actor in actors),
+        truncation=np.array([item.truncation for item in seen], np.float64),
+        occlusion=np.array([_occlusion(item.visible_share) for item in seen], np.float64),
+        alpha=wrap_angle(rotation_y - bearing),
+        boxes2d=np.array([item.box for item in seen], np.float64).reshape(-1, 4),
+        dimensions_hwl=sizes_lwh[:, ::-1],
+        locations=locations,
+        rotation_y=rotation_y,
+    )
 
 
-def _box_row(actor: Actor, pose: Pose, ego: Pose) -> tuple[float, ...]:
-    """The actor's box as seen from the ego's footprint."""
-    length, width, height = actor.size_lwh
+def _regions_to_ignore(boxes: list[Float64[np.ndarray, "4"]]) -> KittiObjects:
+    count = len(boxes)
+    return KittiObjects(
+        class_names=("DontCare",) * count,
+        truncation=np.full(count, _UNKNOWN),
+        occlusion=np.full(count, _UNKNOWN),
+        alpha=np.full(count, NO_ALPHA),
+        boxes2d=np.array(boxes, np.float64).reshape(-1, 4),
+        dimensions_hwl=np.full((count, 3), _UNKNOWN),
+        locations=np.full((count, 3), NO_LOCATION),
+        rotation_y=np.full(count, NO_ALPHA),
+    )
+
+
+def _joined_objects(first: KittiObjects, second: KittiObjects) -> KittiObjects:
+    """The objects of both, one after the other."""
+    return KittiObjects(
+        class_names=first.class_names + second.class_names,
+        truncation=np.concatenate((first.truncation, second.truncation)),
+        occlusion=np.concatenate((first.occlusion, second.occlusion)),
+        alpha=np.concatenate((first.alpha, second.alpha)),
+        boxes2d=np.concatenate((first.boxes2d, second.boxes2d)),
+        dimensions_hwl=np.concatenate((first.dimensions_hwl, second.dimensions_hwl)),
+        locations=np.concatenate((first.locations, second.locations)),
+        rotation_y=np.concatenate((first.rotation_y, second.rotation_y)),
+    )
+
+
+def _place(pose: Pose, ego: Pose) -> tuple[float, float, float, float]:
+    """How far ahead, left and up [m] and how turned [rad] something stands, seen from the ego."""
     dx, dy = pose.x - ego.x, pose.y - ego.y
     cos, sin = np.cos(ego.yaw), np.sin(ego.yaw)
-    ahead, left = cos * dx + sin * dy, -sin * dx + cos * dy
-    up = pose.z - ego.z + height / 2
-    return (ahead, left, up, length, width, height, pose.yaw - ego.yaw)
-
-
-def _alphas(boxes: Boxes3D, calibration: Calibration) -> Float64[torch.Tensor, " num_boxes"]:
-    """Observation angles: rotation_y less the bearing of the object from the camera."""
-    _, bottom_centers, rotation_y = kitti_from_boxes3d(boxes, calibration.camera_from_lidar)
-    bearing = torch.atan2(bottom_centers[:, 0], bottom_centers[:, 2])
-    return wrap_angle(rotation_y - bearing)
+    return cos * dx + sin * dy, -sin * dx + cos * dy, pose.z - ego.z, pose.yaw - ego.yaw
 
 
 def _area(box: Float64[np.ndarray, "4"]) -> float:

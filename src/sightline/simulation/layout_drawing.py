@@ -212,7 +212,7 @@ def _draw_side(rng: np.random.Generator, kind: StreetKind, sign: int, lane_edge:
         bands.append(Band(ground=ground, inner=start, outer=start + width))
         start += width
     has_verge = bands[0].ground is Ground.VERGE
-    rows = {StreetKind.CITY: 0.35, StreetKind.COUNTRY: 0.2, StreetKind.SQUARE: 0.35}
+    rows = {StreetKind.CITY: 0.25, StreetKind.COUNTRY: 0.2, StreetKind.SQUARE: 0.3}
     return Side(
         sign=sign,
         lane_edge=lane_edge,
@@ -222,7 +222,7 @@ def _draw_side(rng: np.random.Generator, kind: StreetKind, sign: int, lane_edge:
         bands=tuple(bands),
         plots=plots,
         setback=float(rng.uniform(*_SETBACKS[plots])),
-        has_tree_row=bool(rng.random() < (0.85 if has_verge else rows.get(kind, 0.3))),
+        has_tree_row=bool(rng.random() < (0.65 if has_verge else rows.get(kind, 0.2))),
     )
 
 

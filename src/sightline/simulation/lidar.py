@@ -7,7 +7,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 
-from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.foliage import cast_through_foliage
 from sightline.simulation.materials import SURFACES, Material
 from sightline.simulation.raycast import Hits, Raycaster
@@ -18,8 +18,12 @@ _MID_GREY = 0.25  # albedo (linear) of the sample that `Surface.lidar_reflectanc
 _COLOR_RANGE = (0.35, 1.8)  # how far a dark or bright colour moves the reflectance at 905 nm
 _RETRO_REFLECTANCE = 12.0  # of signs and plates, which send the light back where it came from
 # Paint and polished metal send most of the light elsewhere; fitted to the points on KITTI's cars.
-_GLEAMING_ECHO = 0.055  # share of the echo that such a surface gives
+_GLEAMING_ECHO = 0.021  # share of the echo that such a surface gives
 _GLEAMING_LOSS = 0.28  # share of returns from it that are lost however near
+_STEEPNESS = 2.0  # of the chance that an echo is found, around the detectable one
+# Where returns thin out whatever they hit, fitted to the depths in KITTI's images.
+_REACH_M = 74.0
+_REACH_SPREAD_M = 6.0
 _BEHIND_GLASS_M = 1e-3
 _TURN_S = 0.1
 
@@ -36,7 +40,8 @@ _BLANK = 0.12  # share of returns that report 0 whatever they hit
 # By material.
 _REFLECTANCE = np.array([SURFACES[material].lidar_reflectance for material in Material])
 _TRANSMISSION = np.array([SURFACES[material].lidar_transmission for material in Material])
-_GLEAMS = np.array([SURFACES[material].mirror > 0 for material in Material])
+# Bare metal beside streets is zinc and paint, dull enough for KITTI's poles to return well.
+_GLEAMS = np.array([SURFACES[item].mirror > 0 and item is not Material.METAL for item in Material])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,13 +75,15 @@ class LidarConfig:
     blind_sectors: tuple[BlindSector, ...] = ()
     height_m: float = KITTI_LIDAR_HEIGHT_M
     """Of its origin above the road."""
+    lean_deg: float = 0.0
+    """How far its axis leans forward; points are given in a level frame all the same."""
     min_range_m: float = 1.5
     max_range_m: float = 80.0
     range_noise_m: float = 0.013
     """Standard deviation along the ray."""
     drop_out: float = 0.01
     """Share of returns lost whatever they hit."""
-    detectable_echo: float = 0.0135
+    detectable_echo: float = 0.006
     """Echo (reflectance * cosine / (range / 40 m)^2) that is found with probability 1 - 1/e."""
     rolling_shutter: bool = False
     """Whether the sensor moves during its turn, which skews the sweep as real ones are."""
@@ -107,6 +114,7 @@ LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
     "hdl-64e": LidarConfig(
         lasers=(*_fan(2.0, -8.6, 32, 0.19), *_fan(-8.95, -25.0, 32, 0.11)),
         azimuth_step_deg=360 / 2150,
+        lean_deg=0.6,
         blind_sectors=(
             BlindSector(azimuth_deg=(160.0, 200.0), below_deg=-18.5),
             BlindSector(azimuth_deg=(200.0, 210.0), below_deg=-22.5),
@@ -157,8 +165,9 @@ def take_sweep(
     reflectance, cosine = _surface_answers(scene, hits.faces[met], directions[met])
     gleams = _GLEAMS[scene.mesh.materials[hits.faces[met]]]
     echo = np.where(gleams, _GLEAMING_ECHO, 1.0) * reflectance * cosine / (ranges / 40.0) ** 2
-    found = (1 - config.drop_out) * -np.expm1(-echo / config.detectable_echo)
+    found = (1 - config.drop_out) * -np.expm1(-((echo / config.detectable_echo) ** _STEEPNESS))
     found *= np.where(gleams, 1 - _GLEAMING_LOSS, 1.0)
+    found /= 1 + np.exp((ranges - _REACH_M) / _REACH_SPREAD_M)
     kept = (rng.random(len(met)) < found) & (ranges > config.min_range_m)
     noisy = ranges + rng.normal(0.0, config.range_noise_m, len(met))
     intensity = _intensity(reflectance, cosine, ranges, rng)
@@ -201,7 +210,10 @@ def _firings(config: LidarConfig) -> _Firings:
         ),
         axis=-1,
     )
-    return _Firings(directions, offset[free], azimuth)
+    lean = np.deg2rad(config.lean_deg)
+    cos, sin = np.cos(lean), np.sin(lean)
+    leaning = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+    return _Firings(directions @ leaning.T, offset[free], azimuth)
 
 
 def _in_world(

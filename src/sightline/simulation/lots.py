@@ -197,13 +197,13 @@ def _draw_building(rng: np.random.Generator, plots: Plots) -> tuple[float, float
 def _draw_boundary(rng: np.random.Generator, plots: Plots) -> Boundary:
     if plots in (Plots.BLOCKS, Plots.HALLS):
         return Boundary.OPEN
-    shares = (0.2, 0.36, 0.24, 0.2) if plots is Plots.HOUSES else (0.45, 0.3, 0.15, 0.1)
+    shares = (0.2, 0.42, 0.14, 0.24) if plots is Plots.HOUSES else (0.35, 0.42, 0.08, 0.15)
     return list(Boundary)[int(rng.choice(4, p=shares))]
 
 
 def _draw_open_boundary(rng: np.random.Generator, plots: Plots) -> Boundary:
     if plots is Plots.PARK:
-        return list(Boundary)[int(rng.choice(4, p=(0.5, 0.3, 0.1, 0.1)))]
+        return list(Boundary)[int(rng.choice(4, p=(0.25, 0.5, 0.05, 0.2)))]
     if plots is Plots.FIELD and rng.random() < 0.2:
         return Boundary.FENCE
     return Boundary.OPEN

@@ -35,8 +35,14 @@ class Occupancy:
             rows, moments = np.nonzero(near)
             if rectangles_overlap(self._boxes[rows, moments], grown[moments]).any():
                 return False
-        self._boxes = np.concatenate((self._boxes, candidate[None]))
+        self.take(poses, length, width)
         return True
+
+    def take(self, poses: Float[np.ndarray, "num_moments 4"], length: float, width: float) -> None:
+        """Takes the ground of a rectangle at its poses, whatever is there."""
+        sizes = np.tile([length, width], (len(poses), 1))
+        box = np.concatenate((poses[:, [0, 1, 3]], sizes), axis=1)
+        self._boxes = np.concatenate((self._boxes, box[None]))
 
 
 def rectangles_overlap(

@@ -1,23 +1,21 @@
 """One moment of a simulated drive: every sensor and every label."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import torch
-from jaxtyping import Float64, Int32
-from torch.utils.data import Dataset
+from jaxtyping import Float32, Float64, Int32, UInt8
 
-from sightline.geometry.calibration import Calibration
-from sightline.geometry.projection import project_points
+from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_labels import KittiObjects
 from sightline.simulation.camera import KITTI_IMAGE_SIZE, CameraConfig, CameraFrame, render_camera
 from sightline.simulation.labels import KITTI_FOCAL_PX, label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, LidarModel, take_sweep
+from sightline.simulation.pixels import resized_and_cropped
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Scene, Street, world_from_footprint
 from sightline.simulation.street import make_street
-from sightline.structures.sample import CameraLidarSample
 
 FRAME_S = 0.1
 """Between two frames of a sequence: KITTI's 10 Hz."""
@@ -64,17 +62,16 @@ class SimulationConfig:
             )
 
     @property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> CalibrationMatrices:
         """KITTI's camera 2, at the chosen size and focal length."""
-        kitti = Calibration(
-            image_from_camera=torch.tensor(_IMAGE_FROM_CAMERA, dtype=torch.float64),
-            camera_from_lidar=torch.tensor(_CAMERA_FROM_LIDAR, dtype=torch.float64),
+        kitti = CalibrationMatrices(
+            image_from_camera=np.array(_IMAGE_FROM_CAMERA),
+            camera_from_lidar=np.array(_CAMERA_FROM_LIDAR),
         )
         scale = self.focal_px / KITTI_FOCAL_PX
         height, width = (scale * size for size in KITTI_IMAGE_SIZE)
-        return kitti.resize(scale, scale).crop(
-            round((width - self.image_size[1]) / 2), round(height - self.image_size[0])
-        )
+        x_min, y_min = (width - self.image_size[1]) / 2, height - self.image_size[0]
+        return resized_and_cropped(kitti, scale, round(x_min), round(y_min))
 
     @property
     def lidar_config(self) -> LidarConfig:
@@ -84,12 +81,27 @@ class SimulationConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulatedFrame:
-    """A sample and what only its maker knows."""
+    """All of a moment that goes into files; `dataset.sample_of` makes a sample of it."""
 
-    sample: CameraLidarSample
-    """With labels, dense true depth, pose and time; its sweep is a whole turn."""
+    sample_id: str
+    calibration: CalibrationMatrices
+    image: UInt8[np.ndarray, "height width 3"]
+    """RGB."""
+    points: Float32[np.ndarray, "num_points 4"]
+    """A whole turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 1]."""
+    objects: KittiObjects
+    depth_m: Float32[np.ndarray, "height width"]
+    """Along the optical axis at every pixel; 0 = the sky, or too far for a depth map."""
     instances: Int32[np.ndarray, "height width"]
     """For each pixel 1 + the row of its object in the labels; 0 for all else."""
+    world_from_lidar: Float64[np.ndarray, "4 4"]
+    time_s: float
+    """Since the drive's first frame."""
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """Height, width [px]."""
+        return self.image.shape[0], self.image.shape[1]
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -134,7 +146,7 @@ def simulate_frame(
         scene, raycaster, rng=lidar_rng, config=lidar, ego=street.ego, time_s=time_s
     )
     name = f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}"
-    return _assemble(name, config, scene, picture, torch.from_numpy(points), time_s)
+    return _assemble(name, config, scene, picture, points, time_s)
 
 
 def _assemble(
@@ -142,7 +154,7 @@ def _assemble(
     config: SimulationConfig,
     scene: Scene,
     picture: CameraFrame,
-    points: torch.Tensor,
+    points: Float32[np.ndarray, "num_points 4"],
     time_s: float,
 ) -> SimulatedFrame:
     lidar_height_m = config.lidar_config.height_m
@@ -151,18 +163,17 @@ def _assemble(
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
     depth = np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0))
-    sample = CameraLidarSample(
+    return SimulatedFrame(
         sample_id=name,
         calibration=config.calibration,
-        image_size=config.image_size,
-        image=torch.from_numpy(np.ascontiguousarray(picture.image.transpose(2, 0, 1))),
+        image=picture.image,
         points=points,
         objects=labels.objects,
-        depth=torch.from_numpy(depth),
-        world_from_lidar=torch.from_numpy(world_from_footprint(scene.ego, lidar_height_m)),
-        timestamp_s=time_s,
+        depth_m=depth,
+        instances=rows[picture.owners],
+        world_from_lidar=world_from_footprint(scene.ego, lidar_height_m),
+        time_s=time_s,
     )
-    return SimulatedFrame(sample=sample, instances=rows[picture.owners])
 
 
 @lru_cache(maxsize=1)  # the frames of a drive come one after the other
@@ -183,39 +194,3 @@ def simulate_course(
     return np.stack(
         [world_from_footprint(ego.at(step * FRAME_S), height_m) for step in range(length)]
     )
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedDataset(Dataset[CameraLidarSample]):
-    """Samples made as they are asked for: a data set without files."""
-
-    num_frames: int
-    config: SimulationConfig = field(default_factory=SimulationConfig)
-    streets: StreetMaker = make_street
-
-    @property
-    def sample_ids(self) -> tuple[str, ...]:
-        """Names of the samples, in order."""
-        return tuple(f"{index:06d}" for index in range(self.num_frames))
-
-    def __len__(self) -> int:
-        """Number of samples."""
-        return self.num_frames
-
-    def __getitem__(self, index: int) -> CameraLidarSample:
-        """Makes a sample; its points are those that the camera sees, as in KITTI's reduced sweeps.
-
-        Raises:
-            IndexError: There is no such sample.
-        """
-        if not 0 <= index < self.num_frames:
-            raise IndexError(f"sample {index} of a simulated data set of {self.num_frames}")
-        sample = simulate_frame(self.config, index, self.streets).sample
-        return replace(sample, points=seen_by_camera(sample), sample_id=self.sample_ids[index])
-
-
-def seen_by_camera(sample: CameraLidarSample) -> torch.Tensor:
-    """The points of the sweep that fall in the image: KITTI's "reduced" sweep."""
-    assert sample.points is not None, "a simulated sample has a sweep"
-    projected = project_points(sample.points[:, :3], sample.calibration)
-    return sample.points[projected.in_image(sample.image_size)]

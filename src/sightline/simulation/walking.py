@@ -114,7 +114,7 @@ def _cross(crowd: Crowd, station: float) -> None:
 def sit(crowd: Crowd) -> None:
     """People on the chairs of a café."""
     rng, main = crowd.rng, crowd.layout.main
-    shares = {StreetKind.SQUARE: 0.55, StreetKind.CITY: 0.2}
+    shares = {StreetKind.SQUARE: 0.25, StreetKind.CITY: 0.09}
     if rng.random() > shares.get(crowd.layout.kind, 0.0):
         return
     side = main.left if rng.random() < 0.5 else main.right

@@ -9,20 +9,19 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.atomic import atomic_write_text
-from sightline.data.depth_png import write_depth_png
-from sightline.data.instance_png import write_instance_png
-from sightline.data.kitti_files import (
-    write_image,
-    write_object_calibration,
-    write_points,
-    write_raw_calibration,
+from sightline.data.calibration_text import (
+    CalibrationMatrices,
+    object_calibration_text,
+    raw_calibration_texts,
 )
+from sightline.data.depth_png import write_depth_png
+from sightline.data.image_file import write_rgb
+from sightline.data.instance_png import write_instance_png
 from sightline.data.kitti_labels import write_objects
-from sightline.data.object_labels import kitti_from_labels
 from sightline.data.object_tree import Velodyne
-from sightline.geometry.calibration import Calibration
-from sightline.geometry.projection import sparse_depth_map
-from sightline.simulation.simulator import FRAME_S, SimulatedFrame, seen_by_camera
+from sightline.data.velodyne import write_sweep
+from sightline.simulation.pixels import seen_by_camera, sparse_depth_map
+from sightline.simulation.simulator import FRAME_S, SimulatedFrame
 
 DATE = "2000_01_01"
 """Day of all simulated drives: no real one."""
@@ -52,21 +51,16 @@ class FrameFiles:
 
     def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
         """Writes all parts, each aside first and then renamed."""
-        sample = frame.sample
-        assert sample.image is not None, "a simulated frame has an image"
-        assert sample.objects is not None, "a simulated frame has labels"
-        assert sample.depth is not None, "a simulated frame has depth"
-        assert sample.points is not None, "a simulated frame has a sweep"
-        seen = seen_by_camera(sample)
-        write_image(self.image, sample.image)
-        write_points(self.points, sample.points if velodyne == "velodyne" else seen)
-        write_objects(self.objects, kitti_from_labels(sample.objects, sample.calibration))
-        write_depth_png(self.depth, sample.depth.numpy())
-        sparse_depth = sparse_depth_map(seen, sample.calibration, sample.image_size)
-        write_depth_png(self.sparse_depth, sparse_depth.numpy())
+        seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
+        sparse_depth = sparse_depth_map(seen, frame.calibration, frame.image_size)
+        write_rgb(self.image, frame.image)
+        write_sweep(self.points, frame.points if velodyne == "velodyne" else seen)
+        write_objects(self.objects, frame.objects)
+        write_depth_png(self.depth, frame.depth_m)
+        write_depth_png(self.sparse_depth, sparse_depth)
         write_instance_png(self.instances, frame.instances)
         if self.calibration is not None:
-            write_object_calibration(self.calibration, sample.calibration)
+            atomic_write_text(self.calibration, object_calibration_text(frame.calibration))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -148,9 +142,11 @@ class DriveLayout:
         for first in range(0, frames, self.sequence_length):
             yield first // self.sequence_length, min(self.sequence_length, frames - first)
 
-    def write_calibration(self, calibration: Calibration) -> None:
+    def write_calibration(self, calibration: CalibrationMatrices) -> None:
         """Writes the day's calibration."""
-        write_raw_calibration(self.root / DATE, calibration)
+        cameras, lidar = raw_calibration_texts(calibration)
+        atomic_write_text(self.root / DATE / "calib_cam_to_cam.txt", cameras)
+        atomic_write_text(self.root / DATE / "calib_velo_to_cam.txt", lidar)
 
     def has_course(self, drive: int, length: int) -> bool:
         """Whether the poses and times of a drive of so many frames are there."""

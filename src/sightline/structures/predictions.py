@@ -19,6 +19,9 @@ class DepthMap:
     """Metres along the camera's optical axis; 0 = no value."""
     valid: Bool[Tensor, "height width"]
     """Where the method stands by its value; a value elsewhere is a guess."""
+    uncertainty_m: Float32[Tensor, "height width"] | None = None
+    """Expected absolute error, infinite where there is no value; None where the method has no
+    estimate of it."""
 
 
 @jaxtyped(typechecker=beartype)

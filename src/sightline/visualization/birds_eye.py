@@ -10,7 +10,8 @@ from torch import Tensor
 
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.projection import KITTI_LIDAR_HEIGHT_M, unproject_pixels
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.projection import unproject_pixels
 from sightline.visualization.canvas import put_lines, put_points, put_polygon
 from sightline.visualization.colors import RGB, class_color
 from sightline.visualization.lettering import put_text, text_width

@@ -63,6 +63,8 @@ def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) ->
             shared = _form_of(rng, lot, shared)
             _place_building(rng, batch, layout, lot, shared, _free_sides(lots, row))
             parts += _garden(rng, batch, layout, lot)
+            if row + 1 < len(lots):
+                parts += _between(rng, batch, layout, lot, lots[row + 1])
         elif lot.plots is Plots.FOREST:
             parts += _forest(rng, layout, lot)
         else:
@@ -158,6 +160,67 @@ def _garden(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot
     return parts
 
 
+def _between(
+    rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot, after: Lot
+) -> list[Mesh]:
+    """What closes the gap to the next building: a garage, a hedge, a wall or boards.
+
+    Without it one sees far between houses, which real streets seldom allow.
+    """
+    if after.side is not lot.side or lot.building is None or after.building is None:
+        return []
+    start, stop = lot.building[0] + lot.building[1], after.building[0]
+    chance, kind = rng.random(2)
+    if not 0.8 < stop - start < _WIDEST_GAP_M or chance > _CLOSED_SHARE:
+        return []
+    stations = np.linspace(start - 0.2, stop + 0.2, 3)
+    distance = lot.front + float(rng.uniform(0.5, 2.0))
+    is_garage = lot.driveway is not None and lot.plots is not Plots.HALLS
+    if is_garage:
+        distance += _GARAGE_DEPTH_M / 2
+    line = ground_places(layout, lot.road, stations, lot.side.sign * distance, lot.side.level)
+    if is_garage:
+        _garage(rng, batch, layout, lot, line, distance - _GARAGE_DEPTH_M / 2)
+    elif kind < 0.5:
+        return make_hedge(rng, line[:-1], line[1:], float(rng.uniform(2.1, 2.8)))
+    elif kind < 0.75:
+        _wall(rng, batch, line, (2.1, 2.6))
+    else:
+        boards = Finish(Material.WOOD, (0.24, 0.16, 0.1))
+        height = float(rng.uniform(2.0, 2.4))
+        add_boxes_along(batch, line, boards, half_width=0.02, heights=(-0.2, height))
+    return []
+
+
+_WIDEST_GAP_M: Final = 26.0
+_CLOSED_SHARE: Final = 0.9
+_GARAGE_DEPTH_M: Final = 5.4
+
+
+def _garage(
+    rng: np.random.Generator,
+    batch: QuadBatch,
+    layout: Layout,
+    lot: Lot,
+    middle: Float64[np.ndarray, "n 3"],
+    front: float,
+) -> None:
+    """A flat-roofed garage along a line through its middle, with its door to the street."""
+    tone = float(rng.uniform(0.3, 0.6))
+    plaster = Finish(Material.PLASTER, (tone, tone * 0.98, tone * 0.93))
+    height = float(rng.uniform(2.4, 2.9))
+    half = _GARAGE_DEPTH_M / 2
+    add_boxes_along(batch, middle, plaster, half_width=half, heights=(-0.3, height))
+    felt = Finish(Material.CONCRETE, (0.13, 0.13, 0.13))
+    add_boxes_along(batch, middle, felt, half_width=half + 0.12, heights=(height, height + 0.12))
+    assert lot.driveway is not None, "garages stand at driveways"
+    stations = np.array([lot.driveway - 1.25, lot.driveway + 1.25])
+    door = ground_places(layout, lot.road, stations, lot.side.sign * front, lot.side.level)
+    tone = float(rng.uniform(0.1, 0.6))
+    leaf = Finish(Material.PLASTIC, (tone, tone, tone * 0.95))
+    add_boxes_along(batch, door, leaf, half_width=0.04, heights=(0.0, 2.1))
+
+
 def _paving(
     batch: QuadBatch,
     layout: Layout,
@@ -229,7 +292,7 @@ def _open_land(rng: np.random.Generator, layout: Layout, lot: Lot) -> list[Mesh]
     front = lot.front
     if lot.plots is Plots.PARK:
         trees = _scattered(rng, layout, lot, int(0.12 * lot.width), (front, front + 35.0))
-        bushes = _scattered(rng, layout, lot, int(0.12 * lot.width), (front, front + 20.0))
+        bushes = _scattered(rng, layout, lot, int(0.3 * lot.width), (front, front + 20.0))
         kind = DECIDUOUS[int(rng.integers(len(DECIDUOUS)))]
         parts = planted(rng, kind, trees, (7.0, 13.0))
         return parts + planted(rng, Species.BUSH, bushes, (0.8, 2.2))
@@ -256,7 +319,7 @@ def _boundary(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: L
             ground_places(layout, lot.road, stations, lot.side.sign * inset, lot.side.level)
         )
     if lot.boundary is Boundary.HEDGE:
-        height = float(rng.uniform(0.9, 2.0))
+        height = float(rng.uniform(0.8, 1.6))
         starts = [line[:-1] for line in lines]
         stops = [line[1:] for line in lines]
         if not starts:
@@ -264,7 +327,7 @@ def _boundary(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: L
         return make_hedge(rng, np.concatenate(starts), np.concatenate(stops), height)
     for line in lines:
         if lot.boundary is Boundary.WALL:
-            _wall(rng, batch, line)
+            _wall(rng, batch, line, (0.5, 1.4))
         else:
             _fence(rng, batch, line, lot.side)
     return []
@@ -283,8 +346,13 @@ def _without(
     return stretches
 
 
-def _wall(rng: np.random.Generator, batch: QuadBatch, line: Float64[np.ndarray, "n 3"]) -> None:
-    height = float(rng.uniform(0.5, 1.7))
+def _wall(
+    rng: np.random.Generator,
+    batch: QuadBatch,
+    line: Float64[np.ndarray, "n 3"],
+    heights: tuple[float, float],
+) -> None:
+    height = float(rng.uniform(*heights))
     tone = float(rng.uniform(0.3, 0.6))
     choices = (
         Finish(Material.BRICK, (0.36, 0.18, 0.12)),

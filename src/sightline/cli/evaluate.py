@@ -1,0 +1,169 @@
+"""The commands that measure: `evaluate` and `reproduce`."""
+
+from pathlib import Path
+
+from sightline.cli.parser import Device, Engine, Method, Velodyne
+from sightline.cli.report import check_writable, deliver
+
+
+def evaluate_objects(
+    results: Path,
+    labels: Path,
+    *,
+    split: Path | None = None,
+    overlaps: str = "strict",
+    bootstrap: int = 0,
+    seed: int = 0,
+    json: Path | None = None,
+) -> None:
+    """Scores result files exactly as KITTI's official object evaluation does.
+
+    Args:
+        results: Folder with one result file a frame (16 fields a line).
+        labels: Folder with one label file a frame (15 fields a line).
+        split: Text file with the frames to score, one a line. Default: all that have labels.
+        overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
+        bootstrap: Resamples of the frames for the interval of AP_all_points; 0 leaves it out.
+        seed: Of the resamples.
+        json: File for the whole report.
+    """
+    check_writable(json)
+    from sightline.evaluation.kitti_object import evaluate_objects as evaluate
+    from sightline.evaluation.kitti_object_rules import parse_overlaps
+
+    report = evaluate(
+        results,
+        labels,
+        split=split,
+        overlaps=parse_overlaps(overlaps),
+        bootstrap=bootstrap,
+        seed=seed,
+        progress=True,
+    )
+    deliver(report, json)
+
+
+def evaluate_proposals(
+    results: Path,
+    labels: Path,
+    *,
+    split: Path | None = None,
+    ious: tuple[float, ...] = (0.5, 0.7),
+    max_proposals: int | None = None,
+    json: Path | None = None,
+) -> None:
+    """Recall of proposals: how many labelled objects a first stage finds.
+
+    Args:
+        results: Folder with one result file a frame (16 fields a line).
+        labels: Folder with one label file a frame (15 fields a line).
+        split: Text file with the frames to score, one a line. Default: all that have labels.
+        ious: Overlaps from which an object is found, one or several numbers.
+        max_proposals: Only so many of a frame, those of the highest score.
+        json: File for the whole report.
+    """
+    check_writable(json)
+    from sightline.evaluation.kitti_object_proposals import evaluate_proposals as evaluate
+
+    report = evaluate(
+        results, labels, split=split, ious=ious, max_proposals=max_proposals, progress=True
+    )
+    deliver(report, json)
+
+
+def evaluate_depth(
+    predictions: Path, truth: Path, *, workers: int = 2, json: Path | None = None
+) -> None:
+    """Scores depth maps exactly as KITTI's depth completion evaluation does.
+
+    Args:
+        predictions: A 16-bit depth PNG or a folder of them.
+        truth: Ground truth likewise; matched by name.
+        workers: Threads that read and score.
+        json: File for the whole report.
+    """
+    check_writable(json)
+    from sightline.evaluation.depth import evaluate_depth as evaluate
+
+    deliver(evaluate(predictions, truth, workers=workers), json)
+
+
+def evaluate_held_out(
+    data: Path,
+    *,
+    method: Method | None = None,
+    weights: str | None = None,
+    engine: Engine = "torch",
+    device: Device = "cpu",
+    beams: tuple[int, ...] = (64, 32, 16, 8),
+    split: str | None = None,
+    velodyne: Velodyne = "velodyne",
+    json: Path | None = None,
+) -> None:
+    """Scores depth completion without ground truth, on LiDAR rings that the method never sees.
+
+    Args:
+        data: A KITTI object tree or raw drive with sweeps in KITTI's order.
+        method: How depth is completed without a network. Default: adaptive.
+        weights: A network instead: name of weights that come with Sightline, or a file.
+        engine: What runs the network.
+        device: Where PyTorch runs the network.
+        beams: How many of 64 beams the method gets, one or several numbers.
+        split: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a text
+            file with one name a line. Default: all.
+        velodyne: Folder of the sweeps in an object tree.
+        json: File for the whole report.
+    """
+    check_writable(json)
+    from sightline.data.open import open_dataset
+    from sightline.evaluation.held_out import evaluate_held_out as evaluate
+    from sightline.inference.depth import choose_completer
+
+    completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
+    dataset = open_dataset(data, sample_list=split, velodyne=velodyne, parts=completer.parts)
+    samples = (dataset[index] for index in range(len(dataset)))
+    deliver(evaluate(samples, completer, beams=beams, total=len(dataset)), json)
+
+
+def reproduce_shiftconv(
+    *,
+    data: Path | None = None,
+    weights: str | None = None,
+    weights_without: str | None = None,
+    engine: Engine = "torch",
+    device: Device = "cpu",
+    split: str | None = None,
+    velodyne: Velodyne = "velodyne",
+    json: Path | None = None,
+) -> None:
+    """Prints the Shift-Convolution paper's tables, its figures beside ours on the data given.
+
+    What cannot be measured on the data, or without weights, says what it needs.
+
+    Args:
+        data: KITTI's depth completion tree with val_selection_cropped, for the benchmark's own
+            figures; or any other data set, which is scored on held-out LiDAR rings.
+        weights: The paper's network: name of weights that come with Sightline, or a file.
+        weights_without: The same network trained without Shift-Conv.
+        engine: What runs the networks.
+        device: Where PyTorch runs the networks.
+        split: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a text
+            file with one name a line. Default: all.
+        velodyne: Folder of the sweeps in an object tree.
+        json: File for the whole report.
+    """
+    if data is None:
+        raise ValueError("reproduce shiftconv measures on data; name a data set with --data")
+    check_writable(json)
+    from sightline.inference.reproduce import reproduce_shiftconv as reproduce
+
+    report = reproduce(
+        data,
+        weights=weights,
+        weights_without=weights_without,
+        engine=engine,
+        device=device,
+        sample_list=split,
+        velodyne=velodyne,
+    )
+    deliver(report, json)

@@ -1,0 +1,290 @@
+"""Samples changed as sensors and scenes vary: to train on, and to see what a method withstands.
+
+Each function gives a new sample and says what becomes of its parts; what it does not mention stays.
+The same functions serve training (with random arguments) and the tables of robustness (with fixed
+ones).
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32, Float64, Int64, UInt8
+from torch import Tensor
+
+from sightline.data.rings import NUM_RINGS, ring_numbers
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import project_points
+from sightline.geometry.transforms import wrap_angle
+from sightline.structures.labels import ObjectLabels
+from sightline.structures.sample import CameraLidarSample
+
+_NO_ALPHA = -10.0  # KITTI's mark for an unknown observation angle
+
+
+def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
+    """Which points the image shows: the cut that KITTI's reduced sweeps were made with.
+
+    Pixels from 0 to below width and height, in front of the camera.
+
+    Raises:
+        ValueError: The sample has no sweep.
+    """
+    points = _sweep(sample)
+    height, width = sample.image_size
+    pixels, _ = project_points(points[:, :3].double(), sample.calibration)
+    # Written so that NaN, which compares false with everything, is outside.
+    return (pixels >= 0).all(dim=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
+
+
+def keep_rings(
+    sample: CameraLidarSample, rings: Int64[Tensor, " num_points"], kept: Iterable[int]
+) -> CameraLidarSample:
+    """The sample with only the points whose ring number, given for each point, is kept.
+
+    Raises:
+        ValueError: The sample has no sweep.
+    """
+    return replace(sample, points=_sweep(sample)[torch.isin(rings, torch.tensor(list(kept)))])
+
+
+def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> CameraLidarSample:
+    """The sweep as a sensor of fewer beams sees it: ring `first` and every `keep_every`th after.
+
+    Points out of the camera's view are cut off first and the rest numbered by `ring_numbers`, as
+    the held-out-rings tables are, so that whole sweeps and KITTI's reduced ones thin alike. Thin
+    before `mirror`, which reverses the order that rings are found by.
+
+    Raises:
+        ValueError: The sample has no sweep, its points are not in KITTI's order, or `first` is not
+            below `keep_every`.
+    """
+    if not 0 <= first < keep_every:
+        raise ValueError(
+            f"first must be at least 0 and below keep_every, which is {keep_every}; got {first}"
+        )
+    in_view = replace(sample, points=_sweep(sample)[points_in_view(sample)])
+    try:
+        rings = torch.from_numpy(ring_numbers(_sweep(in_view).numpy()))
+    except ValueError as error:
+        raise ValueError(f"sample {sample.sample_id}: {error}") from error
+    return keep_rings(in_view, rings, range(first, NUM_RINGS, keep_every))
+
+
+def rotate_extrinsics(
+    sample: CameraLidarSample, yaw_deg: float, pitch_deg: float = 0.0, roll_deg: float = 0.0
+) -> CameraLidarSample:
+    """The sample with a LiDAR that is turned in its mount while the calibration knows nothing.
+
+    Points turn about the LiDAR's own x (roll), then y (pitch), then z (yaw), each
+    counter-clockwise seen from the axis' tip. Depth and labels stay: they are the truth that the
+    points now miss.
+
+    Raises:
+        ValueError: The sample has no sweep.
+    """
+    points = _sweep(sample).clone()
+    turned = points[:, :3].double() @ _rotation(yaw_deg, pitch_deg, roll_deg).T
+    points[:, :3] = turned.float()
+    return replace(sample, points=points)
+
+
+def drop_camera(sample: CameraLidarSample) -> CameraLidarSample:
+    """The sample of a camera that delivers nothing. Labels stay: the objects are still there."""
+    return replace(sample, image=None)
+
+
+def add_outliers(
+    sample: CameraLidarSample,
+    share: float,
+    rng: np.random.Generator,
+    *,
+    nearest_m: float = 1.5,
+    farthest_m: float = 80.0,
+) -> CameraLidarSample:
+    """The sample with false echoes: a share of the returns at a random range along their rays.
+
+    Exactly the rounded share of the returns, drawn evenly; ranges [m] are uniform. Rays start at
+    the LiDAR's origin, so ring numbers and azimuths stay. A return at the origin itself has no ray
+    and stays too.
+
+    Raises:
+        ValueError: The sample has no sweep, or `share` is not in [0, 1].
+    """
+    if not 0 <= share <= 1:
+        raise ValueError(f"share must be between 0 and 1, got {share}")
+    points = _sweep(sample).clone()
+    chosen = torch.from_numpy(
+        rng.choice(len(points), size=round(share * len(points)), replace=False)
+    )
+    ranges_m = torch.from_numpy(rng.uniform(nearest_m, farthest_m, size=len(chosen)))
+    rays = points[chosen, :3].double()
+    lengths_m = rays.norm(dim=1)
+    scales = torch.where(lengths_m > 0, ranges_m / lengths_m, 1.0)
+    points[chosen, :3] = (rays * scales[:, None]).float()
+    return replace(sample, points=points)
+
+
+def mirror(sample: CameraLidarSample) -> CameraLidarSample:
+    """The sample of the scene mirrored left to right, sensors and drive included.
+
+    Image, depth, points, calibration, pose and labels in 2D and 3D stay consistent: the mirrored
+    points fall on the mirrored pixels with the same depths (a point on the very border of two
+    pixels may fall on the other). Mirrored twice, it is the sample again. The order of the points
+    stays, and is no longer KITTI's.
+    """
+    width = sample.image_size[1]
+    pose = sample.world_from_lidar
+    lidar_flip = torch.diag(torch.tensor([1.0, -1.0, 1.0, 1.0], dtype=torch.float64))
+    return replace(
+        sample,
+        calibration=_mirrored_calibration(sample.calibration, width),
+        image=None if sample.image is None else sample.image.flip(-1),
+        depth=None if sample.depth is None else sample.depth.flip(-1),
+        points=None
+        if sample.points is None
+        else sample.points * sample.points.new_tensor([1, -1, 1, 1]),
+        objects=None if sample.objects is None else _mirrored_objects(sample.objects, width),
+        world_from_lidar=None if pose is None else lidar_flip @ pose @ lidar_flip,
+    )
+
+
+def crop(
+    sample: CameraLidarSample, top: int, left: int, height: int, width: int
+) -> CameraLidarSample:
+    """The sample of a camera that sees only a part of the image [px].
+
+    Image, depth and calibration are cut, as views of the same memory; the sweep stays whole. Labels
+    are taken off: their truncation and occlusion tell of the whole image.
+
+    Raises:
+        ValueError: The part does not lie within the image.
+    """
+    full_height, full_width = sample.image_size
+    is_inside = 0 <= top < top + height <= full_height and 0 <= left < left + width <= full_width
+    if not is_inside:
+        raise ValueError(
+            f"the crop of {height}x{width} at row {top}, column {left} does not lie within sample "
+            f"{sample.sample_id}, whose image is {full_height}x{full_width} (height x width)"
+        )
+    window = (..., slice(top, top + height), slice(left, left + width))
+    return replace(
+        sample,
+        calibration=sample.calibration.crop(left, top),
+        image_size=(height, width),
+        image=None if sample.image is None else sample.image[window],
+        depth=None if sample.depth is None else sample.depth[window],
+        objects=None,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ColorJitterConfig:
+    """How far colours are changed: each factor is drawn from [1 / (1 + x), 1 + x], evenly in log.
+
+    So as many images get darker as lighter, and 0 leaves the quantity alone.
+    """
+
+    brightness: float = 0.3
+    """Factor on all values."""
+    contrast: float = 0.3
+    """Factor on the distance to the image's mean level."""
+    gamma: float = 0.3
+    """Exponent of the values in [0, 1]."""
+    saturation: float = 0.3
+    """Factor on the distance to grey."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        for name in ("brightness", "contrast", "gamma", "saturation"):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
+
+
+def jitter_color(
+    sample: CameraLidarSample,
+    rng: np.random.Generator,
+    config: ColorJitterConfig = ColorJitterConfig(),
+) -> CameraLidarSample:
+    """The sample with another exposure, lens and sensor: gamma, contrast, brightness, saturation.
+
+    In this order. As many random numbers are drawn with an image as without.
+    """
+    spreads = (config.brightness, config.contrast, config.gamma, config.saturation)
+    brightness, contrast, gamma, saturation = (
+        math.exp(rng.uniform(-1, 1) * math.log1p(spread)) for spread in spreads
+    )
+    if sample.image is None:
+        return sample
+    image = sample.image.numpy()
+    mean_level = float(image.mean() / 255) ** gamma
+    curve = (np.arange(256) / 255) ** gamma
+    curve = brightness * ((curve - mean_level) * contrast + mean_level)
+    table = np.rint(255 * curve.clip(0, 1)).astype(np.uint8)
+    flat = np.ascontiguousarray(image).reshape(len(image), -1)
+    planes = cv2.LUT(flat, table).reshape(image.shape)
+    return replace(sample, image=torch.from_numpy(_saturate(planes, saturation)))
+
+
+def _saturate(
+    planes: UInt8[np.ndarray, "3 height width"], factor: float
+) -> UInt8[np.ndarray, "3 height width"]:
+    grey = cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2GRAY)
+    return np.stack([cv2.addWeighted(plane, factor, grey, 1 - factor, 0) for plane in planes])
+
+
+def _sweep(sample: CameraLidarSample) -> Float32[Tensor, "num_points 4"]:
+    if sample.points is None:
+        raise ValueError(
+            f"sample {sample.sample_id} has no sweep to change; give it points or leave out this "
+            "step"
+        )
+    return sample.points
+
+
+def _rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64[Tensor, "3 3"]:
+    rotation = torch.eye(3, dtype=torch.float64)
+    for axis, degrees in enumerate((roll_deg, pitch_deg, yaw_deg)):
+        cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        turn = torch.eye(3, dtype=torch.float64)
+        second, third = (axis + 1) % 3, (axis + 2) % 3
+        turn[second, second] = turn[third, third] = cos
+        turn[third, second], turn[second, third] = sin, -sin
+        rotation = turn @ rotation
+    return rotation
+
+
+def _mirrored_calibration(calibration: Calibration, width: int) -> Calibration:
+    """Flips camera and LiDAR about their own left-right axes, and the image about its centre."""
+    camera_flip = calibration.camera_from_lidar.new_tensor([-1, 1, 1, 1]).diag()
+    lidar_flip = calibration.camera_from_lidar.new_tensor([1, -1, 1, 1]).diag()
+    pixel_flip = calibration.image_from_camera.new_tensor(
+        [[-1, 0, width - 1], [0, 1, 0], [0, 0, 1]]
+    )
+    return Calibration(
+        image_from_camera=pixel_flip @ calibration.image_from_camera @ camera_flip,
+        camera_from_lidar=camera_flip @ calibration.camera_from_lidar @ lidar_flip,
+    )
+
+
+def _mirrored_objects(objects: ObjectLabels, width: int) -> ObjectLabels:
+    x_min, y_min, x_max, y_max = objects.boxes2d.tensor.unbind(dim=-1)
+    boxes3d = objects.boxes3d.tensor.clone()
+    boxes3d[:, 1] *= -1
+    boxes3d[:, 6] = torch.where(objects.has_box3d, wrap_angle(-boxes3d[:, 6]), boxes3d[:, 6])
+    # Bearings change their sign, and rotation_y becomes pi - rotation_y: so does their difference.
+    alpha = torch.where(
+        objects.alpha == _NO_ALPHA, objects.alpha, wrap_angle(math.pi - objects.alpha)
+    )
+    return replace(
+        objects,
+        boxes2d=Boxes2D(torch.stack((width - 1 - x_max, y_min, width - 1 - x_min, y_max), dim=-1)),
+        boxes3d=Boxes3D(boxes3d),
+        alpha=alpha,
+    )

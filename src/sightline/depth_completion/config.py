@@ -1,0 +1,130 @@
+"""Settings of the depth completion networks. The defaults are the seed's system as we read it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+TAPS = 9
+"""Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
+
+
+def _check_at_least(name: str, value: int, smallest: int) -> None:
+    if value < smallest:
+        raise ValueError(f"{name} must be at least {smallest}, got {value}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShiftConvConfig:
+    """Shift-Convolution branch: spreads the sparse depth to a filled map, the E-Point."""
+
+    channels: int = 36
+    """Channels of each layer: a multiple of 9, the directions of a shift."""
+    layers: int = 8
+    """Shift-Convolutions one after the other: depth travels by one shift in each."""
+    shifts_px: tuple[int, ...] = (1,)
+    """How far each layer shifts, in pixels; repeated from the start when it runs out."""
+    stride: Literal[1, 2, 4] = 1
+    """Blocks of so many pixels squared are folded into channels first: cheaper, longer reach."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if self.channels < TAPS or self.channels % TAPS:
+            raise ValueError(f"shift_conv.channels must be a multiple of 9, got {self.channels}")
+        _check_at_least("shift_conv.layers", self.layers, 1)
+        if not self.shifts_px or min(self.shifts_px) < 1:
+            raise ValueError(
+                f"shift_conv.shifts_px must hold one shift or more of at least 1 pixel, "
+                f"got {self.shifts_px}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrunkConfig:
+    """Light HRNet: several scales side by side, each half as large as the one before."""
+
+    channels: tuple[int, ...] = (32, 64, 128, 256)
+    """Channels of each scale, the largest map first."""
+    modules: int = 3
+    """Rounds of residual blocks at every scale, each ending in an exchange between scales."""
+    blocks: int = 2
+    """Residual blocks per module and scale."""
+    lowest_blocks: int = 1
+    """Residual blocks per module at the smallest scale: the paper halves them there."""
+    reduction: int = 1
+    """Residual blocks narrow their channels by this factor."""
+    exchange: Literal["all", "neighbours"] = "all"
+    """Which scales a scale hears from: all, or only the next larger and the next smaller one."""
+    head_kernel_px: Literal[1, 3] = 3
+    """Kernel of the one convolution that reads all scales together: 1 is nine times cheaper."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        for name in ("modules", "blocks", "lowest_blocks", "reduction"):
+            _check_at_least(f"trunk.{name}", getattr(self, name), 1)
+        if not self.channels or min(self.channels) < 1:
+            raise ValueError(
+                f"trunk.channels must hold one positive number a scale, got {self.channels}"
+            )
+        if any(count % self.reduction for count in self.channels):
+            raise ValueError(
+                f"trunk.channels must be multiples of trunk.reduction {self.reduction}, "
+                f"got {self.channels}"
+            )
+
+    @property
+    def stride(self) -> int:
+        """How much smaller the smallest scale is: its input's sides must be multiples of it."""
+        return int(2 ** (len(self.channels) - 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthCompletionConfig:
+    """A depth completion network."""
+
+    depth_scale_m: float = 85.0
+    """Metres that are 1 inside the network."""
+    shift_conv: ShiftConvConfig | None = ShiftConvConfig()
+    """The E-Point branch. None: the same network fed by image and points only."""
+    trunk: TrunkConfig = TrunkConfig()
+    """What sees image and depth together."""
+    stem_channels: int = 32
+    """Channels of the convolution that each input goes through before the trunk."""
+    stem_fusion: Literal["sum", "concatenate"] = "sum"
+    """How the inputs meet before the trunk."""
+    trunk_stride: Literal[1, 2, 4] = 1
+    """The trunk works on maps smaller by this factor: blocks of pixels are folded into channels
+    before it, and unfolded after it."""
+    refinement_channels: int = 0
+    """Channels of two last convolutions at full resolution, which see the inputs once more beside
+    what the trunk found. 0: the trunk gives the depth itself, as in the paper."""
+    filled_input: bool = False
+    """Takes a classical completion as a further input."""
+    residual: bool = False
+    """Predicts a correction of the classical completion, and starts as that completion."""
+    correction: Literal["metres", "log"] = "metres"
+    """Unit of the correction: added metres, or a bounded factor on the completed depth."""
+    validity_channel: bool = False
+    """Tells the network by a channel of its own where the sparse map holds a measurement."""
+    presence_channel: bool = False
+    """Tells the network by a channel of its own whether there is a camera image."""
+    uncertainty: bool = False
+    """Predicts the expected absolute error too."""
+    propagation_steps: int = 0
+    """Steps in which each pixel's depth is mixed with its neighbours' at the end; 0 = none."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers, and what belongs together."""
+        if not 0 < self.depth_scale_m < float("inf"):
+            raise ValueError(f"depth_scale_m must be positive and finite, got {self.depth_scale_m}")
+        _check_at_least("stem_channels", self.stem_channels, 1)
+        _check_at_least("refinement_channels", self.refinement_channels, 0)
+        _check_at_least("propagation_steps", self.propagation_steps, 0)
+        if self.residual and not self.filled_input:
+            raise ValueError("residual corrects the classical completion: set filled_input too")
+        if self.correction == "log" and not self.residual:
+            raise ValueError("correction log is a factor on the classical completion: set residual")
+
+    @property
+    def stride(self) -> int:
+        """Height and width of the network's input must be multiples of it."""
+        shift_stride = self.shift_conv.stride if self.shift_conv else 1
+        return max(self.trunk_stride * self.trunk.stride, shift_stride)  # both are powers of two

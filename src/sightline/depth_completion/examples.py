@@ -1,0 +1,212 @@
+"""What the networks train on and are scored on, made of samples."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+import numpy as np
+import torch
+
+from sightline.data.augmentation import add_outliers, crop, jitter_color, rotate_extrinsics
+from sightline.depth_completion.methods import complete_depth
+from sightline.evaluation.held_out import (
+    BEAMS,
+    CROP_SIZE,
+    FIRST_HELD_OUT,
+    HELD_OUT_EVERY,
+    split_rings,
+)
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.batch import CameraLidarBatch
+from sightline.structures.sample import CameraLidarSample
+from sightline.training.data import SamplePreparation
+
+TruthKind = Literal["depth", "held_out", "both"]
+"""`depth`: the depth map that comes with the data: dense from the simulator, or the benchmark's.
+`held_out`: every eighth ring of the sweep, which the network never sees (self-supervision; the
+sweep must be in KITTI's order). `both`: held-out returns where there are, the depth map elsewhere.
+"""
+
+_SIZE_STEP = 32  # validation crops are multiples of it, so that any network of ours can take them
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExampleConfig:
+    """How examples are made of samples; all but `truth` and `filled` is for training only."""
+
+    truth: TruthKind = "depth"
+    """Where the true depth comes from."""
+    filled: bool = False
+    """Whether examples hold the adaptive completion, for networks that start from one."""
+    crop_size: tuple[int, int] | None = None
+    """Height and width [px] cut out; None: the benchmark's 352 x 1216."""
+    random_crop: bool = True
+    """Whether the place of the crop is drawn; otherwise it is the bottom centre."""
+    beams: tuple[int, ...] = (64,)
+    """Densities to draw from, in beams of 64; name one twice to draw it twice as often."""
+    mirror: bool = False
+    """Whether every second example is seen in a mirror."""
+    yaw_error_deg: float = 0.0
+    """Standard deviation of an error of the LiDAR's mount; half of it in pitch and roll."""
+    outliers: float = 0.0
+    """Largest share of returns with a wrong range."""
+    camera_dropout: float = 0.0
+    """Share of examples without a camera."""
+    color_jitter: bool = False
+    """Whether brightness, contrast, gamma and saturation of the image are drawn."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            is_share = field.name in ("outliers", "camera_dropout")
+            if isinstance(value, float) and not 0 <= value <= (1 if is_share else 90):
+                raise ValueError(
+                    f"{field.name} must be from 0 to {1 if is_share else 90}, got {value}"
+                )
+        if not self.beams or not set(self.beams) <= set(BEAMS):
+            raise ValueError(
+                f"beams must name some of {', '.join(map(str, BEAMS))}, got {self.beams}"
+            )
+
+
+class DepthExamples(SamplePreparation):
+    """Examples for training and scoring depth completion, each a batch of one."""
+
+    def __init__(self, settings: ExampleConfig = ExampleConfig()) -> None:
+        """Takes the settings; where the depth map is the truth, samples shall hold one."""
+        self.settings = settings
+        if settings.truth != "held_out":
+            self.parts = frozenset({"image", "points", "depth"})
+
+    def prepare(
+        self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
+    ) -> CameraLidarBatch:
+        """See `make_example`."""
+        return make_example(sample, self.settings, rng, training=training)
+
+
+def make_example(
+    sample: CameraLidarSample,
+    config: ExampleConfig,
+    rng: np.random.Generator,
+    *,
+    training: bool,
+) -> CameraLidarBatch:
+    """A batch of one: image, sparse depth as the network may see it, and the truth.
+
+    For validation nothing is perturbed and the crop is the bottom centre; the density is drawn all
+    the same, so a generator that depends on the sample alone gives the same example every time.
+
+    Raises:
+        ValueError: The sample lacks its sweep or the truth that is asked for, or is too small.
+    """
+    given = _given(sample, config, rng, training=training)
+    if training:
+        given = _perturbed(given, config, rng)
+    assert given.points is not None, "_given has checked"
+    assert given.depth is not None, "_given has set it"
+    sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
+    image = given.image
+    maps = {
+        "image": torch.zeros(3, *given.image_size) if image is None else image.float() / 255,
+        "sparse_depth_m": sparse_m[None],
+        "depth_m": given.depth[None],
+    }
+    if config.filled:  # of the whole width: a crop has too few rings to measure their spacing
+        maps["filled_depth_m"] = complete_depth(sparse_m, "adaptive").depth_m[None]
+    top, left, height, width = _window(given.image_size, config, rng, training=training)
+    cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
+    if training and config.mirror and rng.random() < 0.5:
+        cut = {name: item.flip(-1) for name, item in cut.items()}
+    stacked = {name: item[None].contiguous() for name, item in cut.items()}
+    return CameraLidarBatch(sample_ids=(sample.sample_id,), **stacked)
+
+
+def _given(
+    sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator, *, training: bool
+) -> CameraLidarSample:
+    """What the network may see, and as its depth map the truth."""
+    if sample.points is None:
+        raise ValueError(
+            f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
+            "with LiDAR points"
+        )
+    if config.truth != "held_out" and sample.depth is None:
+        raise ValueError(
+            f"sample {sample.sample_id} has no true depth, but truth is {config.truth}: give "
+            "simulated data or KITTI's depth tree, or set truth to held_out"
+        )
+    largest = _whole_steps(sample)
+    if config.truth == "depth" and set(config.beams) == {64}:  # needs no ring numbers
+        return _bottom_centre(sample, largest)
+    first = int(rng.integers(HELD_OUT_EVERY)) if training else FIRST_HELD_OUT
+    frame = split_rings(sample, first_held_out=first)
+    beams = int(rng.choice(config.beams))
+    start = int(rng.integers(64 // beams)) if training else 0
+    given = frame.with_beams(beams, start=start)
+    truth_m = frame.truth_m
+    if config.truth != "held_out":
+        dense_m = _bottom_centre(sample, given.image_size).depth
+        assert dense_m is not None, "checked above"
+        keeps_dense = truth_m == 0 if config.truth == "both" else torch.ones_like(truth_m) > 0
+        truth_m = torch.where(keeps_dense, dense_m, truth_m)
+    return _bottom_centre(replace(given, depth=truth_m), largest)
+
+
+def _whole_steps(sample: CameraLidarSample) -> tuple[int, int]:
+    """Height and width of the largest part that any network of ours can take."""
+    height, width = (
+        min(size, limit) // _SIZE_STEP * _SIZE_STEP
+        for size, limit in zip(sample.image_size, CROP_SIZE, strict=True)
+    )
+    if not height or not width:
+        raise ValueError(
+            f"sample {sample.sample_id} is {sample.image_size[0]}x{sample.image_size[1]} (height x "
+            f"width), expected {_SIZE_STEP}x{_SIZE_STEP} or more; leave it out"
+        )
+    return height, width
+
+
+def _bottom_centre(sample: CameraLidarSample, size: tuple[int, int]) -> CameraLidarSample:
+    height, width = size
+    top, left = sample.image_size[0] - height, (sample.image_size[1] - width) // 2
+    return crop(sample, top=top, left=left, height=height, width=width)
+
+
+def _perturbed(
+    sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator
+) -> CameraLidarSample:
+    """The sample as worse sensors would have taken it; its truth stays as it is."""
+    if config.yaw_error_deg:
+        errors = config.yaw_error_deg * np.array((1, 0.5, 0.5)) * rng.normal(size=3)
+        yaw_deg, pitch_deg, roll_deg = map(float, errors)
+        sample = rotate_extrinsics(sample, yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg)
+    if config.outliers:
+        sample = add_outliers(sample, share=float(rng.uniform(0, config.outliers)), rng=rng)
+    if config.color_jitter and sample.image is not None:
+        sample = jitter_color(sample, rng=rng)
+    if rng.random() < config.camera_dropout:
+        sample = replace(sample, image=None)
+    return sample
+
+
+def _window(
+    size: tuple[int, int], config: ExampleConfig, rng: np.random.Generator, *, training: bool
+) -> tuple[int, int, int, int]:
+    """Top, left, height and width of the crop."""
+    if config.crop_size is None:
+        return 0, 0, *size
+    height, width = config.crop_size
+    if height > size[0] or width > size[1]:
+        raise ValueError(
+            f"crop_size is {height}x{width} (height x width), but the sample has only "
+            f"{size[0]}x{size[1]} to cut from; name a smaller one"
+        )
+    if training and config.random_crop:
+        return (
+            int(rng.integers(size[0] - height + 1)),
+            int(rng.integers(size[1] - width + 1)),
+            height,
+            width,
+        )
+    return size[0] - height, (size[1] - width) // 2, height, width

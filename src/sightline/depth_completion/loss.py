@@ -1,0 +1,183 @@
+"""What the depth completion networks are trained to lower."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, get_args
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn.functional import pad
+
+from sightline.depth_completion.model import DepthCompletionOutput
+from sightline.depth_completion.targets import ExpansionConfig, expand_depth
+
+EmdKind = Literal["tiles", "global"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthLossConfig:
+    """The seed's losses (section 4.1) and two more. A term of weight 0 is not calculated."""
+
+    mse: float = 1.0
+    """Weight of the mean squared error of the depth."""
+    rmse: float = 1.0
+    """Weight of the root of each image's mean squared error."""
+    l1: float = 0.0
+    """Weight of the mean absolute error of the depth."""
+    emd: float = 0.1
+    """Weight of the earth mover's distance from the E-Point to the expanded ground truth."""
+    uncertainty: float = 0.0
+    """Weight of the Laplace likelihood that calibrates the uncertainty."""
+    emd_kind: EmdKind = "tiles"
+    """tiles: within each tile, so that depth stays near its place; global: whole images, the
+    letter of the seed, which does not see where a depth is."""
+    emd_tile_px: int = 64
+    """Side of a tile; every other step all tiles lie half a side further up and left."""
+    unit_m: float = 85.0
+    """Metres that count as an error of 1."""
+    expansion: ExpansionConfig = field(default_factory=ExpansionConfig)
+    """How the ground truth of the E-Point is made."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        for name in DepthLosses._fields[1:]:
+            weight = getattr(self, name)
+            if not 0 <= weight < math.inf:
+                raise ValueError(
+                    f"the weight of {name} must be finite and not negative, got {weight}"
+                )
+        if self.emd_kind not in get_args(EmdKind):
+            raise ValueError(f"emd_kind must be tiles or global, got {self.emd_kind!r}")
+        if self.emd_tile_px < 2:
+            raise ValueError(f"emd_tile_px must be at least 2, got {self.emd_tile_px}")
+        if not 0 < self.unit_m < math.inf:
+            raise ValueError(f"unit_m must be positive and finite, got {self.unit_m}")
+
+
+class DepthLosses(NamedTuple):
+    """Scalars; the terms before weighing, in units of `unit_m` (mse: its square).
+
+    A term is 0 where its weight is, the network lacks the output or no image has ground truth.
+    """
+
+    total: Float[Tensor, ""]
+    """Weighted sum, to be lowered."""
+    mse: Float[Tensor, ""]
+    rmse: Float[Tensor, ""]
+    l1: Float[Tensor, ""]
+    emd: Float[Tensor, ""]
+    uncertainty: Float[Tensor, ""]
+
+
+def depth_completion_loss(
+    output: DepthCompletionOutput,
+    truth_m: Float[Tensor, "batch 1 height width"],
+    config: DepthLossConfig = DepthLossConfig(),
+    *,
+    step: int,
+) -> DepthLosses:
+    """Loss of a batch: depth against ground truth, E-Point against expanded ground truth.
+
+    Depth counts on the pixels that have ground truth. Each term is taken per image and averaged
+    over the images with ground truth, as KITTI scores; so the RMSE is a mean of roots. Images
+    without any contribute nothing, and a batch without any has loss 0 and gradient 0.
+
+    Uncertainty: |error| / b + log b, the negative log-likelihood of a Laplace distribution but for
+    a constant. The error is taken as it is, without gradient, so b learns the expected absolute
+    error and the depth does not change. Outputs that the network does not have cost nothing.
+
+    Args:
+        output: What the network gave.
+        truth_m: Ground truth; 0 = none.
+        config: Weights and readings.
+        step: Number of the training step; odd ones shift the tiles of the EMD.
+    """
+    truth = truth_m / config.unit_m
+    is_valid = truth > 0
+    error = torch.where(is_valid, _in_units(output.depth_m, config) - truth, 0.0)
+    zero = error.sum() * 0  # hangs on the network, so that `backward` works on any batch
+    mse = rmse = l1 = emd = uncertainty = zero
+    if config.mse or config.rmse:
+        per_image = _image_means(error.square(), is_valid)
+        mse = _mean_over_images(per_image, is_valid) if config.mse else zero
+        rmse = _mean_over_images(_root(per_image), is_valid) if config.rmse else zero
+    if config.l1:
+        l1 = _mean_over_images(_image_means(error.abs(), is_valid), is_valid)
+    if config.emd and output.e_point_m is not None:
+        expanded = expand_depth(truth, config.expansion)
+        emd = _earth_movers_distance(_in_units(output.e_point_m, config), expanded, config, step)
+    if config.uncertainty and output.uncertainty_m is not None:
+        scale = _in_units(output.uncertainty_m, config)
+        surprise = torch.where(is_valid, error.detach().abs() / scale + scale.log(), 0.0)
+        uncertainty = _mean_over_images(_image_means(surprise, is_valid), is_valid)
+    terms = (mse, rmse, l1, emd, uncertainty)
+    weights = (getattr(config, name) for name in DepthLosses._fields[1:])
+    total = sum((weight * term for weight, term in zip(weights, terms, strict=True)), start=zero)
+    return DepthLosses(total, *terms)
+
+
+def _earth_movers_distance(
+    e_point: Float[Tensor, "batch 1 height width"],
+    expanded: Float[Tensor, "batch 1 height width"],
+    config: DepthLossConfig,
+    step: int,
+) -> Float[Tensor, ""]:
+    """Wasserstein-1 distance between two images' depths, as sets: in each tile, or altogether.
+
+    Between equally many numbers it is the mean of |sort p - sort q|: moving the lowest to the
+    lowest is cheapest. Pixels without expanded ground truth are left out of both sets. Tiles at the
+    border may be smaller; tiles weigh by their pixels.
+    """
+    is_valid = expanded > 0
+    # Infinity sorts what is left out to the end of both sets, at the same places.
+    p = torch.where(is_valid, e_point, torch.inf)
+    q = torch.where(is_valid, expanded, torch.inf)
+    if config.emd_kind == "global":
+        p, q = p.flatten(1)[:, None], q.flatten(1)[:, None]
+    else:
+        offset_px = config.emd_tile_px // 2 if step % 2 else 0
+        p = _tiles(p, config.emd_tile_px, offset_px)
+        q = _tiles(q, config.emd_tile_px, offset_px)
+    p, q = p.sort(dim=-1).values, q.sort(dim=-1).values
+    moved = torch.where(q.isfinite(), p - q, 0.0).abs()
+    pixels = is_valid.sum(dim=(1, 2, 3))
+    return _mean_over_images(moved.sum(dim=(1, 2)) / pixels.clamp(min=1), is_valid)
+
+
+def _tiles(
+    depth: Float[Tensor, "batch 1 height width"], tile_px: int, offset_px: int
+) -> Float[Tensor, "batch num_tiles tile_pixels"]:
+    """Square tiles; the first begins `offset_px` before the map. Infinity around the map."""
+    below, right = (-(size + offset_px) % tile_px for size in depth.shape[2:])
+    padded = pad(depth[:, 0], (offset_px, right, offset_px, below), value=torch.inf)
+    rows, columns = (size // tile_px for size in padded.shape[1:])
+    cells = padded.reshape(-1, rows, tile_px, columns, tile_px).transpose(2, 3)
+    return cells.reshape(-1, rows * columns, tile_px * tile_px)
+
+
+def _in_units(
+    depth_m: Float[Tensor, "batch 1 height width"], config: DepthLossConfig
+) -> Float[Tensor, "batch 1 height width"]:
+    # bfloat16 has three digits: too few for sums over an image
+    return depth_m.to(torch.promote_types(depth_m.dtype, torch.float32)) / config.unit_m
+
+
+def _image_means(
+    values: Float[Tensor, "batch 1 height width"], is_valid: Bool[Tensor, "batch 1 height width"]
+) -> Float[Tensor, " batch"]:
+    """Mean over each image's valid pixels of values that are 0 elsewhere; 0 if it has none."""
+    return values.sum(dim=(1, 2, 3)) / is_valid.sum(dim=(1, 2, 3)).clamp(min=1)
+
+
+def _mean_over_images(
+    values: Float[Tensor, " batch"], is_valid: Bool[Tensor, "batch 1 height width"]
+) -> Float[Tensor, ""]:
+    """Mean over the images that have ground truth; the others' value is 0."""
+    return values.sum() / is_valid.flatten(1).any(dim=1).sum().clamp(min=1)
+
+
+def _root(squares: Float[Tensor, " batch"]) -> Float[Tensor, " batch"]:
+    """Square root whose gradient at 0 is 0 instead of infinite."""
+    is_positive = squares > 0
+    return torch.where(is_positive, torch.where(is_positive, squares, 1.0).sqrt(), 0.0)

@@ -1,0 +1,179 @@
+"""Dense depth from sparse depth and an image, by Shift-Convolution and a light HRNet."""
+
+import math
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sightline.depth_completion.config import DepthCompletionConfig
+from sightline.depth_completion.hrnet import HighResolutionTrunk, conv_norm
+from sightline.depth_completion.propagation import NEIGHBOURS, propagate
+from sightline.depth_completion.shift_conv import ShiftConvBranch
+
+_MAX_LOG_CORRECTION = math.log(4)  # a completed depth is off by a factor of 4 at most
+_UNCERTAINTY_FLOOR_M = 0.01
+
+
+class DepthCompletionOutput(NamedTuple):
+    """What the network gives; metres. Depth is not clamped and may be zero or less."""
+
+    depth_m: Float[Tensor, "batch 1 height width"]
+    uncertainty_m: Float[Tensor, "batch 1 height width"] | None
+    """Expected absolute error of `depth_m`: positive."""
+    e_point_m: Float[Tensor, "batch 1 height width"] | None
+    """The filled map of the Shift-Convolution branch."""
+
+
+class DepthCompletionNet(nn.Module):
+    """The seed's system, Fig. 8, and what its settings make of it.
+
+    The Shift-Convolution branch spreads the sparse depth to the E-Point; image, sparse depth,
+    E-Point and a classical completion go through one convolution each and meet in the trunk.
+
+    A camera that is missing is a black image; the network then sees an even grey one.
+    """
+
+    def __init__(self, config: DepthCompletionConfig) -> None:
+        super().__init__()
+        self.config = config
+        points = 2 if config.validity_channel else 1
+        self.shift_branch = (
+            ShiftConvBranch(points, config.shift_conv) if config.shift_conv else None
+        )
+        planes = [4 if config.presence_channel else 3, points]
+        planes += [1] * (config.shift_conv is not None) + [1] * config.filled_input
+        stem = config.stem_channels
+        cells = config.trunk_stride**2
+        self.stems = nn.ModuleList(conv_norm(count * cells, stem) for count in planes)
+        in_channels = stem if config.stem_fusion == "sum" else stem * len(planes)
+        self.outputs = _output_channels(config)
+        unfolded = config.refinement_channels or sum(self.outputs)
+        self.trunk = HighResolutionTrunk(in_channels, unfolded * cells, config.trunk)
+        self.refinement = (
+            _refinement(unfolded + sum(planes), unfolded, sum(self.outputs))
+            if config.refinement_channels
+            else None
+        )
+        if config.residual:  # the first prediction is the classical completion itself
+            last = self.refinement[-1] if self.refinement else self.trunk.head
+            for parameter in last.parameters():
+                nn.init.zeros_(parameter)
+
+    @property
+    def stride(self) -> int:
+        """Height and width must be multiples of it."""
+        return self.config.stride
+
+    @property
+    def takes_filled_depth(self) -> bool:
+        """Whether `forward` needs the classical completion."""
+        return self.config.filled_input
+
+    def forward(
+        self,
+        image: Float[Tensor, "batch 3 height width"],
+        sparse_depth_m: Float[Tensor, "batch 1 height width"],
+        filled_depth_m: Float[Tensor, "batch 1 height width"] | None = None,
+    ) -> DepthCompletionOutput:
+        """Image: RGB in [0, 1], black if missing. Depth maps: metres, 0 = none.
+
+        A network that takes no classical completion ignores one.
+
+        Raises:
+            ValueError: for sizes that are no multiple of `stride`, or a completion not given.
+        """
+        if not torch.compiler.is_compiling():  # while tracing, sizes are symbols
+            self._check_size(image)
+        config = self.config
+        points = self._points(sparse_depth_m)
+        planes = [_camera_planes(image, with_presence=config.presence_channel), points]
+        e_point_m = None
+        if self.shift_branch is not None:
+            e_point = self.shift_branch(points)
+            e_point_m = e_point.to(sparse_depth_m.dtype) * config.depth_scale_m
+            planes.append(e_point)
+        if config.filled_input:
+            if filled_depth_m is None:
+                raise ValueError(
+                    "this network starts from a classical completion: give filled_depth_m"
+                )
+            planes.append(filled_depth_m / config.depth_scale_m)
+        raw = self._predict(planes).to(sparse_depth_m.dtype)  # sums in metres need all digits
+        outputs = torch.split(raw, self.outputs, dim=1)
+        depth_m = self._depth_m(outputs[0], filled_depth_m)
+        if config.propagation_steps:
+            affinity, confidence = outputs[-2:]
+            depth_m = propagate(
+                depth_m, affinity, confidence, sparse_depth_m, steps=config.propagation_steps
+            )
+        uncertainty_m = None
+        if config.uncertainty:
+            uncertainty_m = F.softplus(outputs[1]) + _UNCERTAINTY_FLOOR_M
+        return DepthCompletionOutput(depth_m, uncertainty_m, e_point_m)
+
+    def _check_size(self, image: Tensor) -> None:
+        height, width = image.shape[-2:]
+        if height % self.stride or width % self.stride:
+            raise ValueError(
+                f"height and width must be multiples of {self.stride}, got {height} x {width}; "
+                "pad or crop the inputs"
+            )
+
+    def _points(self, sparse_depth_m: Tensor) -> Tensor:
+        scaled = sparse_depth_m / self.config.depth_scale_m
+        if not self.config.validity_channel:
+            return scaled
+        return torch.cat((scaled, (sparse_depth_m > 0).to(scaled.dtype)), dim=1)
+
+    def _predict(self, planes: list[Tensor]) -> Tensor:
+        stride = self.config.trunk_stride
+        folded = [
+            stem(F.pixel_unshuffle(plane, stride))
+            for stem, plane in zip(self.stems, planes, strict=True)
+        ]
+        if self.config.stem_fusion == "sum":
+            met = folded[0]
+            for other in folded[1:]:
+                met = met + other
+        else:
+            met = torch.cat(folded, dim=1)
+        unfolded = F.pixel_shuffle(self.trunk(met), stride)
+        if self.refinement is None:
+            return unfolded
+        refined: Tensor = self.refinement(torch.cat((unfolded, *planes), dim=1))
+        return refined
+
+    def _depth_m(self, predicted: Tensor, filled_depth_m: Tensor | None) -> Tensor:
+        if not self.config.residual:
+            return predicted * self.config.depth_scale_m
+        assert filled_depth_m is not None, "a residual network takes the classical completion"
+        if self.config.correction == "metres":
+            return filled_depth_m + predicted * self.config.depth_scale_m
+        bounded = _MAX_LOG_CORRECTION * torch.tanh(predicted / _MAX_LOG_CORRECTION)
+        return filled_depth_m * bounded.exp()
+
+
+def _output_channels(config: DepthCompletionConfig) -> list[int]:
+    """Depth; uncertainty; affinities and confidence of the propagation."""
+    return (
+        [1] + [1] * config.uncertainty + ([NEIGHBOURS, 1] if config.propagation_steps > 0 else [])
+    )
+
+
+def _refinement(in_channels: int, channels: int, out_channels: int) -> nn.Sequential:
+    return nn.Sequential(
+        conv_norm(in_channels, channels),
+        nn.Conv2d(channels, out_channels, kernel_size=3, padding=1),
+    )
+
+
+def _camera_planes(image: Tensor, *, with_presence: bool) -> Tensor:
+    """The image around zero, zero throughout if it is black, and whether it is there."""
+    present = (image.amax(dim=(1, 2, 3), keepdim=True) > 0).to(image.dtype)
+    centred = (image - 0.5) * present
+    if not with_presence:
+        return centred
+    return torch.cat((centred, present.expand_as(image[:, :1])), dim=1)

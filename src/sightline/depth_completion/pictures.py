@@ -1,0 +1,34 @@
+"""What a training looks at: input, E-Point, prediction and error of a sample."""
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from sightline.depth_completion.model import DepthCompletionOutput
+from sightline.structures.batch import CameraLidarBatch
+from sightline.visualization.depth import colorize_depth, colorize_error
+
+_POINT_PX = 3  # single measurements are drawn so large
+
+
+def training_picture(
+    batch: CameraLidarBatch, output: DepthCompletionOutput
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The first sample of a batch, one map below the other.
+
+    From the top: image, sparse depth, E-Point (where the network has one), predicted depth, the
+    expected error (where the network tells it) as depth is coloured, and, where the batch has the
+    truth, the error.
+    """
+    image = (batch.image[0].detach().cpu() * 255).round().byte().permute(1, 2, 0).numpy()
+    maps = [image, colorize_depth(_first(batch.sparse_depth_m), point_size_px=_POINT_PX)]
+    predicted = (output.e_point_m, output.depth_m, output.uncertainty_m)
+    maps += [colorize_depth(_first(depth_m)) for depth_m in predicted if depth_m is not None]
+    if batch.depth_m is not None:
+        depth_m, truth_m = _first(output.depth_m), _first(batch.depth_m)
+        maps.append(colorize_error(depth_m, truth_m, point_size_px=_POINT_PX))
+    return np.concatenate(maps)
+
+
+def _first(depth_m: Tensor) -> Float[Tensor, "height width"]:
+    return depth_m[0, 0].detach().float().cpu()

@@ -1,0 +1,271 @@
+"""Runs a network by PyTorch, ONNX Runtime or OpenVINO: the same call, the same names."""
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, Protocol, runtime_checkable
+
+import torch
+from torch import Tensor, nn
+
+from sightline.export.extra import import_extra
+from sightline.export.metadata import ExportMetadata
+from sightline.export.named_tensors import check_inputs, named_outputs
+from sightline.export.onnx import export_onnx, read_onnx_metadata
+from sightline.export.openvino import read_openvino_metadata
+
+EngineName = Literal["torch", "onnxruntime", "openvino"]
+Precision = Literal["float32", "bfloat16"]
+
+_SIZES_KEPT = 4  # a compiled network holds its weights and buffers
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """A network that is ready to run."""
+
+    @property
+    def name(self) -> EngineName:
+        """Which library runs it."""
+        ...
+
+    @property
+    def metadata(self) -> ExportMetadata:
+        """Task, configuration and stride of the network."""
+        ...
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """The inputs it takes, no more and no fewer."""
+        ...
+
+    def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Runs the network; gives its outputs, float32, by name.
+
+        Raises:
+            ValueError: An input is missing or unknown, or a size is no multiple of the stride.
+        """
+        ...
+
+
+def open_engine(
+    path: Path,
+    name: EngineName | None = None,
+    *,
+    threads: int | None = None,
+    precision: Precision = "float32",
+) -> Engine:
+    """The engine for a file that `export_onnx` or `export_openvino` has written.
+
+    Args:
+        path: An .onnx file, which ONNX Runtime and OpenVINO read, or an .xml file for OpenVINO.
+        name: Which library runs it; None takes ONNX Runtime for .onnx and OpenVINO for .xml.
+        threads: CPU threads to use; None leaves it to the library.
+        precision: In which it computes.
+
+    Raises:
+        ValueError: The library cannot read such a file or compute so, or is not installed; or the
+            file is damaged or none of ours.
+    """
+    readers: dict[str, EngineName] = {".onnx": "onnxruntime", ".xml": "openvino"}
+    if not path.is_file() or path.suffix not in readers:
+        raise ValueError(f"{path} is no .onnx or .xml file; write one with `sightline export`")
+    name = name or readers[path.suffix]
+    _check_threads(threads)
+    if name == "openvino":
+        return OpenVinoEngine(path, threads=threads, precision=precision)
+    if name == "onnxruntime" and path.suffix == ".onnx":
+        return OnnxRuntimeEngine(path, threads=threads, precision=precision)
+    raise ValueError(
+        f"{name} cannot run {path}; choose the engine {readers[path.suffix]}, or export the "
+        "weights in another format"
+    )
+
+
+def build_engine(
+    module: nn.Module,
+    example_inputs: Mapping[str, Tensor],
+    name: EngineName,
+    *,
+    metadata: ExportMetadata,
+    threads: int | None = None,
+    precision: Precision = "float32",
+) -> Engine:
+    """The engine for a module; ONNX Runtime and OpenVINO get it by way of a temporary file.
+
+    Args:
+        module: In eval mode. PyTorch runs it where it is, on the CPU or a GPU, and compiled if it
+            is; the others run it on the CPU.
+        example_inputs: By parameter of `forward`; see `export_onnx`.
+        name: Which library runs it.
+        metadata: Says what the module is.
+        threads: CPU threads to use; None leaves it to the library.
+        precision: In which it computes.
+
+    Raises:
+        ValueError: As `open_engine` and `export_onnx`.
+    """
+    _check_threads(threads)
+    if name == "torch":
+        names = tuple(example_inputs)
+        return TorchEngine(module, names, metadata=metadata, threads=threads, precision=precision)
+    import_extra(name)  # before the export, which takes a while
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.onnx"
+        export_onnx(module, example_inputs, path, metadata=metadata)
+        return open_engine(path, name, threads=threads, precision=precision)
+
+
+class TorchEngine:
+    """A module run by PyTorch, on the device that it is on; the outputs stay there."""
+
+    name: EngineName = "torch"
+
+    def __init__(
+        self,
+        module: nn.Module,
+        input_names: tuple[str, ...],
+        *,
+        metadata: ExportMetadata,
+        threads: int | None = None,
+        precision: Precision = "float32",
+    ) -> None:
+        if any(part.training for part in module.modules()):
+            raise ValueError("a module in training mode cannot be run; call .eval() on it first")
+        self.input_names = input_names
+        self.metadata = metadata
+        self._module = module
+        self._threads = threads
+        self._precision = precision
+        self._device = next((tensor.device for tensor in module.parameters()), torch.device("cpu"))
+
+    @torch.inference_mode()
+    def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """As `Engine` says."""
+        check_inputs(inputs, self.input_names, self.metadata.stride)
+        given = {name: tensor.to(self._device) for name, tensor in inputs.items()}
+        is_reduced = self._precision == "bfloat16"
+        with (
+            _torch_threads(self._threads),
+            torch.autocast(self._device.type, dtype=torch.bfloat16, enabled=is_reduced),
+        ):
+            outputs = named_outputs(self._module(**given))
+        return {name: tensor.float() for name, tensor in outputs.items()}
+
+
+class OnnxRuntimeEngine:
+    """An ONNX file run by ONNX Runtime on the CPU."""
+
+    name: EngineName = "onnxruntime"
+
+    def __init__(
+        self, path: Path, *, threads: int | None = None, precision: Precision = "float32"
+    ) -> None:
+        if precision != "float32":
+            raise ValueError(
+                f"onnxruntime computes in float32 only, got {precision}; choose openvino or torch"
+            )
+        onnxruntime = import_extra("onnxruntime")
+        self.metadata = read_onnx_metadata(path)
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 3  # errors; it warns of choices that are its own
+        options.inter_op_num_threads = 1
+        options.intra_op_num_threads = threads or 0  # 0: its default
+        self._session = onnxruntime.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"]
+        )
+        self.input_names = tuple(entry.name for entry in self._session.get_inputs())
+        self._output_names = tuple(entry.name for entry in self._session.get_outputs())
+
+    def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """As `Engine` says."""
+        check_inputs(inputs, self.input_names, self.metadata.stride)
+        arrays = {name: tensor.numpy(force=True) for name, tensor in inputs.items()}
+        outputs = self._session.run(self._output_names, arrays)
+        return dict(zip(self._output_names, map(torch.from_numpy, outputs), strict=True))
+
+
+class OpenVinoEngine:
+    """An ONNX or OpenVINO file run by OpenVINO on the CPU.
+
+    It is compiled anew for each size of the inputs, as it comes up, which takes a moment: a network
+    of known size runs up to twice as fast. The last few sizes are kept.
+    """
+
+    name: EngineName = "openvino"
+
+    def __init__(
+        self, path: Path, *, threads: int | None = None, precision: Precision = "float32"
+    ) -> None:
+        openvino = import_extra("openvino")
+        core = openvino.Core()
+        if precision == "bfloat16" and "BF16" not in core.get_property(
+            "CPU", "OPTIMIZATION_CAPABILITIES"
+        ):
+            raise ValueError(
+                "this processor has no bfloat16 arithmetic for openvino; choose float32"
+            )
+        # Said in any case: by itself OpenVINO takes bfloat16 wherever the processor has it.
+        config: dict[str, Any] = {
+            "INFERENCE_PRECISION_HINT": "f32" if precision == "float32" else "bf16",
+            "PERFORMANCE_HINT": "LATENCY",
+        }
+        if threads is not None:
+            config["INFERENCE_NUM_THREADS"] = threads
+        try:
+            model = core.read_model(str(path))
+        except RuntimeError as error:
+            raise ValueError(
+                f"openvino cannot read {path}: the file, or the .bin beside it, is damaged or "
+                "missing; export it again"
+            ) from error
+        self.metadata = (
+            read_onnx_metadata(path)
+            if path.suffix == ".onnx"
+            else read_openvino_metadata(model, path)
+        )
+        self._model = model
+        self._compile = partial(core.compile_model, device_name="CPU", config=config)
+        self._compiled: dict[tuple[torch.Size, ...], Any] = {}  # by sizes, the latest last
+        self.input_names = tuple(entry.get_any_name() for entry in model.inputs)
+        self._output_names = tuple(entry.get_any_name() for entry in model.outputs)
+
+    def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """As `Engine` says."""
+        check_inputs(inputs, self.input_names, self.metadata.stride)
+        arrays = {name: tensor.numpy(force=True) for name, tensor in inputs.items()}
+        outputs = self._compiled_for(inputs)(arrays, share_inputs=True)
+        return {name: torch.from_numpy(outputs[name]) for name in self._output_names}
+
+    def _compiled_for(self, inputs: Mapping[str, Tensor]) -> Any:  # noqa: ANN401 - an extra's
+        sizes = tuple(inputs[name].shape for name in self.input_names)
+        compiled = self._compiled.pop(sizes, None)
+        if compiled is None:
+            by_name = zip(self.input_names, sizes, strict=True)
+            self._model.reshape({name: list(size) for name, size in by_name})
+            compiled = self._compile(self._model)
+            if len(self._compiled) == _SIZES_KEPT:
+                del self._compiled[next(iter(self._compiled))]
+        self._compiled[sizes] = compiled
+        return compiled
+
+
+def _check_threads(threads: int | None) -> None:
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
+
+
+@contextmanager
+def _torch_threads(threads: int | None) -> Iterator[None]:
+    """PyTorch's number of threads belongs to the whole process: it is put back."""
+    before = torch.get_num_threads()
+    if threads is None or threads == before:
+        yield
+        return
+    torch.set_num_threads(threads)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,75 @@
+"""What an exported file says about itself."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+
+PREFIX = "sightline."
+"""Before every key in a file, so that ours cannot be mistaken for another tool's."""
+
+KEYS = tuple(PREFIX + name for name in ("task", "config", "version", "stride", "provenance"))
+"""Under which a file holds its metadata."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ExportMetadata:
+    """With it a file alone is enough to run a network."""
+
+    task: str
+    """Name of the task, e.g. depth-completion."""
+    config: Mapping[str, object]
+    """The network's configuration; plain values, as JSON has them."""
+    stride: int
+    """Height and width of the images must be multiples of it."""
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    """Where the weights come from."""
+    sightline_version: str = field(default_factory=lambda: version("sightline"))
+    """Version that wrote the file."""
+
+    def __post_init__(self) -> None:
+        """Checks the stride."""
+        if self.stride < 1:
+            raise ValueError(f"stride must be at least 1, got {self.stride}")
+
+    def to_properties(self) -> dict[str, str]:
+        """The text that a file holds under each key."""
+        values = (
+            self.task,
+            json.dumps(self.config, sort_keys=True),
+            self.sightline_version,
+            str(self.stride),
+            json.dumps(dict(self.provenance), sort_keys=True),
+        )
+        return dict(zip(KEYS, values, strict=True))
+
+
+def parse_metadata(properties: Mapping[str, str], source: str) -> ExportMetadata:
+    """The inverse of `ExportMetadata.to_properties`.
+
+    Args:
+        properties: Text under each key; keys of others are passed over.
+        source: What they were read from, for the error.
+
+    Raises:
+        ValueError: A key is missing or its text makes no sense.
+    """
+    missing = [key for key in KEYS if key not in properties]
+    if missing:
+        raise ValueError(
+            f"{source} lacks the metadata {', '.join(missing)}, so sightline did not write it; "
+            "export the weights again"
+        )
+    task, config, written_by, stride, provenance = (properties[key] for key in KEYS)
+    try:
+        return ExportMetadata(
+            task=task,
+            config=json.loads(config),
+            stride=int(stride),
+            provenance=json.loads(provenance),
+            sightline_version=written_by,
+        )
+    except ValueError as error:
+        raise ValueError(
+            f"{source} holds damaged metadata ({error}); export the weights again"
+        ) from error

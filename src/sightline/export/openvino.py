@@ -1,0 +1,90 @@
+"""From a PyTorch module, or its ONNX file, to OpenVINO's own format (IR): `.xml` and `.bin`."""
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor, nn
+
+from sightline.data.atomic import atomic_path
+from sightline.export.extra import import_extra
+from sightline.export.metadata import KEYS, ExportMetadata, parse_metadata
+from sightline.export.onnx import export_onnx, read_onnx_metadata
+
+
+def export_openvino(
+    module: nn.Module,
+    example_inputs: Mapping[str, Tensor],
+    path: Path,
+    *,
+    metadata: ExportMetadata,
+) -> None:
+    """Writes a module in OpenVINO's format, by way of ONNX; arguments as for `export_onnx`.
+
+    Args:
+        module: In eval mode.
+        example_inputs: By parameter of `forward`.
+        path: The .xml file to write; the weights go beside it, with the suffix .bin.
+        metadata: Goes into the .xml file.
+
+    Raises:
+        ValueError: As `export_onnx`, or `path` does not end in .xml.
+    """
+    import_extra("openvino")  # before the export, which takes a while
+    with tempfile.TemporaryDirectory() as folder:
+        onnx_path = Path(folder) / "model.onnx"
+        export_onnx(module, example_inputs, onnx_path, metadata=metadata)
+        convert_to_openvino(onnx_path, path)
+
+
+def convert_to_openvino(onnx_path: Path, path: Path) -> None:
+    """Writes an ONNX file of ours in OpenVINO's format, weights in full precision.
+
+    Raises:
+        ValueError: `onnx_path` is no file of ours, or `path` does not end in .xml.
+    """
+    openvino = import_extra("openvino")
+    metadata = read_onnx_metadata(onnx_path)
+    # Not `openvino.convert_model`: that one sends usage data to Google.
+    model = openvino.Core().read_model(str(onnx_path))
+    for key, value in metadata.to_properties().items():
+        model.set_rt_info(value, key.split("."))
+    with ir_files(path) as aside:
+        openvino.save_model(model, str(aside), compress_to_fp16=False)
+
+
+def read_openvino_metadata(model: Any, path: Path) -> ExportMetadata:  # noqa: ANN401 - an extra's
+    """What a model that was read from a file of ours says about itself.
+
+    Args:
+        model: An `openvino.Model`.
+        path: Where it was read, for the error.
+
+    Raises:
+        ValueError: The file is none of ours.
+    """
+    properties = {
+        key: model.get_rt_info(key.split(".")).astype(str)
+        for key in KEYS
+        if model.has_rt_info(key.split("."))
+    }
+    return parse_metadata(properties, str(path))
+
+
+@contextmanager
+def ir_files(path: Path) -> Iterator[Path]:
+    """Gives a place to write a `.xml` and its `.bin` to; both appear once both are whole.
+
+    The `.bin` is renamed first: a new `.xml` never stands there without its weights.
+
+    Raises:
+        ValueError: `path` does not end in .xml, or its folder cannot be written to.
+    """
+    if path.suffix != ".xml":
+        raise ValueError(f"an OpenVINO model is a file that ends in .xml, got {path}")
+    weights = path.with_suffix(".bin")
+    with atomic_path(path) as aside, atomic_path(weights) as weights_aside:
+        yield aside
+        aside.with_suffix(".bin").replace(weights_aside)

@@ -1,0 +1,140 @@
+"""How far the engines' outputs are from PyTorch's."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from torch import Tensor
+
+from sightline.export.engines import Engine
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class OutputDifference:
+    """One output of one engine on one input, in the report's unit. NaN where one is not finite."""
+
+    engine: str
+    case: str
+    """Name of the input."""
+    output: str
+    max_difference: float
+    """Largest absolute difference to the reference."""
+    mean_difference: float
+    """Mean of the absolute differences."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ParityReport:
+    """Differences of every engine, input and output."""
+
+    differences: tuple[OutputDifference, ...]
+    unit: str
+    """Of the differences, e.g. mm."""
+
+    @property
+    def worst(self) -> OutputDifference:
+        """The one with the largest difference; one that is not finite comes first."""
+        return max(self.differences, key=lambda entry: _order(entry.max_difference))
+
+    def is_within(self, bound: float) -> bool:
+        """Whether no difference is larger than the bound, and all are finite."""
+        return self.worst.max_difference <= bound
+
+    def to_json(self) -> dict[str, object]:
+        """What the report file holds; differences that are not finite are null."""
+        return {
+            "unit": self.unit,
+            "differences": [
+                {
+                    "engine": entry.engine,
+                    "case": entry.case,
+                    "output": entry.output,
+                    "max": _or_none(entry.max_difference),
+                    "mean": _or_none(entry.mean_difference),
+                }
+                for entry in self.differences
+            ],
+        }
+
+    def table(self) -> "Table":
+        """One row for each engine, input and output."""
+        from rich.table import Table
+
+        table = Table(title=f"difference to PyTorch, {self.unit}", title_justify="left")
+        for column in ("engine", "input", "output"):
+            table.add_column(column, no_wrap=True)
+        for column in ("max", "mean"):
+            table.add_column(column, justify="right", no_wrap=True)
+        for entry in self.differences:
+            figures = (f"{entry.max_difference:.2g}", f"{entry.mean_difference:.2g}")
+            table.add_row(entry.engine, entry.case, entry.output, *figures)
+        return table
+
+
+def check_parity(
+    reference: Engine,
+    engines: Sequence[Engine],
+    cases: Mapping[str, Mapping[str, Tensor]],
+    *,
+    unit: str = "1",
+    scale: float = 1.0,
+) -> ParityReport:
+    """Runs engines on the same inputs as the reference and compares what comes out.
+
+    Args:
+        reference: PyTorch's engine, as a rule.
+        engines: To compare with it.
+        cases: Inputs, by a name that tells their size.
+        unit: Of the differences in the report.
+        scale: Factor from the outputs' unit to `unit`, e.g. 1000 from metres to mm.
+
+    Raises:
+        ValueError: There is no engine or no input; or an engine has other outputs, or of another
+            size, than the reference.
+    """
+    if not engines or not cases:
+        raise ValueError("parity needs at least one engine and one input, got none")
+    differences = []
+    for case, inputs in cases.items():
+        expected = reference(inputs)
+        for engine in engines:
+            outputs = engine(inputs)
+            if list(outputs) != list(expected):
+                raise ValueError(
+                    f"{engine.name} gives the outputs {', '.join(outputs)}, but {reference.name} "
+                    f"{', '.join(expected)}; export the weights again"
+                )
+            for name, output in outputs.items():
+                largest, mean = _difference(output, expected[name], f"{engine.name}'s {name}")
+                difference = OutputDifference(
+                    engine=engine.name,
+                    case=case,
+                    output=name,
+                    max_difference=largest * scale,
+                    mean_difference=mean * scale,
+                )
+                differences.append(difference)
+    return ParityReport(differences=tuple(differences), unit=unit)
+
+
+def _difference(output: Tensor, expected: Tensor, place: str) -> tuple[float, float]:
+    """Largest and mean absolute difference."""
+    if output.shape != expected.shape:
+        raise ValueError(
+            f"{place} has the shape {tuple(output.shape)}, expected {tuple(expected.shape)}; "
+            "export the weights again"
+        )
+    difference = (output.cpu().double() - expected.cpu().double()).abs()
+    return difference.max().item(), difference.mean().item()
+
+
+def _order(difference: float) -> float:
+    return math.inf if math.isnan(difference) else difference
+
+
+def _or_none(difference: float) -> float | None:
+    return difference if math.isfinite(difference) else None

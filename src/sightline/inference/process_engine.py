@@ -1,0 +1,96 @@
+"""Engines for jobs of several processes."""
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import torch
+from torch import Tensor
+
+from sightline.export.engines import Engine, EngineName, build_engine, open_engine
+from sightline.export.extra import import_extra
+from sightline.export.onnx import export_onnx
+from sightline.inference.weights import LoadedNetwork
+
+
+class ProcessEngine:
+    """Runs a network; may be pickled, and used in a forked process.
+
+    Neither threads nor a GPU's state cross over to another process. So each makes its own engine,
+    when it first runs the network; what takes long, the export, is done once, before.
+    """
+
+    _openvino_process: ClassVar[int | None] = None  # where OpenVINO has run first
+
+    def __init__(
+        self,
+        loaded: LoadedNetwork,
+        *,
+        name: EngineName,
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> None:
+        """Exports the network where the engine needs it.
+
+        Raises:
+            ValueError: The engine is not installed, or runs on the CPU only.
+        """
+        if name != "torch" and device != "cpu":
+            raise ValueError(f"{name} runs on the cpu only, got {device}; choose the engine torch")
+        self.name: EngineName = name
+        self._loaded = loaded
+        self._device = device
+        self._threads = threads
+        self._onnx = None if name == "torch" else _to_onnx(loaded, name)
+        self._made: tuple[int, Engine] | None = None
+
+    def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Runs the network as `Engine` does.
+
+        Raises:
+            ValueError: The device cannot be used, or as `Engine` says.
+        """
+        process = os.getpid()
+        if self._made is None or self._made[0] != process:
+            self._made = process, self._make()
+        return self._made[1](inputs)
+
+    def __getstate__(self) -> dict[str, object]:
+        """All but what belongs to this process."""
+        return {**self.__dict__, "_made": None}
+
+    def _make(self) -> Engine:
+        if self._onnx is None:
+            return _torch_engine(self._loaded, self._device, self._threads)
+        if self.name == "openvino":
+            # It would crash: its threads are started once for all, and a fork has lost them.
+            if ProcessEngine._openvino_process not in (None, os.getpid()):
+                raise ValueError(
+                    "openvino has run before this process was forked, and cannot run in it; use "
+                    "one worker, or the engine onnxruntime"
+                )
+            ProcessEngine._openvino_process = os.getpid()
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "model.onnx"
+            path.write_bytes(self._onnx)
+            return open_engine(path, self.name, threads=self._threads)
+
+
+def _torch_engine(loaded: LoadedNetwork, device: str, threads: int | None) -> Engine:
+    try:
+        network = loaded.network.to(torch.device(device))
+    except (RuntimeError, AssertionError) as error:  # the latter where torch has no CUDA at all
+        reason = str(error).split("\n", maxsplit=1)[0]
+        raise ValueError(f"device {device} cannot be used ({reason}); choose cpu") from error
+    examples = loaded.example_inputs()
+    return build_engine(network, examples, "torch", metadata=loaded.metadata, threads=threads)
+
+
+def _to_onnx(loaded: LoadedNetwork, name: Literal["onnxruntime", "openvino"]) -> bytes:
+    import_extra(name)  # before the export, which takes a while
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.onnx"
+        export_onnx(loaded.network, loaded.example_inputs(), path, metadata=loaded.metadata)
+        return path.read_bytes()

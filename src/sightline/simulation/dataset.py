@@ -1,0 +1,68 @@
+"""Simulated samples without files; unlike the rest of the simulator this needs PyTorch."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset
+
+from sightline.data.object_labels import labels_from_kitti
+from sightline.geometry.calibration import Calibration
+from sightline.simulation.pixels import seen_by_camera
+from sightline.simulation.simulator import (
+    SimulatedFrame,
+    SimulationConfig,
+    StreetMaker,
+    simulate_frame,
+)
+from sightline.simulation.street import make_street
+from sightline.structures.sample import CameraLidarSample
+
+
+def sample_of(frame: SimulatedFrame) -> CameraLidarSample:
+    """The frame as a sample with labels, dense true depth, pose and time; its sweep is whole."""
+    calibration = Calibration(
+        image_from_camera=torch.from_numpy(frame.calibration.image_from_camera),
+        camera_from_lidar=torch.from_numpy(frame.calibration.camera_from_lidar),
+    )
+    return CameraLidarSample(
+        sample_id=frame.sample_id,
+        calibration=calibration,
+        image_size=frame.image_size,
+        image=torch.from_numpy(np.ascontiguousarray(frame.image.transpose(2, 0, 1))),
+        points=torch.from_numpy(frame.points),
+        objects=labels_from_kitti(frame.objects, calibration),
+        depth=torch.from_numpy(frame.depth_m),
+        world_from_lidar=torch.from_numpy(frame.world_from_lidar),
+        timestamp_s=frame.time_s,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedDataset(Dataset[CameraLidarSample]):
+    """Samples made as they are asked for: a data set without files."""
+
+    num_frames: int
+    config: SimulationConfig = field(default_factory=SimulationConfig)
+    streets: StreetMaker = make_street
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """Names of the samples, in order."""
+        return tuple(f"{index:06d}" for index in range(self.num_frames))
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return self.num_frames
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Makes a sample; its points are those that the camera sees, as in KITTI's reduced sweeps.
+
+        Raises:
+            IndexError: There is no such sample.
+        """
+        if not 0 <= index < self.num_frames:
+            raise IndexError(f"sample {index} of a simulated data set of {self.num_frames}")
+        frame = simulate_frame(self.config, index, self.streets)
+        seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
+        return sample_of(replace(frame, points=seen, sample_id=self.sample_ids[index]))

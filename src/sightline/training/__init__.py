@@ -1,0 +1,1 @@
+"""Trains any task, knows none: data in batches, the loop, checkpoints, weights, the commands."""

@@ -1,0 +1,267 @@
+"""Batches for training, validation and test out of any mixture of data sets.
+
+What is drawn depends on the seed, the epoch and the sample alone: neither on the number of worker
+processes nor on whether the training was interrupted.
+"""
+
+import signal
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import lightning
+import numpy as np
+import torch
+from torch.utils.data import DataLoader, Dataset
+
+from sightline.data.object_tree import Part, Velodyne
+from sightline.data.open import SampleDataset, open_dataset
+from sightline.structures.batch import CameraLidarBatch
+from sightline.structures.sample import CameraLidarSample
+from sightline.training.sampling import EpochPosition, ScoringBatches, TrainingBatches
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceConfig:
+    """Samples from one folder."""
+
+    path: Path
+    """A KITTI object tree, depth completion tree or raw drive, simulated ones included."""
+    sample_list: str | None = None
+    """Which frames: a list in ImageSets, kitti-object-train, kitti-object-val or a text file with
+    one name a line. None: all."""
+    velodyne: Velodyne = "velodyne"
+    """Folder of the sweeps in an object tree."""
+    repeat: int = 1
+    """How often each frame comes in an epoch: the weight of this source beside others."""
+
+    def __post_init__(self) -> None:
+        """Checks the range."""
+        if self.repeat < 1:
+            raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
+
+
+class SamplePreparation(ABC):
+    """What a task makes of samples before the network sees them; runs in the worker processes."""
+
+    parts: Collection[Part] = frozenset({"image", "points"})
+    """What the samples shall hold."""
+
+    @abstractmethod
+    def prepare(
+        self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
+    ) -> CameraLidarBatch:
+        """Makes one sample ready: a batch of one.
+
+        Args:
+            sample: As read.
+            rng: Where all randomness comes from: another in each epoch of a training, always the
+                same outside of training.
+            training: Whether to augment.
+        """
+
+
+class PreparedSamples(Dataset[CameraLidarBatch]):
+    """Several sources behind each other, prepared; an index is a pair of epoch and position."""
+
+    def __init__(
+        self,
+        datasets: Sequence[tuple[SampleDataset, int]],
+        preparation: SamplePreparation,
+        *,
+        seed: int,
+        training: bool,
+    ) -> None:
+        """Takes open data sets, each with how often its samples come."""
+        self._datasets = tuple(dataset for dataset, _ in datasets)
+        self._lengths = np.array([len(dataset) for dataset, _ in datasets], dtype=np.int64)
+        self._ends = np.cumsum(self._lengths * np.array([repeat for _, repeat in datasets]))
+        self._preparation = preparation
+        self._seed = seed
+        self._training = training
+
+    def __len__(self) -> int:
+        """Number of samples, repeats counted."""
+        return int(self._ends[-1])
+
+    def __getitem__(self, key: tuple[int, int]) -> CameraLidarBatch:
+        """Reads and prepares a sample."""
+        epoch, index = key
+        source = int(np.searchsorted(self._ends, index, side="right"))
+        start = int(self._ends[source - 1]) if source else 0
+        sample = self._datasets[source][(index - start) % int(self._lengths[source])]
+        rng = np.random.default_rng((self._seed, epoch, index))
+        return self._preparation.prepare(sample, rng, training=self._training)
+
+
+class ResumableLoader(DataLoader[Any]):
+    """A loader of training batches that begins where the training stands.
+
+    Lightning's own way, `load_state_dict`, comes too late or not at all: a schedule that asks for
+    the number of steps has the loader's iterator made before any state is restored. So the
+    position is asked for when the first batch is; the two methods are there because Lightning takes
+    a loader without them for one that cannot resume.
+    """
+
+    def __init__(
+        self,
+        dataset: PreparedSamples,
+        batches: TrainingBatches,
+        position: EpochPosition,
+        **settings: Any,  # noqa: ANN401 - as DataLoader
+    ) -> None:
+        """Takes what to load, in which order, and who knows how far the training is."""
+        super().__init__(dataset, batch_sampler=batches, **settings)
+        self._batches = batches
+        self._position = position
+
+    def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
+        """The rest of the epoch that the training is in."""
+        self._batches.start_at(*self._position())
+        yield from super().__iter__()
+
+    def state_dict(self) -> dict[str, int]:
+        """Epoch and batch that come next; for people, nothing is read from it."""
+        epoch, batch = self._position()
+        return {"epoch": epoch, "batch": batch}
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        """Does nothing: the Trainer's own progress tells the position."""
+
+
+class CameraLidarData(lightning.LightningDataModule):
+    """Batches out of camera-LiDAR data, for any task.
+
+    On several devices the batches of a step are one larger batch, dealt out to them: training on
+    two devices with batches of 4 sees what training on one with batches of 8 does. Scoring on
+    several devices repeats the first samples where the last round is not full; score on one device
+    for exact numbers.
+    """
+
+    def __init__(
+        self,
+        preparation: SamplePreparation,
+        *,
+        root: Path = Path(),
+        training: Sequence[SourceConfig] = (),
+        validation: Sequence[SourceConfig] = (),
+        test: Sequence[SourceConfig] = (),
+        batch_size: int = 8,
+        validation_batch_size: int = 1,
+        workers: int = 2,
+        seed: int = 0,
+        samples_per_epoch: int | None = None,
+    ) -> None:
+        """Keeps the settings; folders are opened when they are needed.
+
+        Args:
+            preparation: What the task makes of samples.
+            root: Folder that the sources' relative paths start from.
+            training: Sources to train on.
+            validation: Sources to validate on.
+            test: Sources to test on.
+            batch_size: Samples a training batch on one device.
+            validation_batch_size: Samples a batch of validation and test; more than 1 only where
+                the images are of one size.
+            workers: Processes that read and prepare samples, for each device; 0: none besides.
+            seed: Of the order and of all that is drawn for samples.
+            samples_per_epoch: How many of the training samples make an epoch, others in each.
+                None: all.
+
+        Raises:
+            ValueError: A number is out of range.
+        """
+        super().__init__()
+        for name, value in (
+            ("batch_size", batch_size),
+            ("validation_batch_size", validation_batch_size),
+            ("samples_per_epoch", samples_per_epoch),
+        ):
+            if value is not None and value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}")
+        if workers < 0 or seed < 0:
+            raise ValueError(f"workers and seed must not be negative, got {workers} and {seed}")
+        self.preparation = preparation
+        self.root = root
+        self.sources = {"training": training, "validation": validation, "test": test}
+        self.batch_size = batch_size
+        self.validation_batch_size = validation_batch_size
+        self.workers = workers
+        self.seed = seed
+        self.samples_per_epoch = samples_per_epoch
+
+    def setup(self, stage: str) -> None:
+        """Trains without validation where there are no samples for it."""
+        if stage == "fit" and self.trainer is not None and not self.sources["validation"]:
+            self.trainer.limit_val_batches = 0
+
+    def train_dataloader(self) -> ResumableLoader:
+        """Shuffled batches, another order in each epoch; what does not fill a batch is left out."""
+        samples = self._open("training", training=True)
+        rank, world = self._rank_and_world()
+        batches = TrainingBatches(
+            len(samples),
+            self.batch_size,
+            seed=self.seed,
+            samples_per_epoch=self.samples_per_epoch,
+            rank=rank,
+            world=world,
+        )
+        position = EpochPosition(self.trainer, len(batches))
+        return ResumableLoader(samples, batches, position, **self._loader_settings())
+
+    def val_dataloader(self) -> DataLoader[Any]:
+        """All validation samples in order."""
+        return self._scoring_loader("validation")
+
+    def test_dataloader(self) -> DataLoader[Any]:
+        """All test samples in order."""
+        return self._scoring_loader("test")
+
+    def _scoring_loader(self, name: str) -> DataLoader[Any]:
+        samples = self._open(name, training=False)
+        rank, world = self._rank_and_world()
+        batches = ScoringBatches(len(samples), self.validation_batch_size, rank=rank, world=world)
+        return DataLoader(samples, batch_sampler=batches, **self._loader_settings())
+
+    def _open(self, name: str, *, training: bool) -> PreparedSamples:
+        sources = self.sources[name]
+        if not sources:
+            raise ValueError(f"there is nothing to take {name} samples from; set data.{name}")
+        datasets = [
+            (
+                open_dataset(
+                    self.root / source.path,
+                    sample_list=source.sample_list,
+                    velodyne=source.velodyne,
+                    parts=self.preparation.parts,
+                ),
+                source.repeat if training else 1,
+            )
+            for source in sources
+        ]
+        return PreparedSamples(datasets, self.preparation, seed=self.seed, training=training)
+
+    def _rank_and_world(self) -> tuple[int, int]:
+        if self.trainer is None:
+            return 0, 1
+        return self.trainer.global_rank, self.trainer.world_size
+
+    def _loader_settings(self) -> dict[str, Any]:
+        return {
+            "collate_fn": CameraLidarBatch.concatenate,
+            "num_workers": self.workers,
+            "persistent_workers": self.workers > 0,
+            "pin_memory": torch.cuda.is_available(),
+            "worker_init_fn": _leave_interrupts_to_the_trainer,
+            # Else each epoch's start would draw from the global generator.
+            "generator": torch.Generator().manual_seed(self.seed),
+        }
+
+
+def _leave_interrupts_to_the_trainer(worker: int) -> None:
+    """Ctrl-C reaches every process; without workers the step that it came in could not end."""
+    del worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,125 @@
+"""Which samples make which batch, on which device, in which epoch."""
+
+import math
+from collections.abc import Iterator
+
+import lightning
+import numpy as np
+from torch.utils.data import Sampler
+
+SampleKey = tuple[int, int]
+"""Epoch and index of a sample."""
+
+
+class TrainingBatches(Sampler[list[SampleKey]]):
+    """Shuffled batches of one epoch, from a batch on.
+
+    The order is drawn from seed and epoch. Of every `world * batch_size` samples in a row, each
+    rank takes every `world`-th: together they make the batch that one device would have.
+    """
+
+    def __init__(
+        self,
+        num_samples: int,
+        batch_size: int,
+        *,
+        seed: int,
+        samples_per_epoch: int | None = None,
+        rank: int = 0,
+        world: int = 1,
+    ) -> None:
+        """Checks that there is a batch for every rank.
+
+        Raises:
+            ValueError: There are too few samples.
+        """
+        wanted = num_samples if samples_per_epoch is None else samples_per_epoch
+        if wanted > num_samples:
+            raise ValueError(
+                f"samples_per_epoch is {wanted}, but there are only {num_samples} training "
+                "samples; ask for fewer or raise the repeat of the sources"
+            )
+        self._num_batches = wanted // (batch_size * world)
+        if self._num_batches == 0:
+            devices = f" on each of {world} devices" if world > 1 else ""
+            raise ValueError(
+                f"an epoch of {wanted} samples does not fill a batch of {batch_size}{devices}; "
+                "set a smaller data.batch_size or raise the repeat of the sources"
+            )
+        self._num_samples = num_samples
+        self._batch_size = batch_size
+        self._seed = seed
+        self._rank = rank
+        self._world = world
+        self._epoch = 0
+        self._first = 0
+
+    def __len__(self) -> int:
+        """Batches of a whole epoch on one rank."""
+        return self._num_batches
+
+    def start_at(self, epoch: int, batch: int) -> None:
+        """Sets what the next iteration begins with."""
+        self._epoch, self._first = epoch, batch
+
+    def __iter__(self) -> Iterator[list[SampleKey]]:
+        """The rank's batches that are left of the epoch."""
+        # The third number is no sample's index: each of those has a generator of its own.
+        rng = np.random.default_rng((self._seed, self._epoch, self._num_samples))
+        order = rng.permutation(self._num_samples)
+        step = self._batch_size * self._world
+        for batch in range(self._first, self._num_batches):
+            together = order[batch * step : (batch + 1) * step]
+            yield [(self._epoch, int(index)) for index in together[self._rank :: self._world]]
+
+
+class ScoringBatches(Sampler[list[SampleKey]]):
+    """All samples in order, dealt out to the ranks; each gets the same number.
+
+    Where that does not go even, the first samples come again: a rank that is done early would leave
+    the others waiting for it.
+    """
+
+    def __init__(self, num_samples: int, batch_size: int, *, rank: int = 0, world: int = 1) -> None:
+        """Deals out."""
+        num_each = math.ceil(num_samples / world)
+        dealt = np.arange(num_each * world) % num_samples
+        self._mine = dealt[rank::world]
+        self._batch_size = batch_size
+
+    def __len__(self) -> int:
+        """Batches of one rank."""
+        return math.ceil(len(self._mine) / self._batch_size)
+
+    def __iter__(self) -> Iterator[list[SampleKey]]:
+        """The rank's batches; the last may be smaller."""
+        for start in range(0, len(self._mine), self._batch_size):
+            yield [(0, int(index)) for index in self._mine[start : start + self._batch_size]]
+
+
+class EpochPosition:
+    """How far a Trainer is: the epoch, and the batch in it, that come next."""
+
+    def __init__(self, trainer: "lightning.Trainer | None", num_batches: int) -> None:
+        """Takes the Trainer, None where there is none, and the loader's batches an epoch."""
+        self._trainer = trainer
+        self._num_batches = num_batches
+
+    def __call__(self) -> tuple[int, int]:
+        """Epoch and batch, from 0.
+
+        Derived from the count of all batches that were trained on, which a checkpoint holds; the
+        counts within an epoch mean different things depending on when it was written.
+        """
+        if self._trainer is None:
+            return 0, 0
+        limit = self._trainer.limit_train_batches
+        num_batches = self._num_batches
+        if isinstance(limit, int):
+            num_batches = min(limit, num_batches)
+        elif limit is not None:
+            num_batches = int(limit * num_batches)
+        done: int = self._trainer.fit_loop.epoch_loop.batch_progress.state_dict()["total"][
+            "processed"
+        ]
+        return divmod(done, max(num_batches, 1))

@@ -1,0 +1,142 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.open import open_dataset
+from sightline.depth_completion.adaptive import adaptive_depth
+from sightline.depth_completion.examples import DepthExamples, ExampleConfig, make_example
+from sightline.evaluation.held_out import split_rings
+from sightline.geometry.projection import sparse_depth_map
+from sightline.simulation.packaged import PACKAGED_FRAMES
+
+ALL_FAULTS = ExampleConfig(
+    truth="both",
+    filled=True,
+    crop_size=(64, 128),
+    beams=(64, 32, 16, 8),
+    mirror=True,
+    yaw_error_deg=0.3,
+    outliers=0.05,
+    camera_dropout=0.3,
+    color_jitter=True,
+)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return open_dataset(PACKAGED_FRAMES, parts={"image", "points", "depth"})[0]
+
+
+def example(sample, config, *, seed=0, training=True):
+    return make_example(sample, config, np.random.default_rng(seed), training=training)
+
+
+def same(one, other):
+    return one.sample_ids == other.sample_ids and all(
+        torch.equal(getattr(one, name), getattr(other, name))
+        for name in ("image", "sparse_depth_m", "filled_depth_m", "depth_m")
+    )
+
+
+def test_an_example_depends_on_nothing_but_its_generator(sample):
+    assert same(example(sample, ALL_FAULTS, seed=3), example(sample, ALL_FAULTS, seed=3))
+    assert not same(example(sample, ALL_FAULTS, seed=3), example(sample, ALL_FAULTS, seed=4))
+
+
+def test_for_validation_nothing_is_perturbed_and_the_whole_crop_is_seen(sample):
+    config = replace(ALL_FAULTS, crop_size=None, beams=(64,), truth="held_out")
+    seen = example(sample, config, training=False)
+    frame = split_rings(sample)
+    given = frame.with_beams(64)
+    sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
+    assert torch.equal(seen.sparse_depth_m[0, 0], sparse_m)
+    assert torch.equal(seen.filled_depth_m[0, 0], adaptive_depth(sparse_m.numpy()).depth_m)
+    assert torch.equal(seen.depth_m[0, 0], frame.truth_m)
+    assert torch.equal(seen.image[0], given.image.float() / 255)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_network_never_sees_a_return_that_is_its_truth(sample, seed):
+    config = ExampleConfig(truth="held_out")
+    seen = example(sample, config, seed=seed)
+    both = (seen.sparse_depth_m > 0) & (seen.depth_m > 0)
+    # Returns of two rings may fall on one pixel; they are then different returns.
+    assert (seen.sparse_depth_m[both] != seen.depth_m[both]).float().mean() > 0.5
+    assert both.sum() < 0.05 * (seen.depth_m > 0).sum()
+
+
+def test_the_depth_map_is_truth_where_no_ring_is_held_out(sample):
+    seen = example(sample, ExampleConfig(truth="both"), training=False)
+    held_out_m = split_rings(sample).truth_m
+    is_held_out = held_out_m > 0
+    top, left = sample.depth.shape[0] - 352, (sample.depth.shape[1] - 1216) // 2
+    dense_m = sample.depth[top:, left : left + 1216]
+    assert torch.equal(seen.depth_m[0, 0][is_held_out], held_out_m[is_held_out])
+    assert torch.equal(seen.depth_m[0, 0][~is_held_out], dense_m[~is_held_out])
+
+
+def test_fewer_beams_give_fewer_measurements(sample):
+    counts = [
+        int((example(sample, ExampleConfig(beams=(beams,))).sparse_depth_m > 0).sum())
+        for beams in (64, 32, 16, 8)
+    ]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] < counts[0] / 5
+
+
+def test_a_mirror_turns_all_maps_alike(sample):
+    config = ExampleConfig(truth="depth", mirror=True, filled=True)
+    plain = example(sample, replace(config, mirror=False))
+    seen = [example(sample, config, seed=seed) for seed in range(8)]
+    mirrored = next(one for one in seen if not torch.equal(one.image, plain.image))
+    for name in ("image", "sparse_depth_m", "filled_depth_m", "depth_m"):
+        assert torch.equal(getattr(mirrored, name).flip(-1), getattr(plain, name))
+
+
+def test_a_dropped_camera_is_a_black_image(sample):
+    seen = example(sample, ExampleConfig(camera_dropout=1.0))
+    assert not seen.image.any()
+    assert seen.sparse_depth_m.any()
+
+
+def test_a_fixed_crop_is_the_bottom_centre(sample):
+    config = ExampleConfig(crop_size=(96, 256), random_crop=False)
+    seen = example(sample, config)
+    whole = example(sample, replace(config, crop_size=None))
+    assert torch.equal(seen.depth_m, whole.depth_m[..., 256:, 480:736])
+
+
+def test_the_preparation_asks_for_a_depth_map_where_that_is_the_truth(sample):
+    assert "depth" not in DepthExamples(ExampleConfig(truth="held_out")).parts
+    preparation = DepthExamples(ExampleConfig(truth="both"))
+    assert "depth" in preparation.parts
+    example = preparation.prepare(sample, np.random.default_rng(0), training=False)
+    assert example.image.shape == (1, 3, 352, 1216)
+
+
+def test_truth_that_the_data_lacks_is_named(sample):
+    with pytest.raises(ValueError, match="has no true depth, but truth is both"):
+        example(replace(sample, depth=None), ExampleConfig(truth="both"))
+    with pytest.raises(ValueError, match="has no sweep"):
+        example(replace(sample, points=None), ExampleConfig())
+
+
+def test_a_crop_larger_than_the_image_is_refused_with_both_sizes(sample):
+    with pytest.raises(ValueError, match=r"crop_size is 400x500 .* has only 352x1216 to cut"):
+        example(sample, ExampleConfig(crop_size=(400, 500)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"beams": ()}, "beams must name some of 64, 32, 16, 8"),
+        ({"beams": (64, 12)}, "beams must name some of"),
+        ({"outliers": 1.5}, "outliers must be from 0 to 1"),
+        ({"yaw_error_deg": -1.0}, "yaw_error_deg must be from 0 to 90"),
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        ExampleConfig(**wrong)

@@ -1,0 +1,208 @@
+import json
+from dataclasses import asdict, replace
+
+import pytest
+import torch
+from jsonargparse import ArgumentParser
+from torch import nn
+
+from sightline.depth_completion.config import (
+    DepthCompletionConfig,
+    ShiftConvConfig,
+    TrunkConfig,
+)
+from sightline.depth_completion.model import DepthCompletionNet
+
+PAPER = DepthCompletionConfig(
+    shift_conv=ShiftConvConfig(channels=9, layers=2),
+    trunk=TrunkConfig(channels=(4, 6), modules=1),
+    stem_channels=4,
+)
+RESIDUAL = replace(
+    PAPER,
+    stem_fusion="concatenate",
+    trunk_stride=2,
+    filled_input=True,
+    residual=True,
+    validity_channel=True,
+    presence_channel=True,
+    uncertainty=True,
+)
+FULL = replace(
+    RESIDUAL,
+    shift_conv=ShiftConvConfig(channels=9, layers=2, shifts_px=(1, 2), stride=4),
+    trunk=TrunkConfig(channels=(4, 6), modules=1, exchange="neighbours", head_kernel_px=1),
+    refinement_channels=4,
+    propagation_steps=2,
+    correction="log",
+)
+CONFIGS = {
+    "paper": PAPER,
+    "without shift-conv": replace(PAPER, shift_conv=None),
+    "residual": RESIDUAL,
+    "stride 4": replace(RESIDUAL, trunk_stride=4, propagation_steps=1),
+    "full": FULL,
+}
+each_config = pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS.keys())
+
+
+def network(config):
+    torch.manual_seed(0)
+    return DepthCompletionNet(config).eval()
+
+
+def trained(config):
+    """A network whose last layer is not zero, as after training."""
+    net = network(config)
+    with torch.no_grad():
+        for parameter in net.parameters():
+            parameter.add_(0.05 * torch.randn_like(parameter))
+    return net
+
+
+def inputs(height=16, width=24, batch=1):
+    generator = torch.Generator().manual_seed(1)
+    image = torch.rand(batch, 3, height, width, generator=generator)
+    filled_m = 5 + 50 * torch.rand(batch, 1, height, width, generator=generator)
+    measured = torch.rand(batch, 1, height, width, generator=generator) < 0.1
+    return image, filled_m * measured, filled_m
+
+
+@each_config
+def test_the_output_has_the_maps_that_the_settings_ask_for(config):
+    output = network(config)(*inputs(batch=2))
+    assert output.depth_m.shape == (2, 1, 16, 24)
+    assert (output.uncertainty_m is not None) == config.uncertainty
+    assert (output.e_point_m is not None) == (config.shift_conv is not None)
+    for plane in output:
+        assert plane is None or plane.shape == (2, 1, 16, 24)
+
+
+@each_config
+def test_every_weight_learns(config):
+    net = trained(config).train()
+    output = net(*inputs(batch=2))
+    sum(plane.square().sum() for plane in output if plane is not None).backward()
+    without = [name for name, p in net.named_parameters() if p.grad is None or not p.grad.any()]
+    assert without == []
+
+
+@pytest.mark.parametrize("correction", ["metres", "log"])
+@pytest.mark.parametrize("refinement_channels", [0, 4])
+def test_a_residual_network_starts_as_the_classical_completion(correction, refinement_channels):
+    config = replace(RESIDUAL, correction=correction, refinement_channels=refinement_channels)
+    image, sparse_m, filled_m = inputs()
+    assert torch.equal(network(config)(image, sparse_m, filled_m).depth_m, filled_m)
+
+
+def test_propagation_leaves_that_start_where_nothing_is_measured():
+    image, sparse_m, filled_m = inputs()
+    other_m = sparse_m * 1.5  # measurements that the completion does not agree with
+    depth_m = network(FULL)(image, other_m, filled_m).depth_m
+    assert torch.equal(depth_m != filled_m, sparse_m > 0)
+
+
+def test_a_log_correction_stays_within_a_factor_of_four():
+    image, sparse_m, filled_m = inputs()
+    net = trained(replace(FULL, propagation_steps=0))
+    nn.init.constant_(net.refinement[-1].bias, 1e3)
+    torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m, 4 * filled_m)
+
+
+def test_uncertainty_is_positive_even_where_the_network_is_sure():
+    net = trained(RESIDUAL)
+    nn.init.constant_(net.trunk.head.bias, -1e3)
+    assert net(*inputs()).uncertainty_m.min() > 0
+
+
+def test_a_network_from_points_alone_needs_no_completion_and_ignores_one():
+    net = network(PAPER)
+    image, sparse_m, filled_m = inputs()
+    assert not net.takes_filled_depth
+    assert torch.equal(net(image, sparse_m).depth_m, net(image, sparse_m, filled_m).depth_m)
+
+
+def test_a_network_that_starts_from_a_completion_asks_for_it():
+    net = network(RESIDUAL)
+    assert net.takes_filled_depth
+    with pytest.raises(ValueError, match="give filled_depth_m"):
+        net(*inputs()[:2])
+
+
+@pytest.mark.parametrize("size", [(16, 22), (14, 24)])
+def test_sizes_that_the_scales_do_not_divide_are_refused(size):
+    net = network(RESIDUAL)
+    assert net.stride == 4
+    with pytest.raises(ValueError, match=f"multiples of 4, got {size[0]} x {size[1]}"):
+        net(*inputs(*size))
+
+
+def test_a_black_image_counts_as_a_missing_camera():
+    net = trained(RESIDUAL)
+    _, sparse_m, filled_m = inputs()
+    seen = []
+    net.stems[0].register_forward_pre_hook(lambda _, given: seen.append(given[0]))
+    net(torch.zeros(1, 3, 16, 24), sparse_m, filled_m)
+    net(torch.full((1, 3, 16, 24), 0.5), sparse_m, filled_m)
+    missing, grey = (nn.functional.pixel_shuffle(planes, 2) for planes in seen)
+    assert torch.equal(missing, torch.zeros_like(missing))
+    assert torch.equal(grey[:, :3], torch.zeros_like(grey[:, :3]))
+    assert torch.equal(grey[:, 3], torch.ones_like(grey[:, 3]))
+
+
+def test_one_missing_camera_does_not_touch_the_others_of_a_batch():
+    net = trained(FULL)
+    image, sparse_m, filled_m = inputs(batch=2)
+    alone = net(image[:1], sparse_m[:1], filled_m[:1]).depth_m
+    image[1] = 0
+    torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m[:1], alone)
+
+
+@each_config
+def test_an_empty_sweep_gives_finite_numbers(config):
+    image, sparse_m, _ = inputs()
+    empty_m = torch.zeros_like(sparse_m)
+    for plane in trained(config)(image, empty_m, empty_m):
+        assert plane is None or plane.isfinite().all()
+
+
+@pytest.mark.parametrize("config", [PAPER, FULL], ids=["paper", "full"])
+def test_the_exported_graph_takes_other_sizes_and_gives_the_same(config):
+    net = trained(config)
+    taken = 3 if net.takes_filled_depth else 2
+    stride = net.stride
+    rows, columns = torch.export.Dim("rows", min=2), torch.export.Dim("columns", min=2)
+    dynamic = {2: stride * rows, 3: stride * columns}
+    shapes = (dynamic,) * taken
+    exported = torch.export.export(
+        net, inputs(4 * stride, 6 * stride)[:taken], dynamic_shapes=shapes
+    ).module()
+    other = inputs(8 * stride, 3 * stride)[:taken]
+    for given, expected in zip(exported(*other), net(*other), strict=True):
+        if expected is None:
+            assert given is None
+        else:
+            torch.testing.assert_close(given, expected)
+
+
+@each_config
+def test_settings_survive_json_and_the_command_lines_parser(config):
+    parser = ArgumentParser(exit_on_error=False)
+    parser.add_argument("--network", type=DepthCompletionConfig)
+    read = json.loads(json.dumps({"network": asdict(config)}))
+    assert parser.instantiate(parser.parse_object(read)).network == config
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"residual": True}, "set filled_input too"),
+        ({"correction": "log"}, "set residual"),
+        ({"depth_scale_m": 0.0}, "depth_scale_m must be positive"),
+        ({"stem_channels": 0}, "stem_channels must be at least 1"),
+        ({"propagation_steps": -1}, "propagation_steps must be at least 0, got -1"),
+    ],
+)
+def test_wrong_settings_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        DepthCompletionConfig(**settings)

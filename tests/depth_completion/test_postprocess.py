@@ -1,0 +1,58 @@
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.depth_completion.postprocess import (
+    FARTHEST_M,
+    NEAREST_M,
+    TRUSTED_SHARE,
+    to_depth_map,
+)
+
+ANY = st.floats(width=32)  # NaN and the infinities too
+
+
+def one_pixel(depth_m, uncertainty_m=None, *, is_supported=True):
+    """Depth, validity and uncertainty of a map of one pixel."""
+    result = to_depth_map(
+        torch.tensor([[depth_m]]),
+        None if uncertainty_m is None else torch.tensor([[uncertainty_m]]),
+        is_supported=torch.tensor([[is_supported]]),
+    )
+    uncertainty = None if result.uncertainty_m is None else result.uncertainty_m.item()
+    return result.depth_m.item(), result.valid.item(), uncertainty
+
+
+@given(depth_m=ANY, is_supported=st.booleans())
+def test_a_depth_is_none_or_within_the_sensors_range(depth_m, is_supported):
+    depth, valid, _ = one_pixel(depth_m, is_supported=is_supported)
+    if math.isfinite(depth_m):
+        assert depth == pytest.approx(min(max(depth_m, NEAREST_M), FARTHEST_M))
+        assert valid == is_supported
+    else:
+        assert (depth, valid) == (0, False)
+
+
+@given(depth_m=ANY, uncertainty_m=ANY, is_supported=st.booleans())
+def test_what_is_valid_has_a_depth_among_measurements_and_a_small_expected_error(
+    depth_m, uncertainty_m, is_supported
+):
+    depth, valid, uncertainty = one_pixel(depth_m, uncertainty_m, is_supported=is_supported)
+    is_known = math.isfinite(depth_m) and uncertainty_m >= 0
+    assert uncertainty == (uncertainty_m if is_known else math.inf)
+    assert valid == (is_supported and uncertainty < TRUSTED_SHARE * depth)
+
+
+def test_an_expected_error_just_beyond_the_share_is_a_guess():
+    assert one_pixel(10.0, 10 * TRUSTED_SHARE - 0.01)[1]
+    assert not one_pixel(10.0, 10 * TRUSTED_SHARE + 0.01)[1]
+
+
+def test_half_precision_becomes_single_and_gradients_end():
+    depth_m = torch.full((2, 3), 20.0, dtype=torch.bfloat16, requires_grad=True)
+    result = to_depth_map(depth_m, depth_m, is_supported=torch.ones(2, 3, dtype=torch.bool))
+    assert result.depth_m.dtype == result.uncertainty_m.dtype == torch.float32
+    assert not result.depth_m.requires_grad

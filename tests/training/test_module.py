@@ -1,0 +1,97 @@
+import math
+
+import pytest
+import torch
+
+from sightline.training.module import OptimizerConfig, make_schedule
+from tests.training import toy
+
+
+def rates(config, total_steps):
+    """The learning rate of each step."""
+    optimizer = torch.optim.SGD([torch.nn.Parameter(torch.zeros(1))], lr=config.learning_rate,
+                                momentum=0.9)  # fmt: skip
+    schedule = make_schedule(optimizer, config, total_steps)
+    found = []
+    for _ in range(total_steps):
+        found.append(optimizer.param_groups[0]["lr"])
+        optimizer.step()
+        schedule.step()
+    return found
+
+
+@pytest.mark.parametrize("schedule", ["one_cycle", "cosine", "constant"])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize("total_steps", [1, 2, 4, 10, 100])
+def test_every_schedule_stays_within_the_highest_rate(schedule, share, total_steps):
+    config = OptimizerConfig(learning_rate=0.2, schedule=schedule, warm_up_share=share)
+    found = rates(config, total_steps)
+    assert all(0 < rate <= 0.2 * (1 + 1e-9) for rate in found)
+
+
+@pytest.mark.parametrize("schedule", ["one_cycle", "cosine"])
+def test_a_schedule_rises_in_the_warm_up_and_falls_to_nothing(schedule):
+    config = OptimizerConfig(learning_rate=0.2, schedule=schedule, warm_up_share=0.3)
+    found = rates(config, 100)
+    top = found.index(max(found))
+    assert top in (29, 30)
+    assert max(found) == pytest.approx(0.2)
+    assert found[: top + 1] == sorted(found[: top + 1])
+    assert found[top:] == sorted(found[top:], reverse=True)
+    assert found[-1] < 0.2 / 1000
+
+
+def test_a_cosine_is_at_half_its_height_half_way():
+    assert rates(OptimizerConfig(learning_rate=0.2, schedule="cosine"), 100)[50] == (
+        pytest.approx(0.1)
+    )
+
+
+def test_a_constant_rate_after_the_warm_up_stays():
+    found = rates(OptimizerConfig(learning_rate=0.2, warm_up_share=0.04), 100)
+    assert found[:4] == pytest.approx([0.04, 0.08, 0.12, 0.16])
+    assert set(found[4:]) == {0.2}
+
+
+def test_the_schedule_ends_with_the_training(frames, tmp_path):
+    module = toy.module(schedule="cosine", warm_up_share=0.0)
+    toy.trainer(tmp_path, max_epochs=2).fit(module, datamodule=toy.data(frames))
+    assert module.lr_schedulers().get_last_lr() == pytest.approx([0.0], abs=1e-12)
+
+
+def test_a_schedule_over_an_endless_training_is_refused(frames, tmp_path):
+    trainer = toy.trainer(tmp_path, max_epochs=-1)
+    with pytest.raises(ValueError, match=r"set trainer\.max_epochs or trainer\.max_steps"):
+        trainer.fit(toy.module(), datamodule=toy.data(frames))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("adam", torch.optim.Adam), ("adamw", torch.optim.AdamW)]
+)
+def test_the_named_optimiser_is_made(name, kind):
+    module = toy.module(name=name, schedule="constant", warm_up_share=0.0, weight_decay=0.25)
+    optimizer = module.configure_optimizers()
+    assert type(optimizer) is kind
+    assert optimizer.param_groups[0]["weight_decay"] == 0.25
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("learning_rate", 0.0),
+        ("weight_decay", -1.0),
+        ("warm_up_share", 1.0),
+        ("warm_up_share", -0.1),
+    ],
+)
+def test_settings_out_of_range_are_refused(setting, value):
+    with pytest.raises(ValueError, match=f"{setting} must .* got {value}"):
+        OptimizerConfig(**{setting: value})
+
+
+def test_momentum_moves_in_a_one_cycle_only():
+    for schedule, moves in (("one_cycle", True), ("cosine", False)):
+        optimizer = torch.optim.Adam([torch.nn.Parameter(torch.zeros(1))], lr=0.1)
+        config = OptimizerConfig(schedule=schedule, warm_up_share=0.5)
+        make_schedule(optimizer, config, 10)
+        assert (not math.isclose(optimizer.param_groups[0]["betas"][0], 0.9)) == moves

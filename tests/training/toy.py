@@ -1,0 +1,138 @@
+"""A task as small as can be: it finds the depth of points by one convolution."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import lightning
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.batch import CameraLidarBatch
+from sightline.structures.sample import CameraLidarSample
+from sightline.training.data import CameraLidarData, SamplePreparation, SourceConfig
+from sightline.training.module import OptimizerConfig, TrainingModule
+from tests.data import trees
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToyConfig:
+    """Settings of the network."""
+
+    channels: int = 2
+    """Between its two layers."""
+    dropout: float = 0.5
+    """Draws from the global generator."""
+
+
+class ToyNet(nn.Module):
+    """Two convolutions, with batch normalisation and dropout between them."""
+
+    def __init__(self, config: ToyConfig) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Conv2d(4, config.channels, 3, padding=1),
+            nn.BatchNorm2d(config.channels),
+            nn.Dropout(config.dropout),
+            nn.Conv2d(config.channels, 1, 1),
+        )
+
+    def forward(self, image: Tensor, sparse_depth_m: Tensor) -> Tensor:
+        return self.layers(torch.cat((image, sparse_depth_m), dim=1))
+
+
+class ToyModule(TrainingModule):
+    """Trains it on the points themselves."""
+
+    task_name: ClassVar[str] = "toy"
+    monitored: ClassVar[tuple[str, Literal["min", "max"]]] = ("validation/mse", "min")
+
+    def __init__(
+        self,
+        network: ToyConfig = ToyConfig(),
+        optimizer: OptimizerConfig = OptimizerConfig(),  # noqa: B008 - frozen
+        initial_weights: Path | None = None,
+    ) -> None:
+        self.config = network
+        super().__init__(ToyNet(network), optimizer=optimizer, initial_weights=initial_weights)
+        self.seen: list[tuple[str, ...]] = []
+        self.images: list[float] = []
+
+    def network_config(self) -> Mapping[str, object]:
+        return asdict(self.config)
+
+    def training_step(self, batch: CameraLidarBatch) -> Tensor:
+        self.seen.append(batch.sample_ids)
+        self.images.append(float(batch.image.sum()))
+        return self._mse(batch)
+
+    def validation_step(self, batch: CameraLidarBatch) -> None:
+        mse = self._mse(batch)
+        self.log("validation/mse", mse, batch_size=len(batch), sync_dist=True)
+
+    def test_step(self, batch: CameraLidarBatch) -> None:
+        self.log("test/mse", self._mse(batch), batch_size=len(batch))
+
+    def _mse(self, batch: CameraLidarBatch) -> Tensor:
+        predicted = self.network(batch.image, batch.sparse_depth_m)
+        return (predicted - batch.sparse_depth_m).square().mean()
+
+
+class ToyPreparation(SamplePreparation):
+    """Adds noise to the image in training."""
+
+    def __init__(self, noise: float = 0.1) -> None:
+        self.noise = noise
+
+    def prepare(
+        self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
+    ) -> CameraLidarBatch:
+        image = sample.image.float() / 255
+        if training:
+            image = image + torch.from_numpy(rng.normal(0, self.noise, image.shape)).float()
+        depth = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+        return CameraLidarBatch(
+            sample_ids=(sample.sample_id,), image=image[None], sparse_depth_m=depth[None, None]
+        )
+
+
+def write_frames(root: Path, count: int = 9) -> Path:
+    """A tree of several frames with one picture each of its own."""
+    names = [f"{number:06}" for number in range(count)]
+    trees.write_object_tree(root, *names)
+    for number, name in enumerate(names):
+        trees.write_rgb(root / "training" / "image_2" / f"{name}.png", trees.picture(number))
+    return root
+
+
+def data(root: Path, **settings: object) -> CameraLidarData:
+    """Batches of two of its frames; 4 an epoch of 9."""
+    sources = (SourceConfig(path=Path()),)
+    given = {"batch_size": 2, "workers": 0, "root": root, "training": sources}
+    return CameraLidarData(ToyPreparation(), **(given | settings))
+
+
+def module(seed: int = 0, *, dropout: float = 0.5, **optimizer: object) -> ToyModule:
+    """A network with weights drawn from the seed."""
+    lightning.seed_everything(seed, verbose=False)
+    settings = {"learning_rate": 0.05, "schedule": "one_cycle", "warm_up_share": 0.3} | optimizer
+    return ToyModule(ToyConfig(dropout=dropout), OptimizerConfig(**settings))
+
+
+def trainer(folder: Path, **settings: object) -> lightning.Trainer:
+    """A Trainer that says nothing and writes only what it is told to."""
+    given = {
+        "accelerator": "cpu",
+        "devices": 1,
+        "logger": False,
+        "enable_checkpointing": bool(settings.get("callbacks")),
+        "enable_progress_bar": False,
+        "enable_model_summary": False,
+        "use_distributed_sampler": False,
+        "default_root_dir": folder,
+        "max_epochs": 2,
+    }
+    return lightning.Trainer(**(given | settings))
