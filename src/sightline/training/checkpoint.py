@@ -10,10 +10,10 @@ from typing import Final
 
 import safetensors
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
-from sightline.data.atomic import atomic_path
+from sightline.data.atomic import atomic_write_bytes
 
 CHECKPOINT_KEY: Final = "sightline"
 """Where a training checkpoint tells its task, the network's config and its provenance."""
@@ -65,8 +65,8 @@ def write_weights(
     copied = {
         name: tensor.detach().to("cpu", copy=True).contiguous() for name, tensor in tensors.items()
     }
-    with atomic_path(path) as temporary:
-        save_file(copied, temporary, {_METADATA_KEY: json.dumps(description, sort_keys=True)})
+    metadata = {_METADATA_KEY: json.dumps(description, sort_keys=True)}
+    atomic_write_bytes(path, save(copied, metadata))  # save_file's own files are for the user alone
 
 
 def read_weights(path: Path | str) -> Weights:

@@ -159,7 +159,8 @@ class CameraLidarData(lightning.LightningDataModule):
         Args:
             preparation: What the task makes of samples.
             root: Folder that the sources' relative paths start from.
-            training: Sources to train on.
+            training: Sources to train on. On the command line an entry keeps what it does not say
+                from the recipe's entry in its place: write `sample_list: null` for all frames.
             validation: Sources to validate on.
             test: Sources to test on.
             batch_size: Samples a training batch on one device.

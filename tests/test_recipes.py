@@ -1,0 +1,116 @@
+"""Every recipe trains: two steps on the embedded frames, in the layout that the recipe expects."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+
+from sightline.cli.main import PACKAGE_RECIPES, main
+from sightline.data.depth_png import write_depth_png
+from sightline.data.open import open_dataset
+from sightline.geometry.projection import sparse_depth_map
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.training.checkpoint import read_weights
+
+RECIPES = sorted(path.stem for path in PACKAGE_RECIPES.glob("*.yaml"))
+DRIVE = "2011_09_26_drive_0001_sync"
+SMALL = (
+    "--data.init_args.batch_size=2",
+    "--data.init_args.workers=0",
+    "--data.init_args.preparation.init_args.settings.crop_size=[64,128]",
+    "--trainer.max_steps=2",
+    "--trainer.limit_val_batches=1",
+    "--trainer.enable_progress_bar=false",
+    "--trainer.accelerator=cpu",
+)
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    """The embedded frames as `sightline simulate --preset street-2k` lays them out."""
+    root = tmp_path_factory.mktemp("street")
+    shutil.copytree(PACKAGED_FRAMES, root, dirs_exist_ok=True)
+    (root / "training" / "velodyne").rename(root / "training" / "velodyne_reduced")
+    for name in ("train", "val"):
+        (root / "ImageSets" / f"{name}.txt").write_text("000000\n000001\n")
+    return root
+
+
+@pytest.fixture(scope="module")
+def benchmark_tree(tmp_path_factory):
+    """The embedded frames as KITTI's depth completion benchmark."""
+    root = tmp_path_factory.mktemp("benchmark")
+    dataset = open_dataset(PACKAGED_FRAMES, parts={"image", "points", "depth"})
+    selection = root / "depth_selection" / "val_selection_cropped"
+    day = root / DRIVE[:10]
+    for number in range(len(dataset)):
+        sample = dataset[number]
+        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size).numpy()
+        picture = PACKAGED_FRAMES / "training" / "image_2" / f"{sample.sample_id}.png"
+        frame = f"{number:010}.png"
+        maps = root / "train" / DRIVE / "proj_depth"
+        write_depth_png(maps / "velodyne_raw" / "image_02" / frame, sparse)
+        write_depth_png(maps / "groundtruth" / "image_02" / frame, sample.depth.numpy())
+        copy(picture, day / DRIVE / "image_02" / "data" / frame)
+        kind = f"{DRIVE}_%s_{number:010}_image_02"
+        write_depth_png(selection / "velodyne_raw" / f"{kind % 'velodyne_raw'}.png", sparse)
+        truth = selection / "groundtruth_depth" / f"{kind % 'groundtruth_depth'}.png"
+        write_depth_png(truth, sample.depth.numpy())
+        copy(picture, selection / "image" / f"{kind % 'image'}.png")
+        intrinsics = " ".join(
+            str(value) for value in sample.calibration.image_from_camera[:, :3].flatten().tolist()
+        )
+        (selection / "intrinsics").mkdir(exist_ok=True)
+        (selection / "intrinsics" / f"{kind % 'image'}.txt").write_text(intrinsics)
+    numbers = " ".join(
+        str(value) for value in sample.calibration.image_from_camera.flatten().tolist()
+    )
+    (day / "calib_cam_to_cam.txt").write_text(f"P_rect_02: {numbers}\nP_rect_03: {numbers}\n")
+    return root
+
+
+def copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(source, target)
+
+
+def test_there_is_a_recipe_for_each_preset():
+    assert {"depth-shiftconv-kitti", "depth-best", "depth-fast-cpu"} <= set(RECIPES)
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_a_recipe_trains_and_its_weights_complete_depth(
+    recipe, street, benchmark_tree, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    root = benchmark_tree if recipe.endswith("-kitti") else street
+    status = main(["fit", "--config", recipe, f"--data.init_args.root={root}", *SMALL])
+    assert status == 0, capfd.readouterr().err
+    run = tmp_path / "runs" / recipe
+    weights = read_weights(run / "weights.safetensors")
+    assert weights.task == "depth-completion"
+    assert all(tensor.isfinite().all() for tensor in weights.tensors.values())
+    given = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())
+    network = given["model"]["init_args"]["network"]
+    assert (
+        json.loads(json.dumps(weights.config)).items()
+        >= {name: value for name, value in network.items() if not isinstance(value, dict)}.items()
+    )
+    out = tmp_path / "depth"
+    command = ["predict", "depth-completion", str(PACKAGED_FRAMES), str(out), "--workers", "1"]
+    assert main([*command, "--weights", str(run / "weights.safetensors")]) == 0
+    assert len(list(out.glob("*.png"))) == 2
+
+
+def test_the_ablation_is_one_flag(street, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command = ["fit", "--config", "depth-shiftconv-street", f"--data.init_args.root={street}"]
+    small = "--model.init_args.network.trunk.channels=[4,4,4,4]"
+    assert main([*command, *SMALL, small, "--model.init_args.network.shift_conv=null"]) == 0
+    weights = read_weights(Path("runs/depth-shiftconv-street/weights.safetensors"))
+    assert weights.config["shift_conv"] is None
+    assert not any("shift_branch" in name for name in weights.tensors)
+    assert torch.tensor(weights.config["depth_scale_m"]) == 85
