@@ -1,98 +1,116 @@
-"""Times and scores depth completion: `python -m benchmarks.depth_completion --data KITTI`.
+"""Times depth completion at 1216x352: `python -m benchmarks.depth_completion`.
 
-The held-out-rings protocol (`sightline.evaluation.held_out`) on real frames in KITTI's object tree,
-at every density. One thread, one run; its last line is kept in
-benchmarks/results/depth_completion.json.
+From a sparse map and an image to a dense map, as `DepthPredictor.complete` does it, pre-fill
+included: the seed's network, ours and the methods without training, on every engine that is asked
+for. Each row is measured in a process of its own, one after the other, in one run. The last line is
+kept in benchmarks/results/depth_completion.json.
 
-Times are processor time of the method alone, from sparse map to dense one, which other programs on
-the machine disturb least, and would show any second thread. Frames narrower or lower than 1216x352
-are completed at their own size.
+The seed's network has weights drawn at random: its time does not depend on them.
 """
 
 import json
-import statistics
-import time
-from collections.abc import Callable
+import multiprocessing
+import tempfile
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import cv2
 import jsonargparse
-import numpy as np
 import torch
 
 from benchmarks.machine import describe_machine
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.depth_completion.adaptive import adaptive_depth
-from sightline.depth_completion.classical import ClassicalConfig, classical_depth
-from sightline.depth_completion.interpolation import linear_depth, nearest_depth
-from sightline.evaluation.held_out import BEAMS, CROP_SIZE, evaluate_held_out
+from sightline.data.open import open_dataset
+from sightline.depth_completion.config import DepthCompletionConfig
+from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.model import DepthCompletionNet
+from sightline.export.engines import EngineName
+from sightline.export.latency import count_cost, measure_latency
 from sightline.geometry.projection import sparse_depth_map
-from sightline.structures.predictions import DepthMap
-from sightline.structures.sample import CameraLidarSample
+from sightline.inference.depth import DepthPredictor
+from sightline.inference.weights import load_network
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.training.checkpoint import write_weights
 
-_BILATERAL = ClassicalConfig(blur="bilateral", extrapolate=False)
-_METHODS: dict[str, Callable[[np.ndarray], DepthMap]] = {
-    "nearest": nearest_depth,
-    "linear": linear_depth,
-    "classical, Gaussian, extrapolated": classical_depth,
-    "classical, bilateral": lambda sparse: classical_depth(sparse, _BILATERAL),
-    "adaptive": adaptive_depth,
-}
+SIZE = (352, 1216)
+_METHODS = ("linear", "classical", "adaptive")
+_PAPER = "depth-shiftconv (untrained)"
+_NETWORKS = (_PAPER, "depth-best", "depth-fast-cpu")
+
+Device = Literal["cpu", "cuda"]
 
 
-def main(data: Path, split: str = "sample_val") -> None:
+def main(
+    device: Device = "cpu",
+    engines: tuple[str, ...] = ("torch", "onnxruntime", "openvino"),
+    threads: int = 2,
+    repeats: int = 20,
+) -> None:
     """Prints a table, then one line of JSON.
 
     Args:
-        data: KITTI object tree with calibration, images and sweeps.
-        split: Which frames: a list in ImageSets, or a text file with one name a line.
+        device: Where networks run; methods without training run on the CPU.
+        engines: What runs the networks that are shipped; the seed's runs in PyTorch only.
+        threads: Of the CPU.
+        repeats: Calls timed.
     """
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
-    dataset = KittiObjectDataset(data, sample_list=split, parts={"points"})
-    samples = [dataset[index] for index in range(len(dataset))]
-    results = [_measure(name, samples) for name in _METHODS]
-    print(f"{len(samples)} frames; RMSE / MAE in mm, median ms, by beams")
-    for row in results:
-        cells = (
-            f"{s['rmse_mm']:6.0f} / {s['mae_mm']:5.0f} {s['median_ms']:6.1f}" for s in row["scores"]
+    context = multiprocessing.get_context("spawn")
+    rows = [(name, "none", "cpu") for name in _METHODS] + [(_PAPER, "torch", device)]
+    rows += [(name, engine, device) for name in _NETWORKS[1:] for engine in engines]
+    print(f"{'method':<30}{'engine':<14}{'median ms':>10}{'95 %':>8}{'MiB':>8}{'GFLOP':>8}{'M':>8}")
+    results = []
+    for name, engine, place in rows:
+        with context.Pool(1) as pool:  # memory that one row took must not hide the next one's
+            row = pool.apply(_measure, (name, engine, place, threads, repeats))
+        results.append(row)
+        print(
+            f"{name:<30}{engine:<14}{row['median_ms']:10.1f}{row['percentile_95_ms']:8.1f}"
+            f"{row['peak_memory_mib'] or 0:8.0f}{row.get('gflop', 0):8.1f}"
+            f"{row.get('parameters', 0) / 1e6:8.3f}"
         )
-        print(f"{row['method']:<34}" + " |".join(cells))
-    setting = {"frames": len(samples), "largest_size": list(CROP_SIZE), "threads": 1}
+    setting = {"size": list(SIZE), "threads": threads, "device": device}
     print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
 
 
-def _measure(name: str, samples: list[CameraLidarSample]) -> dict[str, Any]:
-    """Scores and times of one method."""
-    method = _METHODS[name]
-    times_ms: list[float] = []
-
-    def complete(sample: CameraLidarSample) -> DepthMap:
-        assert sample.points is not None, "the protocol sets them"
-        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size).numpy()
-        start = time.process_time()
-        dense = method(sparse)
-        times_ms.append((time.process_time() - start) * 1e3)
-        return dense
-
-    evaluate_held_out(samples[:1], complete)  # compiles, and fills caches
-    times_ms.clear()
-    scores = evaluate_held_out(samples, complete, total=len(samples)).scores
-    rows = []
-    for place, score in enumerate(scores):
-        low, median, high = statistics.quantiles(times_ms[place :: len(BEAMS)], n=4)
-        rows.append(
-            {
-                "beams": score.beams,
-                "rmse_mm": round(score.rmse_mm, 1),
-                "mae_mm": round(score.mae_mm, 1),
-                "coverage": round(score.coverage, 4),
-                "median_ms": round(median, 2),
-                "iqr_ms": round(high - low, 2),
-            }
+def _measure(
+    name: str, engine: EngineName, device: Device, threads: int, repeats: int
+) -> dict[str, Any]:
+    torch.set_num_threads(threads)
+    sample = open_dataset(PACKAGED_FRAMES, parts={"image", "points"})[0]
+    assert sample.points is not None
+    assert sample.image is not None
+    sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+    sparse = sparse[-SIZE[0] :, : SIZE[1]].contiguous()
+    image = sample.image[:, -SIZE[0] :, : SIZE[1]].contiguous()
+    row: dict[str, Any] = {"method": name, "engine": engine}
+    if name in _METHODS:
+        latency = measure_latency(lambda: complete_depth(sparse, name), repeats=repeats)
+        return row | latency.to_json()
+    with tempfile.TemporaryDirectory() as folder:
+        weights = _untrained(Path(folder)) if name == _PAPER else name
+        predictor = DepthPredictor.load(weights, engine=engine, device=device, threads=threads)
+        is_slow = name == _PAPER and device == "cpu"
+        latency = measure_latency(
+            lambda: predictor.complete(sparse, image),
+            device=device,
+            warm_up=1 if is_slow else 10,
+            repeats=min(repeats, 3) if is_slow else repeats,
         )
-    return {"method": name, "scores": rows}
+        loaded = load_network(weights)
+    inputs = {
+        input_name: torch.rand(1, planes.shape[1], *SIZE)
+        for input_name, planes in loaded.example_inputs().items()
+    }
+    return row | latency.to_json() | count_cost(loaded.network, inputs).to_json()
+
+
+def _untrained(folder: Path) -> Path:
+    torch.manual_seed(0)
+    network = DepthCompletionNet(DepthCompletionConfig())
+    path = folder / "paper.safetensors"
+    config = json.loads(json.dumps(asdict(network.config)))
+    tensors = dict(network.state_dict())
+    write_weights(path, tensors, task="depth-completion", config=config, provenance={})
+    return path
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 ALL_FAULTS = ExampleConfig(
     truth="both",
     filled=True,
+    guessed_share=0.3,
     crop_size=(64, 128),
     beams=(64, 32, 16, 8),
     mirror=True,
@@ -73,8 +74,27 @@ def test_the_depth_map_is_truth_where_no_ring_is_held_out(sample):
     is_held_out = held_out_m > 0
     top, left = sample.depth.shape[0] - 352, (sample.depth.shape[1] - 1216) // 2
     dense_m = sample.depth[top:, left : left + 1216]
+    dense_m = torch.where(dense_m <= 90, dense_m, 0.0)
     assert torch.equal(seen.depth_m[0, 0][is_held_out], held_out_m[is_held_out])
     assert torch.equal(seen.depth_m[0, 0][~is_held_out], dense_m[~is_held_out])
+
+
+def test_truth_beyond_the_reach_of_a_sweep_is_left_out(sample):
+    seen = example(sample, ExampleConfig(farthest_m=30.0))
+    whole = example(sample, ExampleConfig(farthest_m=256.0))
+    near = whole.depth_m <= 30
+    assert (~near).any()
+    assert torch.equal(seen.depth_m, torch.where(near, whole.depth_m, 0.0))
+
+
+def test_where_the_completion_guesses_only_a_share_of_the_truth_is_kept(sample):
+    config = ExampleConfig(filled=True)
+    whole = example(sample, config)
+    seen = example(sample, replace(config, guessed_share=0.25))
+    is_measured = adaptive_depth(seen.sparse_depth_m[0, 0].numpy()).valid[None, None]
+    assert torch.equal(seen.depth_m[is_measured], whole.depth_m[is_measured])
+    guessed = (whole.depth_m > 0) & ~is_measured
+    assert (seen.depth_m[guessed] > 0).float().mean() == pytest.approx(0.25, abs=0.02)
 
 
 def test_fewer_beams_give_fewer_measurements(sample):
@@ -134,6 +154,7 @@ def test_a_crop_larger_than_the_image_is_refused_with_both_sizes(sample):
         ({"beams": ()}, "beams must name some of 64, 32, 16, 8"),
         ({"beams": (64, 12)}, "beams must name some of"),
         ({"outliers": 1.5}, "outliers must be from 0 to 1"),
+        ({"guessed_share": 0.5}, "set filled too"),
         ({"yaw_error_deg": -1.0}, "yaw_error_deg must be from 0 to 90"),
     ],
 )

@@ -35,7 +35,7 @@ LOSS = DepthLossConfig(unit_m=1.0, mse=0.0, l1=1.0, emd=0.0, uncertainty=0.1)
 @pytest.fixture(scope="module")
 def example():
     sample = open_dataset(PACKAGED_FRAMES, parts={"image", "points", "depth"})[0]
-    settings = ExampleConfig(truth="both", filled=True, crop_size=(128, 256), random_crop=False)
+    settings = ExampleConfig(truth="both", filled=True, crop_size=(256, 512), random_crop=False)
     return make_example(sample, settings, np.random.default_rng(0), training=True)
 
 
@@ -95,9 +95,9 @@ def test_a_picture_shows_every_map_that_there_is(task, example):
     output = task.eval()(example)
     shown = training_picture(example, output)
     maps = 3 + 2 + 1  # image, sparse, E-Point; depth, uncertainty; error
-    assert shown.shape == (maps * 128, 256, 3)
+    assert shown.shape == (maps * 256, 512, 3)
     without = training_picture(replace(example, depth_m=None), output._replace(e_point_m=None))
-    assert without.shape == ((maps - 2) * 128, 256, 3)
+    assert without.shape == ((maps - 2) * 256, 512, 3)
 
 
 def test_examples_without_the_completion_that_the_network_needs_are_refused(task, example):

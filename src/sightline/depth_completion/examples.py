@@ -26,6 +26,13 @@ TruthKind = Literal["depth", "held_out", "both"]
 sweep must be in KITTI's order). `both`: held-out returns where there are, the depth map elsewhere.
 """
 
+_HIGHEST = {  # of the settings that are numbers
+    "farthest_m": 256,
+    "guessed_share": 1,
+    "yaw_error_deg": 90,
+    "outliers": 1,
+    "camera_dropout": 1,
+}
 _SIZE_STEP = 32  # validation crops are multiples of it, so that any network of ours can take them
 
 
@@ -37,6 +44,12 @@ class ExampleConfig:
     """Where the true depth comes from."""
     filled: bool = False
     """Whether examples hold the adaptive completion, for networks that start from one."""
+    farthest_m: float = 90.0
+    """Truth beyond is left out, in validation too: no sweep reaches there, and KITTI's own truth
+    ends before."""
+    guessed_share: float = 1.0
+    """Share of the truth that is kept where the adaptive completion only guesses, such as above the
+    highest beam; needs `filled`. Errors there are so large that they would drown all others."""
     crop_size: tuple[int, int] | None = None
     """Height and width [px] cut out; None: the benchmark's 352 x 1216."""
     random_crop: bool = True
@@ -58,11 +71,12 @@ class ExampleConfig:
         """Checks the ranges."""
         for field in fields(self):
             value = getattr(self, field.name)
-            is_share = field.name in ("outliers", "camera_dropout")
-            if isinstance(value, float) and not 0 <= value <= (1 if is_share else 90):
+            if field.name in _HIGHEST and not 0 <= value <= _HIGHEST[field.name]:
                 raise ValueError(
-                    f"{field.name} must be from 0 to {1 if is_share else 90}, got {value}"
+                    f"{field.name} must be from 0 to {_HIGHEST[field.name]}, got {value}"
                 )
+        if self.guessed_share < 1 and not self.filled:
+            raise ValueError("guessed_share goes by the adaptive completion: set filled too")
         if not self.beams or not set(self.beams) <= set(BEAMS):
             raise ValueError(
                 f"beams must name some of {', '.join(map(str, BEAMS))}, got {self.beams}"
@@ -107,13 +121,18 @@ def make_example(
     assert given.depth is not None, "_given has set it"
     sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
     image = given.image
+    truth_m = torch.where(given.depth <= config.farthest_m, given.depth, 0.0)
     maps = {
         "image": torch.zeros(3, *given.image_size) if image is None else image.float() / 255,
         "sparse_depth_m": sparse_m[None],
-        "depth_m": given.depth[None],
+        "depth_m": truth_m[None],
     }
     if config.filled:  # of the whole width: a crop has too few rings to measure their spacing
-        maps["filled_depth_m"] = complete_depth(sparse_m, "adaptive").depth_m[None]
+        filled = complete_depth(sparse_m, "adaptive")
+        maps["filled_depth_m"] = filled.depth_m[None]
+        if training and config.guessed_share < 1:
+            is_kept = torch.from_numpy(rng.random(given.image_size) < config.guessed_share)
+            maps["depth_m"] = torch.where(filled.valid | is_kept, truth_m, 0.0)[None]
     top, left, height, width = _window(given.image_size, config, rng, training=training)
     cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
     if training and config.mirror and rng.random() < 0.5:

@@ -1,0 +1,89 @@
+"""Breaks sensors and scores depth completion: `python -m benchmarks.depth_robustness --data KITTI`.
+
+The held-out-rings protocol (`sightline.evaluation.held_out`): the truth is the same for all, what a
+method is given gets worse. Its last line is kept in benchmarks/results/depth_robustness.json.
+"""
+
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import jsonargparse
+import numpy as np
+import torch
+
+from benchmarks.machine import describe_machine
+from sightline.data.augmentation import add_outliers, drop_camera, rotate_extrinsics
+from sightline.data.open import open_dataset
+from sightline.evaluation.held_out import BEAMS, evaluate_held_out
+from sightline.inference.depth import Completer, choose_completer
+from sightline.structures.predictions import DepthMap
+from sightline.structures.sample import CameraLidarSample
+
+Break = Callable[[CameraLidarSample], CameraLidarSample]
+
+
+def main(
+    data: Path,
+    methods: tuple[str, ...] = ("linear", "adaptive"),
+    weights: tuple[str, ...] = ("depth-best", "depth-fast-cpu"),
+    split: str = "sample_val",
+) -> None:
+    """Prints a table, then one line of JSON.
+
+    Args:
+        data: KITTI object tree with calibration, images and sweeps.
+        methods: Methods without training.
+        weights: Names or files of trained weights.
+        split: Which frames: a list in ImageSets, or a text file with one name a line.
+    """
+    torch.set_num_threads(2)
+    dataset = open_dataset(data, sample_list=split, parts={"image", "points"})
+    samples = [dataset[index] for index in range(len(dataset))]
+    completers = [choose_completer(method=name) for name in methods]
+    completers += [choose_completer(weights=name) for name in weights]
+    columns = [f"{beams} beams" for beams in BEAMS] + list(_faults())
+    print(f"{len(samples)} frames, RMSE / MAE in mm")
+    print(" " * 16 + "".join(f"{name:>16}" for name in columns))
+    results = []
+    for completer in completers:
+        row = _score(completer, samples)
+        print(f"{completer.name:<16}" + "".join(f"{r:9.0f} /{m:5.0f}" for r, m in row.values()))
+        results.append({"method": completer.name, "rmse_mae_mm": row})
+    print(json.dumps({"machine": describe_machine(), "frames": len(samples), "results": results}))
+
+
+def _faults() -> dict[str, Break]:
+    """With all 64 beams."""
+    faults: dict[str, Break] = {
+        f"yaw {yaw_deg} deg": partial(rotate_extrinsics, yaw_deg=yaw_deg)
+        for yaw_deg in (0.2, 0.5, 1.0)
+    }
+    return faults | {"no camera": drop_camera, "5 % outliers": _with_outliers}
+
+
+def _with_outliers(sample: CameraLidarSample) -> CameraLidarSample:
+    """The same returns of a frame for every method."""
+    seed = [int(character) for character in sample.sample_id if character.isdigit()]
+    return add_outliers(sample, share=0.05, rng=np.random.default_rng(seed))
+
+
+def _score(completer: Completer, samples: list[CameraLidarSample]) -> dict[str, list[float]]:
+    row = {}
+    for score in evaluate_held_out(samples, completer).scores:
+        row[f"{score.beams} beams"] = [round(score.rmse_mm, 1), round(score.mae_mm, 1)]
+    for name, fault in _faults().items():
+        (score,) = evaluate_held_out(
+            samples, partial(_complete, completer, fault), beams=[64]
+        ).scores
+        row[name] = [round(score.rmse_mm, 1), round(score.mae_mm, 1)]
+    return row
+
+
+def _complete(completer: Completer, fault: Break, sample: CameraLidarSample) -> DepthMap:
+    return completer(fault(sample))
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main, as_positional=False)

@@ -1,0 +1,99 @@
+"""Times and scores depth completion: `python -m benchmarks.held_out_rings --data KITTI`.
+
+The held-out-rings protocol (`sightline.evaluation.held_out`) on real frames in KITTI's object tree,
+at every density. One thread, one run; its last line is kept in
+benchmarks/results/held_out_rings.json.
+
+Times are processor time of the method alone, from sparse map to dense one, which other programs on
+the machine disturb least, and would show any second thread. Frames narrower or lower than 1216x352
+are completed at their own size.
+"""
+
+import json
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import jsonargparse
+import numpy as np
+import torch
+
+from benchmarks.machine import describe_machine
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.depth_completion.adaptive import adaptive_depth
+from sightline.depth_completion.classical import ClassicalConfig, classical_depth
+from sightline.depth_completion.interpolation import linear_depth, nearest_depth
+from sightline.evaluation.held_out import BEAMS, CROP_SIZE, evaluate_held_out
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.predictions import DepthMap
+from sightline.structures.sample import CameraLidarSample
+
+_BILATERAL = ClassicalConfig(blur="bilateral", extrapolate=False)
+_METHODS: dict[str, Callable[[np.ndarray], DepthMap]] = {
+    "nearest": nearest_depth,
+    "linear": linear_depth,
+    "classical, Gaussian, extrapolated": classical_depth,
+    "classical, bilateral": lambda sparse: classical_depth(sparse, _BILATERAL),
+    "adaptive": adaptive_depth,
+}
+
+
+def main(data: Path, split: str = "sample_val") -> None:
+    """Prints a table, then one line of JSON.
+
+    Args:
+        data: KITTI object tree with calibration, images and sweeps.
+        split: Which frames: a list in ImageSets, or a text file with one name a line.
+    """
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    dataset = KittiObjectDataset(data, sample_list=split, parts={"points"})
+    samples = [dataset[index] for index in range(len(dataset))]
+    results = [_measure(name, samples) for name in _METHODS]
+    print(f"{len(samples)} frames; RMSE / MAE in mm, median ms, by beams")
+    for row in results:
+        cells = (
+            f"{s['rmse_mm']:6.0f} / {s['mae_mm']:5.0f} {s['median_ms']:6.1f}" for s in row["scores"]
+        )
+        print(f"{row['method']:<34}" + " |".join(cells))
+    setting = {"frames": len(samples), "largest_size": list(CROP_SIZE), "threads": 1}
+    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+
+
+def _measure(name: str, samples: list[CameraLidarSample]) -> dict[str, Any]:
+    """Scores and times of one method."""
+    method = _METHODS[name]
+    times_ms: list[float] = []
+
+    def complete(sample: CameraLidarSample) -> DepthMap:
+        assert sample.points is not None, "the protocol sets them"
+        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size).numpy()
+        start = time.process_time()
+        dense = method(sparse)
+        times_ms.append((time.process_time() - start) * 1e3)
+        return dense
+
+    evaluate_held_out(samples[:1], complete)  # compiles, and fills caches
+    times_ms.clear()
+    scores = evaluate_held_out(samples, complete, total=len(samples)).scores
+    rows = []
+    for place, score in enumerate(scores):
+        low, median, high = statistics.quantiles(times_ms[place :: len(BEAMS)], n=4)
+        rows.append(
+            {
+                "beams": score.beams,
+                "rmse_mm": round(score.rmse_mm, 1),
+                "mae_mm": round(score.mae_mm, 1),
+                "coverage": round(score.coverage, 4),
+                "median_ms": round(median, 2),
+                "iqr_ms": round(high - low, 2),
+            }
+        )
+    return {"method": name, "scores": rows}
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main, as_positional=False)
