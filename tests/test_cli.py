@@ -165,7 +165,8 @@ def test_the_demo_names_what_it_wrote(capsys, tmp_path):
     for path in (tmp_path / "report.html", tmp_path / "000000.png", tmp_path / "depth/000001.png"):
         assert path.stat().st_size > 0
     page = (tmp_path / "report.html").read_text()
-    assert "adaptive" in page
+    assert "depth by depth-best" in out
+    assert "depth-best" in page
     assert 'src="000001.png"' in page
 
 

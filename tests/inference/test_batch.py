@@ -367,7 +367,7 @@ def test_results_of_other_weights_of_the_same_name_do_not_mix(data, tmp_path, we
     with pytest.raises(ValueError, match="which would mix with those of tiny"):
         predict_depth_completion(data, out, weights=weights, **job)
     with pytest.raises(ValueError, match="which would mix with those of adaptive"):
-        predict_depth_completion(data, out, **job)
+        predict_depth_completion(data, out, method="adaptive", **job)
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
@@ -402,7 +402,7 @@ def test_an_expected_error_that_nobody_estimates_is_refused_before_anything_is_w
 ):
     out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
     with pytest.raises(ValueError, match="adaptive has no estimate of its error to write to"):
-        predict_depth_completion(data, out, uncertainty=uncertainty)
+        predict_depth_completion(data, out, method="adaptive", uncertainty=uncertainty)
     with pytest.raises(ValueError, match="cannot hold both depth and uncertainty"):
         predict_depth_completion(data, out, weights=weights, uncertainty=out)
     assert not out.exists()

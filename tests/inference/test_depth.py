@@ -9,7 +9,7 @@ from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
 from sightline.depth_completion.sparse_map import inside_hull
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.depth import (
-    DEFAULT_METHOD,
+    DEFAULT_WEIGHTS,
     DepthCompleter,
     DepthPredictor,
     choose_completer,
@@ -187,7 +187,7 @@ def test_a_network_tells_what_it_can(weights, filled_weights):
 
 
 def test_weights_or_a_method_is_chosen_and_never_both(weights):
-    assert choose_completer() == DepthCompleter(DEFAULT_METHOD)
+    assert choose_completer().name == DEFAULT_WEIGHTS
     assert choose_completer(method="linear") == DepthCompleter("linear")
     assert choose_completer(weights=weights).name == "tiny"
     with pytest.raises(ValueError, match=r"got method linear and weights .*name one of them"):

@@ -104,8 +104,9 @@ def evaluate_held_out(
 
     Args:
         data: A KITTI object tree or raw drive with sweeps in KITTI's order.
-        method: How depth is completed without a network. Default: adaptive.
-        weights: A network instead: name of weights that come with Sightline, or a file.
+        method: How depth is completed without a network.
+        weights: The network: name of weights that come with Sightline (depth-best,
+            depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
         engine: What runs the network.
         device: Where PyTorch runs the network.
         beams: How many of 64 beams the method gets, one or several numbers.

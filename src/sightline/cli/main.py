@@ -78,8 +78,9 @@ def show(
         data: A KITTI object tree, depth completion tree or raw drive.
         frame: Name of the frame, e.g. 000008.
         out: PNG to write; by default FRAME.png in the current folder.
-        method: How the dense depth is completed without a network. Default: adaptive.
-        weights: A network instead: name of weights that come with Sightline, or a file.
+        method: How the dense depth is completed without a network.
+        weights: The network: name of weights that come with Sightline (depth-best,
+            depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
         velodyne: Folder of the sweeps in an object tree.
     """
     from sightline.inference.depth import choose_completer
@@ -175,9 +176,9 @@ def predict_depth_completion(
     Args:
         data: A KITTI object tree, depth completion tree or raw drive.
         out: Folder for the PNGs.
-        method: How depth is completed without a network. Default: adaptive.
-        weights: A network instead: name of weights that come with Sightline, or a file
-            (.safetensors, .ckpt).
+        method: How depth is completed without a network.
+        weights: The network: name of weights that come with Sightline (depth-best,
+            depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
         engine: What runs the network.
         device: Where PyTorch runs the network.
         uncertainty: Folder for the network's expected errors, as PNGs in the same format.

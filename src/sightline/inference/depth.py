@@ -21,7 +21,8 @@ from sightline.inference.weights import LoadedNetwork, load_network
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
-DEFAULT_METHOD: Method = "adaptive"
+DEFAULT_WEIGHTS = "depth-best"
+"""What completes depth where nothing else is named."""
 
 _PREFILL: Method = "adaptive"  # what networks that start from a classical completion learn with
 
@@ -206,19 +207,21 @@ def choose_completer(
     device: str = "cpu",
     threads: int | None = None,
 ) -> Completer:
-    """A method without training or a network, whichever is named; neither: `DEFAULT_METHOD`.
+    """A method without training or a network, whichever is named; neither: `DEFAULT_WEIGHTS`.
 
     Raises:
         ValueError: Both are named, or as `DepthPredictor.load` does.
     """
-    if weights is None:
-        return DepthCompleter(DEFAULT_METHOD if method is None else method)
-    if method is not None:
+    if method is None:
+        return DepthPredictor.load(
+            weights or DEFAULT_WEIGHTS, engine=engine, device=device, threads=threads
+        )
+    if weights is not None:
         raise ValueError(
             f"depth is completed by a method or by weights, got method {method} and weights "
             f"{weights}; name one of them"
         )
-    return DepthPredictor.load(weights, engine=engine, device=device, threads=threads)
+    return DepthCompleter(method)
 
 
 def _sparse_depth_of(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
