@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from sightline import cli
+from sightline.cli import main as cli
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.training import command
 from tests.inference.networks import write_tiny_weights
