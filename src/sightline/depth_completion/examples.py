@@ -6,7 +6,13 @@ from typing import Literal
 import numpy as np
 import torch
 
-from sightline.data.augmentation import add_outliers, crop, jitter_color, rotate_extrinsics
+from sightline.data.augmentation import (
+    add_outliers,
+    crop,
+    drop_camera,
+    jitter_color,
+    rotate_extrinsics,
+)
 from sightline.depth_completion.methods import complete_depth
 from sightline.evaluation.held_out import (
     BEAMS,
@@ -205,7 +211,7 @@ def _perturbed(
     if config.color_jitter and sample.image is not None:
         sample = jitter_color(sample, rng=rng)
     if rng.random() < config.camera_dropout:
-        sample = replace(sample, image=None)
+        sample = drop_camera(sample)
     return sample
 
 
