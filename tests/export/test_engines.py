@@ -1,4 +1,5 @@
 import os
+import subprocess
 import sys
 
 import pytest
@@ -169,3 +170,21 @@ def test_onnx_runtime_is_kept_from_sending_usage_data(monkeypatch):
     monkeypatch.delenv("ORT_DISABLE_TELEMETRY", raising=False)
     import_extra("onnxruntime")
     assert os.environ["ORT_DISABLE_TELEMETRY"] == "1"
+
+
+def test_signals_still_come_after_several_openvino_engines(openvino_file):
+    """Each `openvino.Core` puts up a signal stack; it must not be gone when one is needed."""
+    program = f"""
+import signal
+from pathlib import Path
+from sightline.export.engines import open_engine
+engines = [open_engine(Path({str(openvino_file)!r}), threads=1) for _ in range(3)]
+while engines:
+    engines.pop(0)
+signal.signal(signal.SIGUSR1, lambda *_: print("it came"))
+signal.raise_signal(signal.SIGUSR1)
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", program], check=False, capture_output=True, text=True
+    )
+    assert (run.returncode, run.stdout) == (0, "it came\n"), run.stderr

@@ -1,3 +1,4 @@
+import multiprocessing
 import pickle
 
 import pytest
@@ -35,8 +36,24 @@ def exported(weights):
 @pytest.fixture
 def load(weights, exported, monkeypatch):
     monkeypatch.setattr(process_engine, "_to_onnx", lambda *_: exported)
-    monkeypatch.setattr(ProcessEngine, "_openvino_process", None)
-    return lambda engine: DepthPredictor.load(weights, engine=engine, threads=1)
+    return lambda engine: DepthPredictor.load(weights, engine=engine, threads=2)
+
+
+def complete_in_a_forked_process(predictor, sparse, image):
+    """The depth, or what the error says."""
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+
+    def send():
+        try:
+            sender.send(predictor.complete(sparse, image).depth_m.tolist())
+        except ValueError as error:
+            sender.send(str(error))
+
+    process = context.Process(target=send, daemon=True)
+    process.start()
+    assert receiver.poll(60), "the forked process does not answer"
+    return receiver.recv()
 
 
 @pytest.mark.parametrize("engine", ["onnxruntime", "openvino"])
@@ -57,6 +74,23 @@ def test_an_engine_survives_pickling(load, engine):
     expected = predictor.complete(sparse, image).depth_m
     copied = pickle.loads(pickle.dumps(predictor))
     assert torch.equal(copied.complete(sparse, image).depth_m, expected)
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+def test_onnx_runtime_that_was_used_can_be_used_in_a_forked_process(load):
+    sparse, image = random_frame(16, 20)
+    predictor = load("onnxruntime")
+    expected = predictor.complete(sparse, image).depth_m.tolist()
+    assert complete_in_a_forked_process(predictor, sparse, image) == expected
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_openvino_says_that_it_cannot_be_used_again_in_a_forked_process(load):
+    sparse, image = random_frame(16, 20)
+    predictor = load("openvino")
+    predictor.complete(sparse, image)
+    said = complete_in_a_forked_process(predictor, sparse, image)
+    assert "openvino has run before this process was forked" in said
 
 
 def test_a_device_that_an_engine_cannot_use_is_refused(weights):

@@ -124,7 +124,9 @@ def test_a_mirror_shows_the_coloured_wall_behind_it():
     seen = Observed(scene_of([pond, wall], light=EVEN))
     radiance = seen.radiance()
     on_pond = (seen.faces == 0) | (seen.faces == 1)
-    places = seen.found.positions.reshape(*IMAGE_SIZE, 3).astype(float)
+    # Where a ray met nothing its position is not set.
+    met = (seen.faces >= 0)[..., None]
+    places = np.where(met, seen.found.positions.reshape(*IMAGE_SIZE, 3), 0.0)
     ways = seen.found.directions.reshape(*IMAGE_SIZE, 3).astype(float)
     # From a place on the ground the mirrored ray rises as steeply as the first one fell.
     height_at_wall = (30 - places[..., 0]) / ways[..., 0] * -ways[..., 2]

@@ -14,7 +14,7 @@ from sightline.export.extra import import_extra
 from sightline.export.metadata import ExportMetadata
 from sightline.export.named_tensors import check_inputs, named_outputs
 from sightline.export.onnx import export_onnx, read_onnx_metadata
-from sightline.export.openvino import read_openvino_metadata
+from sightline.export.openvino import read_openvino_metadata, shared_core
 
 EngineName = Literal["torch", "onnxruntime", "openvino"]
 Precision = Literal["float32", "bfloat16"]
@@ -199,8 +199,7 @@ class OpenVinoEngine:
     def __init__(
         self, path: Path, *, threads: int | None = None, precision: Precision = "float32"
     ) -> None:
-        openvino = import_extra("openvino")
-        core = openvino.Core()
+        core = shared_core()
         if precision == "bfloat16" and "BF16" not in core.get_property(
             "CPU", "OPTIMIZATION_CAPABILITIES"
         ):

@@ -1,8 +1,10 @@
 """From a PyTorch module, or its ONNX file, to OpenVINO's own format (IR): `.xml` and `.bin`."""
 
+import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,32 @@ from sightline.data.atomic import atomic_path
 from sightline.export.extra import import_extra
 from sightline.export.metadata import KEYS, ExportMetadata, parse_metadata
 from sightline.export.onnx import export_onnx, read_onnx_metadata
+
+
+def shared_core() -> Any:  # noqa: ANN401 - an extra's
+    """The `openvino.Core` of this process.
+
+    There must be no second one: each gives the thread a stack for signals, and cores that end in
+    another order than the reverse of their making leave the thread one that is no longer there. The
+    next signal, such as Ctrl-C or a worker's end, would then kill the process.
+
+    Raises:
+        ValueError: OpenVINO is not installed, or was used before this process was forked: its
+            threads are started once for all, and a fork has lost them.
+    """
+    process, core = _first_core()
+    if process != os.getpid():
+        raise ValueError(
+            "openvino has run before this process was forked, and cannot run in it; use one "
+            "worker, or the engine onnxruntime"
+        )
+    return core
+
+
+@cache
+def _first_core() -> tuple[int, Any]:
+    """The core, and the process that it was made in."""
+    return os.getpid(), import_extra("openvino").Core()
 
 
 def export_openvino(
@@ -48,7 +76,7 @@ def convert_to_openvino(onnx_path: Path, path: Path) -> None:
     openvino = import_extra("openvino")
     metadata = read_onnx_metadata(onnx_path)
     # Not `openvino.convert_model`: that one sends usage data to Google.
-    model = openvino.Core().read_model(str(onnx_path))
+    model = shared_core().read_model(str(onnx_path))
     for key, value in metadata.to_properties().items():
         model.set_rt_info(value, key.split("."))
     with ir_files(path) as aside:

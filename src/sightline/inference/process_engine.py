@@ -4,7 +4,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -21,8 +21,6 @@ class ProcessEngine:
     Neither threads nor a GPU's state cross over to another process. So each makes its own engine,
     when it first runs the network; what takes long, the export, is done once, before.
     """
-
-    _openvino_process: ClassVar[int | None] = None  # where OpenVINO has run first
 
     def __init__(
         self,
@@ -44,34 +42,28 @@ class ProcessEngine:
         self._device = device
         self._threads = threads
         self._onnx = None if name == "torch" else _to_onnx(loaded, name)
-        self._made: tuple[int, Engine] | None = None
+        self._made: dict[int, Engine] = {}  # by process
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """Runs the network as `Engine` does.
 
         Raises:
-            ValueError: The device cannot be used, or as `Engine` says.
+            ValueError: The device cannot be used, OpenVINO has run before this process was forked,
+                or as `Engine` says.
         """
         process = os.getpid()
-        if self._made is None or self._made[0] != process:
-            self._made = process, self._make()
-        return self._made[1](inputs)
+        if process not in self._made:
+            # A forked process keeps its parent's engine: to end it is to wait for its threads.
+            self._made[process] = self._make()
+        return self._made[process](inputs)
 
     def __getstate__(self) -> dict[str, object]:
         """All but what belongs to this process."""
-        return {**self.__dict__, "_made": None}
+        return {**self.__dict__, "_made": {}}
 
     def _make(self) -> Engine:
         if self._onnx is None:
             return _torch_engine(self._loaded, self._device, self._threads)
-        if self.name == "openvino":
-            # It would crash: its threads are started once for all, and a fork has lost them.
-            if ProcessEngine._openvino_process not in (None, os.getpid()):
-                raise ValueError(
-                    "openvino has run before this process was forked, and cannot run in it; use "
-                    "one worker, or the engine onnxruntime"
-                )
-            ProcessEngine._openvino_process = os.getpid()
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "model.onnx"
             path.write_bytes(self._onnx)
