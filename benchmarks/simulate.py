@@ -26,6 +26,7 @@ import jsonargparse
 import numpy as np
 
 from benchmarks.machine import describe_machine
+from sightline.data.parallel import one_blas_thread
 from sightline.simulation.camera import CameraConfig, render_camera
 from sightline.simulation.generate import simulate
 from sightline.simulation.labels import label_frame
@@ -57,7 +58,7 @@ def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: in
     """Prints a table, then one line of JSON."""
     config = SimulationConfig(seed=seed)
     whole, stages = Stages(), Stages()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, one_blas_thread():  # as in a worker
         layout = ObjectLayout(root=Path(folder), velodyne="velodyne")
         time_frame(config, 0, layout, Stages(), Stages())  # compiles and warms up
         for index in range(1, frames + 1):

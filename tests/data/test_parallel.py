@@ -7,6 +7,7 @@ import time
 import cv2
 import pytest
 import torch
+from threadpoolctl import threadpool_info
 
 from sightline.data.parallel import run_pieces
 
@@ -30,7 +31,11 @@ def one_piece_raises(position: int) -> str:
 
 
 def who_and_with_how_many_threads(position: int) -> str:  # noqa: ARG001
-    return f"{os.getpid()} {torch.get_num_threads()} {cv2.getNumThreads()}"
+    return f"{os.getpid()} {torch.get_num_threads()} {cv2.getNumThreads()} {blas_threads()}"
+
+
+def blas_threads() -> int:
+    return max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
 
 
 def ends_soon(position: int) -> str:  # noqa: ARG001
@@ -52,8 +57,18 @@ def test_a_job_without_pieces_is_done_at_once(workers: int):
 def test_workers_are_other_processes_with_a_thread_each():
     found = {answer.split()[0] for answer in run_pieces(who_and_with_how_many_threads, 8, 2)}
     assert str(os.getpid()) not in found
-    threads = {answer.split()[1] for answer in run_pieces(who_and_with_how_many_threads, 8, 2)}
-    assert threads == {"1"}
+    threads = {
+        tuple(answer.split()[1:]) for answer in run_pieces(who_and_with_how_many_threads, 8, 2)
+    }
+    assert threads == {("1", "1", "1")}
+
+
+def test_matrix_products_have_one_thread_while_a_job_runs_in_this_process():
+    before = blas_threads()
+    assert {answer.split()[3] for answer in run_pieces(who_and_with_how_many_threads, 2, 1)} == {
+        "1"
+    }
+    assert blas_threads() == before
 
 
 def test_a_worker_that_is_killed_ends_the_job_with_an_error():

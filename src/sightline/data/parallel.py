@@ -5,14 +5,20 @@ import multiprocessing
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Final, NamedTuple
 
 import cv2
+from threadpoolctl import threadpool_limits
 
 Piece = Callable[[int], str]
 """Does piece N of a job; returns the error, empty if there is none."""
+
+one_blas_thread = partial(threadpool_limits, limits=1, user_api="blas")
+"""Keeps numpy's matrix products to one thread, for good or as a context: the matrices here are too
+small to share, and waiting helpers take the cores from the other workers."""
 
 _PATIENCE_S: Final = 5.0
 """What a worker may take for the piece that it is at when the job is stopped."""
@@ -34,7 +40,8 @@ def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
         ChildProcessError: A worker was ended from outside, for want of memory for one.
     """
     if workers == 1:
-        yield from map(piece, range(count))
+        with one_blas_thread():
+            yield from map(piece, range(count))
         return
     pool = _Pool(piece, min(workers, count))
     try:
@@ -119,6 +126,7 @@ def _work(piece: Piece, channel: Connection) -> None:
     """
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):  # the parent tells the user
         cv2.setNumThreads(0)
+        one_blas_thread()
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         parent = multiprocessing.parent_process()

@@ -18,6 +18,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.parallel import one_blas_thread
 from sightline.structures.batch import CameraLidarBatch
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.sampling import EpochPosition, ScoringBatches, TrainingBatches
@@ -256,13 +257,14 @@ class CameraLidarData(lightning.LightningDataModule):
             "num_workers": self.workers,
             "persistent_workers": self.workers > 0,
             "pin_memory": torch.cuda.is_available(),
-            "worker_init_fn": _leave_interrupts_to_the_trainer,
+            "worker_init_fn": _set_up_worker,
             # Else each epoch's start would draw from the global generator.
             "generator": torch.Generator().manual_seed(self.seed),
         }
 
 
-def _leave_interrupts_to_the_trainer(worker: int) -> None:
+def _set_up_worker(worker: int) -> None:
     """Ctrl-C reaches every process; without workers the step that it came in could not end."""
     del worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    one_blas_thread()
