@@ -32,7 +32,7 @@ def street(tmp_path_factory):
     """The embedded frames as `sightline simulate --preset street-2k` lays them out."""
     root = tmp_path_factory.mktemp("street")
     shutil.copytree(PACKAGED_FRAMES, root, dirs_exist_ok=True)
-    (root / "training" / "velodyne").rename(root / "training" / "velodyne_reduced")
+    shutil.copytree(root / "training" / "velodyne", root / "training" / "velodyne_reduced")
     for name in ("train", "val"):
         (root / "ImageSets" / f"{name}.txt").write_text("000000\n000001\n")
     return root
@@ -112,3 +112,12 @@ def test_the_ablation_differs_in_the_shift_convolution_only():
     assert without["model"]["init_args"].pop("network") == {"shift_conv": None}
     assert whole["model"]["init_args"].pop("network") == {}
     assert whole == without
+
+
+def test_fine_tuning_starts_from_the_shipped_network():
+    whole, tuned = (
+        yaml.safe_load((PACKAGE_RECIPES / f"{name}.yaml").read_text())["model"]["init_args"]
+        for name in ("depth-best", "depth-best-finetune")
+    )
+    assert tuned["initial_weights"] == "depth-best"
+    assert whole["network"] == tuned["network"]

@@ -1,14 +1,16 @@
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 import torch
 
-from sightline.inference import weights as module
-from sightline.inference.weights import load_network, shipped_names
+from sightline.inference.weights import load_network
+from sightline.training import checkpoint
 from sightline.training.checkpoint import (
     CHECKPOINT_KEY,
     NETWORK_PREFIX,
     read_weights,
+    shipped_names,
     write_weights,
 )
 from tests.inference.networks import tiny_config, write_tiny_weights
@@ -45,10 +47,11 @@ def test_a_checkpoint_of_a_training_gives_the_same_network(tmp_path):
 
 
 def test_weights_that_come_with_the_package_go_by_their_name(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_SHIPPED", tmp_path)
+    monkeypatch.setattr(checkpoint, "_SHIPPED", tmp_path)
     write_tiny_weights(tmp_path / "depth-tiny.safetensors")
     assert shipped_names() == ("depth-tiny",)
     assert load_network("depth-tiny").path == tmp_path / "depth-tiny.safetensors"
+    assert read_weights(Path("depth-tiny")).task == "depth-completion"  # a training may start there
     with pytest.raises(ValueError, match=r"no weights 'depth-huge'; .* \(depth-tiny\)"):
         load_network("depth-huge")
 

@@ -48,7 +48,7 @@ def test_the_same_weights_give_the_same_bytes(tmp_path):
     [
         (b"", "cannot be read as safetensors"),
         (b"PNG" * 100, "cannot be read as safetensors"),
-        (None, "is no file"),
+        (None, "there are no weights"),
     ],
     ids=["empty", "other", "absent"],
 )

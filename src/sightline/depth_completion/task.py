@@ -44,7 +44,8 @@ class DepthCompletion(TrainingModule):
             network: What is trained.
             loss: What it is told.
             optimizer: How its weights are updated.
-            initial_weights: Weights file or checkpoint of such a network to start from.
+            initial_weights: Such a network's weights to start from: name of shipped ones, file or
+                checkpoint.
 
         Raises:
             ValueError: The initial weights cannot be read or are another network's.

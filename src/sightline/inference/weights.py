@@ -11,9 +11,8 @@ from torch import Tensor
 from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.export.metadata import ExportMetadata
-from sightline.training.checkpoint import Weights, read_weights
+from sightline.training.checkpoint import Weights, find_weights, read_weights
 
-_SHIPPED = Path(__file__).parents[1] / "weights"
 _TASK = "depth-completion"
 
 
@@ -50,23 +49,18 @@ class LoadedNetwork:
         return {name: torch.ones(1, count, *size) for name, count in channels.items()}
 
 
-def shipped_names() -> tuple[str, ...]:
-    """Names of the weights that come with the package."""
-    return tuple(sorted(path.stem for path in _SHIPPED.glob("*.safetensors")))
-
-
 def load_network(weights: str | Path) -> LoadedNetwork:
     """Builds a depth completion network and gives it its weights.
 
     Args:
-        weights: Name of weights that come with the package (`shipped_names`), or a file: one of
-            ours (.safetensors) or a checkpoint of a training (.ckpt).
+        weights: Name of weights that come with the package, or a file: one of ours
+            (.safetensors) or a checkpoint of a training (.ckpt).
 
     Raises:
         ValueError: There are no such weights, they are of another task's network, or of a network
             that this version cannot build.
     """
-    path = _find(weights)
+    path = find_weights(weights)
     read = read_weights(path)
     if read.task != _TASK:
         raise ValueError(
@@ -89,19 +83,6 @@ def load_network(weights: str | Path) -> LoadedNetwork:
         path=path,
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
-
-
-def _find(weights: str | Path) -> Path:
-    shipped = _SHIPPED / f"{weights}.safetensors"
-    if str(weights) in shipped_names():
-        return shipped
-    path = Path(weights)
-    if not path.is_file():
-        raise ValueError(
-            f"there are no weights {str(weights)!r}; give a file (.safetensors, .ckpt) or the name "
-            f"of weights that come with sightline ({', '.join(shipped_names()) or 'none do'})"
-        )
-    return path
 
 
 def _parse_config(values: dict[str, object]) -> DepthCompletionConfig:

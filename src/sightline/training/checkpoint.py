@@ -20,6 +20,7 @@ CHECKPOINT_KEY: Final = "sightline"
 NETWORK_PREFIX: Final = "network."
 """Names of the network's tensors in a training checkpoint begin with this."""
 
+_SHIPPED: Final = Path(__file__).parents[1] / "weights"
 _METADATA_KEY = "sightline"  # one key only: safetensors writes several in random order
 _REMEDY = "name a weights file that sightline wrote, or export it again from the run's checkpoint"
 
@@ -69,15 +70,36 @@ def write_weights(
     atomic_write_bytes(path, save(copied, metadata))  # save_file's own files are for the user alone
 
 
-def read_weights(path: Path | str) -> Weights:
-    """Reads weights, either a file of `write_weights` or a training checkpoint (.ckpt).
+def shipped_names() -> tuple[str, ...]:
+    """Names of the weights that come with the package."""
+    return tuple(sorted(path.stem for path in _SHIPPED.glob("*.safetensors")))
+
+
+def find_weights(weights: Path | str) -> Path:
+    """The file of weights that are told by their file, or by name where the package holds them.
 
     Raises:
-        ValueError: There is no such file, it is damaged, or it says not what network it is for.
+        ValueError: There are no such weights.
     """
-    path = Path(path)
+    if str(weights) in shipped_names():
+        return _SHIPPED / f"{weights}.safetensors"
+    path = Path(weights)
     if not path.is_file():
-        raise ValueError(f"{path} is no file; {_REMEDY}")
+        raise ValueError(
+            f"there are no weights {str(weights)!r}; give a file (.safetensors, .ckpt) or the name "
+            f"of weights that come with sightline ({', '.join(shipped_names()) or 'none do'})"
+        )
+    return path
+
+
+def read_weights(weights: Path | str) -> Weights:
+    """Reads weights: shipped ones, a file of `write_weights`, or a training checkpoint (.ckpt).
+
+    Raises:
+        ValueError: There are no such weights, or the file is damaged or says not what network it
+            is for.
+    """
+    path = find_weights(weights)
     if zipfile.is_zipfile(path):
         return read_checkpoint_weights(path)
     try:

@@ -68,7 +68,8 @@ class TrainingModule(lightning.LightningModule, ABC):
         Args:
             network: What is trained.
             optimizer: How.
-            initial_weights: Weights file or checkpoint of such a network to start from.
+            initial_weights: Such a network's weights to start from: name of shipped ones, file or
+                checkpoint.
 
         Raises:
             ValueError: The initial weights cannot be read or are another network's.
