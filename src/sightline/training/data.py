@@ -264,7 +264,8 @@ class CameraLidarData(lightning.LightningDataModule):
 
 
 def _set_up_worker(worker: int) -> None:
-    """Ctrl-C reaches every process; without workers the step that it came in could not end."""
+    """Leaves Ctrl-C to the Trainer, and the cores to the other workers."""
     del worker
+    # It reaches every process, and without workers the step that it came in could not end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     one_blas_thread()
