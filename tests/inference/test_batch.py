@@ -21,10 +21,9 @@ from sightline.inference.batch import (
     predict_depth_completion,
     write_depth_maps,
 )
-from sightline.inference.depth import DepthCompleter, DepthPredictor
+from sightline.inference.depth import DepthCompleter
 from sightline.structures.predictions import DepthMap
-from tests.inference.networks import write_tiny_weights
-from tests.inference.trees import IMAGE_SIZE, write_object_tree
+from tests.inference.trees import IMAGE_SIZE, contents_of, write_object_tree
 
 MANIFEST = Manifest(task="depth-completion", method="sparse", sightline="1")
 
@@ -58,10 +57,6 @@ def write(data, out, complete=sparse, *, workers=1, overwrite=False, manifest=MA
     )
 
 
-def contents(folder):
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-
-
 def test_each_sample_gets_a_depth_png_of_its_images_size(data, tmp_path):
     out = tmp_path / "deep" / "out"
     assert predict_depth_completion(data, out, method="nearest") == BatchResult(
@@ -90,7 +85,7 @@ def test_the_number_of_workers_changes_nothing(data, tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     write(data, one, workers=1)
     write(data, two, workers=2)
-    assert contents(one) == contents(two)
+    assert contents_of(one) == contents_of(two)
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
@@ -114,7 +109,7 @@ def test_shards_part_the_samples(data, tmp_path):
     ]
     assert [result.written for result in results] == [2, 2, 1, 1]
     predict_depth_completion(data, tmp_path / "whole", method="nearest", workers=1)
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert contents_of(tmp_path / "out") == contents_of(tmp_path / "whole")
 
 
 @pytest.mark.parametrize(("shard_index", "num_shards"), [(-1, 2), (2, 2), (0, 0)])
@@ -127,7 +122,7 @@ def test_a_shard_that_there_is_not_is_refused(data, out, shard_index, num_shards
 
 def test_files_that_are_there_are_skipped_and_missing_ones_are_made(data, out):
     write(data, out)
-    before = contents(out)
+    before = contents_of(out)
     (out / "000003.png").unlink()
     (out / "000004.png").write_bytes(b"left as it is")
     done = []
@@ -135,15 +130,15 @@ def test_files_that_are_there_are_skipped_and_missing_ones_are_made(data, out):
         written=1, skipped=5
     )
     assert done == ["000003"]
-    assert contents(out) == before | {"000004.png": b"left as it is"}
+    assert contents_of(out) == before | {"000004.png": b"left as it is"}
 
 
 def test_overwrite_makes_all_files_anew(data, out):
     write(data, out)
-    before = contents(out)
+    before = contents_of(out)
     (out / "000004.png").write_bytes(b"damaged")
     assert write(data, out, overwrite=True) == BatchResult(written=6, skipped=0)
-    assert contents(out) == before
+    assert contents_of(out) == before
 
 
 @pytest.mark.parametrize(
@@ -156,13 +151,13 @@ def test_overwrite_makes_all_files_anew(data, out):
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_results_of_different_methods_or_versions_do_not_mix(data, out, other, overwrite):
     write(data, out)
-    before = contents(out)
+    before = contents_of(out)
     with pytest.raises(
         ValueError, match=r"holds PNGs made by .*\"sparse\", .* would mix"
     ) as raised:
         write(data, out, manifest=other, overwrite=overwrite)
     assert "\n" not in str(raised.value)
-    assert contents(out) == before
+    assert contents_of(out) == before
 
 
 def test_pngs_of_unknown_origin_are_not_mixed_with(data):
@@ -187,8 +182,8 @@ def test_a_bad_frame_stops_the_job_in_one_line_and_once_repaired_it_goes_on(
     out = tmp_path / "out"
     with pytest.raises(ValueError, match=r"^sample 000003: [^\n]*000003\.bin[^\n]*$"):
         write(data, out, workers=workers)
-    assert {"000000.png", "000001.png", "000002.png"} <= set(contents(out))
-    assert "000003.png" not in contents(out)
+    assert {"000000.png", "000001.png", "000002.png"} <= set(contents_of(out))
+    assert "000003.png" not in contents_of(out)
     sweep.write_bytes(whole)
     assert write(data, out).skipped >= 3
     assert len(list(out.glob("*.png"))) == 6
@@ -215,12 +210,12 @@ def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later
         patched.setattr(depth_png, "atomic_write_bytes", stop_while_writing)
         with pytest.raises(KeyboardInterrupt):
             write(data, out)
-    left = contents(out)
+    left = contents_of(out)
     assert sorted(left) == sorted(
-        set(contents(tmp_path / "expected")) - {"000001.png", "000004.png"}
+        set(contents_of(tmp_path / "expected")) - {"000001.png", "000004.png"}
     )
     assert write(data, out) == BatchResult(written=2, skipped=4)
-    assert contents(out) == contents(tmp_path / "expected")
+    assert contents_of(out) == contents_of(tmp_path / "expected")
 
 
 SLOW_JOB = """
@@ -320,90 +315,3 @@ def test_real_frames_and_a_real_drive_are_completed_at_full_size(kitti_root, tmp
         assert depth_m.shape == sample.image_size
         sparse_m = sparse(sample).depth_m.numpy()
         assert np.abs(depth_m - sparse_m)[sparse_m > 0].max() <= 0.5 / 256
-
-
-WITH_UNCERTAINTY = {"filled_input": True, "residual": True, "uncertainty": True}
-
-
-@pytest.fixture
-def weights(tmp_path):
-    return write_tiny_weights(tmp_path / "tiny.safetensors", **WITH_UNCERTAINTY)
-
-
-def test_a_network_writes_depth_and_its_expected_error(data, tmp_path, weights):
-    out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
-    result = predict_depth_completion(
-        data, out, weights=weights, uncertainty=uncertainty, workers=1, sample_list=["000002"]
-    )
-    assert result == BatchResult(written=1, skipped=0)
-    sample = open_dataset(data, sample_list=["000002"], parts={"image", "points"})[0]
-    expected = DepthPredictor.load(weights)(sample)
-    for folder, values in ((out, expected.depth_m), (uncertainty, expected.uncertainty_m)):
-        written_m = read_depth_png(folder / "000002.png")
-        assert np.abs(written_m - values.numpy()).max() <= 1 / 256
-
-
-def test_the_manifest_names_the_weights_by_name_and_content_and_the_engine(data, tmp_path, weights):
-    out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
-    job = {"uncertainty": uncertainty, "workers": 1, "sample_list": ["000001"]}
-    predict_depth_completion(data, out, weights=weights, **job)
-    made_by = {
-        "task": "depth-completion",
-        "method": "tiny",
-        "sightline": version("sightline"),
-        "weights_sha256": DepthPredictor.load(weights).sha256,
-        "engine": "torch",
-    }
-    assert json.loads((out / "sightline.json").read_text()) == made_by
-    made_by["task"] = "depth-uncertainty"
-    assert json.loads((uncertainty / "sightline.json").read_text()) == made_by
-
-
-def test_results_of_other_weights_of_the_same_name_do_not_mix(data, tmp_path, weights):
-    out = tmp_path / "out"
-    job = {"workers": 1, "sample_list": ["000001"]}
-    predict_depth_completion(data, out, weights=weights, **job)
-    write_tiny_weights(weights, seed=1, **WITH_UNCERTAINTY)
-    with pytest.raises(ValueError, match="which would mix with those of tiny"):
-        predict_depth_completion(data, out, weights=weights, **job)
-    with pytest.raises(ValueError, match="which would mix with those of adaptive"):
-        predict_depth_completion(data, out, method="adaptive", **job)
-
-
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_the_number_of_workers_changes_nothing_for_a_network(data, tmp_path, weights):
-    one, two = tmp_path / "one", tmp_path / "two"
-    predict_depth_completion(data, one, weights=weights, workers=1)
-    predict_depth_completion(data, two, weights=weights, workers=2)
-    assert contents(one) == contents(two)
-
-
-def test_a_sample_is_done_again_where_its_expected_error_is_missing(data, tmp_path, weights):
-    out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
-    job = {"weights": weights, "uncertainty": uncertainty, "workers": 1}
-    predict_depth_completion(data, out, **job)
-    before = contents(uncertainty)
-    (uncertainty / "000003.png").unlink()
-    assert predict_depth_completion(data, out, **job) == BatchResult(written=1, skipped=5)
-    assert contents(uncertainty) == before
-
-
-def test_an_empty_sweep_has_neither_depth_nor_expected_error(data, tmp_path, weights):
-    write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
-    out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
-    job = {"uncertainty": uncertainty, "workers": 1, "sample_list": ["000000"]}
-    predict_depth_completion(data, out, weights=weights, **job)
-    assert not read_depth_png(out / "000000.png").any()
-    assert not read_depth_png(uncertainty / "000000.png").any()
-
-
-def test_an_expected_error_that_nobody_estimates_is_refused_before_anything_is_written(
-    data, tmp_path, weights
-):
-    out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
-    with pytest.raises(ValueError, match="adaptive has no estimate of its error to write to"):
-        predict_depth_completion(data, out, method="adaptive", uncertainty=uncertainty)
-    with pytest.raises(ValueError, match="cannot hold both depth and uncertainty"):
-        predict_depth_completion(data, out, weights=weights, uncertainty=out)
-    assert not out.exists()
-    assert not uncertainty.exists()

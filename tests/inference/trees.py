@@ -35,3 +35,8 @@ def write_object_tree(root: Path, num_frames: int, *, num_points: int = 200) -> 
         image = torch.zeros(3, *IMAGE_SIZE, dtype=torch.uint8)
         write_image(root / "training" / "image_2" / f"{name}.png", image)
     return root
+
+
+def contents_of(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder, by name."""
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
