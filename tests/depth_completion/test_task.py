@@ -1,4 +1,5 @@
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import lightning
 import numpy as np
@@ -16,6 +17,7 @@ from sightline.depth_completion.pictures import training_picture
 from sightline.depth_completion.task import DepthCompletion
 from sightline.evaluation.depth_scores import score_depth
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.training.checkpoint import write_weights
 from sightline.training.command import LIGHTNING_NOISE
 from sightline.training.module import OptimizerConfig
 
@@ -80,6 +82,16 @@ def test_before_training_it_scores_as_the_classical_completion(task, example):
     expected = score_depth(clamped, example.depth_m[0, 0].numpy())
     assert scores["test/rmse_mm"] == pytest.approx(expected.rmse_mm, rel=1e-5)
     assert scores["test/mae_mm"] == pytest.approx(expected.mae_mm, rel=1e-5)
+
+
+def test_weights_from_before_a_setting_of_the_trunk_can_be_started_from(task, tmp_path):
+    config = json.loads(json.dumps(asdict(NETWORK)))
+    del config["trunk"]["head_kernel_px"]
+    tensors, file = task.network.state_dict(), tmp_path / "w.safetensors"
+    write_weights(file, tensors, task="depth-completion", config=config, provenance={})
+    started = DepthCompletion(NETWORK, LOSS, OptimizerConfig(), initial_weights=file)
+    for name, tensor in started.network.state_dict().items():
+        assert torch.equal(tensor, tensors[name])
 
 
 def test_tensorboard_gets_losses_scores_and_pictures(task, example, tmp_path):

@@ -137,6 +137,15 @@ def test_training_can_start_from_weights_of_the_same_network(trained, tmp_path):
             assert torch.equal(started.network.state_dict()[name], tensor)
 
 
+def test_weights_that_are_older_than_a_setting_have_its_default(trained, tmp_path):
+    weights = read_weights(trained[1])
+    older = {name: value for name, value in weights.config.items() if name != "dropout"}
+    write_weights(tmp_path / "w", weights.tensors, task="toy", config=older, provenance={})
+    toy.ToyModule(initial_weights=tmp_path / "w")
+    with pytest.raises(ValueError, match=r"\(dropout 0.5 instead of 0.25\)"):
+        toy.ToyModule(toy.ToyConfig(dropout=0.25), initial_weights=tmp_path / "w")
+
+
 def test_weights_of_another_network_are_refused_with_the_difference(trained):
     with pytest.raises(ValueError, match=r"\(channels 2 instead of 3\)"):
         toy.ToyModule(toy.ToyConfig(channels=3), initial_weights=trained[1])

@@ -1,6 +1,5 @@
 """Training and scoring of the depth completion networks."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -56,9 +55,10 @@ class DepthCompletion(TrainingModule):
         self.loss = loss
         self.scores = DepthCompletionScores()
 
-    def network_config(self) -> dict[str, object]:
+    def network_config(self) -> DepthCompletionConfig:
         """The network's settings."""
-        return asdict(self.network.config)
+        config: DepthCompletionConfig = self.network.config
+        return config
 
     def forward(self, batch: CameraLidarBatch) -> DepthCompletionOutput:
         """What the network gives for a batch."""

@@ -4,10 +4,10 @@ import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import lightning
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
@@ -47,6 +47,13 @@ class OptimizerConfig:
             raise ValueError(f"warm_up_share must be in [0, 1), got {self.warm_up_share}")
 
 
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class NetworkConfig(Protocol):
+    """A dataclass: every field has a default, and holds what JSON can hold, or tuples."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+
 class TrainingModule(lightning.LightningModule, ABC):
     """A network in training; a task adds its loss and its metrics.
 
@@ -83,8 +90,8 @@ class TrainingModule(lightning.LightningModule, ABC):
             self.network.load_state_dict(weights.tensors)
 
     @abstractmethod
-    def network_config(self) -> Mapping[str, object]:
-        """The settings that build the network again; only what JSON can hold, or tuples."""
+    def network_config(self) -> NetworkConfig:
+        """The settings that build the network again."""
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Makes the optimiser and, over all steps of the training, its schedule."""
@@ -114,7 +121,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         data = getattr(self.trainer, "datamodule", None)
         checkpoint[CHECKPOINT_KEY] = {
             "task": self.task_name,
-            "config": self._plain_network_config(),
+            "config": _plain(self.network_config()),
             "provenance": {
                 "sightline": version("sightline"),
                 "seed": str(getattr(data, "seed", "unknown")),
@@ -132,28 +139,42 @@ class TrainingModule(lightning.LightningModule, ABC):
             )
         self._check_same_network("the checkpoint", description["task"], description["config"])
 
-    def _plain_network_config(self) -> dict[str, object]:
-        plain: dict[str, object] = json.loads(json.dumps(dict(self.network_config())))
-        return plain
-
     def _check_same_network(self, source: str, task: str, config: Mapping[str, object]) -> None:
         if task != self.task_name:
             raise ValueError(
                 f"{source} is of task {task}, expected {self.task_name}; name another or change "
                 "the recipe"
             )
-        ours = self._plain_network_config()
+        settings = self.network_config()
+        ours, theirs = _plain(settings), _completed(config, _plain(type(settings)()))
         differing = sorted(
-            name for name in ours.keys() | config.keys() if ours.get(name) != config.get(name)
+            name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name)
         )
         if differing:
             described = ", ".join(
-                f"{name} {config.get(name)} instead of {ours.get(name)}" for name in differing
+                f"{name} {theirs.get(name)} instead of {ours.get(name)}" for name in differing
             )
             raise ValueError(
                 f"{source} holds a network of other settings ({described}); take the recipe that "
                 "it was trained with"
             )
+
+
+def _plain(settings: NetworkConfig) -> dict[str, object]:
+    plain: dict[str, object] = json.loads(json.dumps(asdict(settings)))
+    return plain
+
+
+def _completed(config: Mapping[str, object], defaults: Mapping[str, object]) -> dict[str, object]:
+    """Settings from a file, with the defaults of those that it is too old to name."""
+    completed = dict(defaults)
+    for name, value in config.items():
+        default = defaults.get(name)
+        if isinstance(value, Mapping) and isinstance(default, Mapping):
+            completed[name] = _completed(value, default)
+        else:
+            completed[name] = value
+    return completed
 
 
 def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:
