@@ -12,6 +12,7 @@ from sightline.depth_completion.adaptive_kernels import (
     fill_columns,
     gap_counts,
     hidden_pixels,
+    inverse,
     right_neighbours,
     smooth_rows,
     trace_rings,
@@ -77,13 +78,14 @@ def adaptive_depth(
         ValueError: `sparse_depth_m` holds something else than depths.
     """
     check_sparse_depth(sparse_depth_m)
-    pixels = np.argwhere(sparse_depth_m > 0)
+    places = np.flatnonzero(sparse_depth_m > 0)
+    pixels = np.stack(np.divmod(places, sparse_depth_m.shape[1]), axis=1)
     if not len(pixels):
         return DepthMap(
             depth_m=torch.zeros(sparse_depth_m.shape),
             valid=torch.zeros(sparse_depth_m.shape, dtype=torch.bool),
         )
-    inverse_depth = _inverse(sparse_depth_m)
+    inverse_depth = inverse(sparse_depth_m)
     spacing = _measure_spacing(inverse_depth, pixels)
     is_hidden = _find_hidden(inverse_depth, pixels, spacing, config)
     inverse_depth[*pixels[is_hidden].T] = 0
@@ -96,7 +98,7 @@ def adaptive_depth(
     if not is_filled.all():
         nearest = _nearest_true(is_filled)
         filled, distance = filled[:, nearest], distance[:, nearest]
-    depth_m = _inverse(filled)
+    depth_m = inverse(filled)
     for _ in range(_SMOOTHING_PASSES):
         depth_m = smooth_rows(depth_m, distance, config.smoothing)
     depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions
@@ -147,13 +149,6 @@ def _trace(
     reach_rows = max(spacing.rows // 2, 1)  # half way to the next ring
     steps = right_neighbours(inverse_depth, pixels, reach_columns, reach_rows)
     return trace_rings(inverse_depth, pixels, steps, config.surface_ratio)
-
-
-def _inverse(values: Float32[np.ndarray, "height width"]) -> Float32[np.ndarray, "height width"]:
-    """1 / value where there is one, else 0."""
-    inverse = np.zeros_like(values)
-    np.divide(1, values, out=inverse, where=values > 0)
-    return inverse
 
 
 def _nearest_true(is_true: Bool[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:

@@ -17,6 +17,17 @@ _GROWTH_BELOW = 2  # below the lowest ring the ground goes on for so many times 
 
 
 @compiled
+def inverse(values: Float32[ndarray, "height width"]) -> Float32[ndarray, "height width"]:
+    """1 / value where there is one, else 0: depth from inverse depth and back."""
+    inverses = np.empty_like(values)
+    for row in range(values.shape[0]):
+        for column in range(values.shape[1]):
+            value = values[row, column]
+            inverses[row, column] = np.float32(1) / value if value > 0 else np.float32(0)
+    return inverses
+
+
+@compiled
 def right_neighbours(
     inverse_depth: Float32[ndarray, "height width"],
     pixels: Int64[ndarray, "n 2"],

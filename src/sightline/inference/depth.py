@@ -263,7 +263,7 @@ def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor
         )
     if is_channels_last:
         planes = planes.permute(2, 0, 1)
-    return planes.float().cpu() / 255
+    return planes.cpu().float().div_(255)
 
 
 def _padded(

@@ -2,17 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.ops.compiled import compiled
 from sightline.simulation.foliage import cast_through_foliage
 from sightline.simulation.materials import SURFACES, Material
 from sightline.simulation.raycast import Hits, Raycaster
 from sightline.simulation.scene import Motion, Scene, world_from_footprint
-from sightline.simulation.surfaces import Rays, mesh_tables
+from sightline.simulation.surfaces import MeshTables, Rays, face_normal, mesh_tables
+from sightline.simulation.vectors import dot, row_of
 
 _MID_GREY = 0.25  # albedo (linear) of the sample that `Surface.lidar_reflectance` speaks of
 _COLOR_RANGE = (0.35, 1.8)  # how far a dark or bright colour moves the reflectance at 905 nm
@@ -190,6 +193,7 @@ class _Firings(NamedTuple):
     """In [0, 2 pi)."""
 
 
+@lru_cache(maxsize=1)  # the same for all frames; nobody writes to them
 def _firings(config: LidarConfig) -> _Firings:
     steps = np.deg2rad(np.arange(config.azimuth_step_deg / 2, 360.0, config.azimuth_step_deg))
     elevations = np.deg2rad([laser.elevation_deg for laser in config.lasers])
@@ -282,10 +286,20 @@ def _surface_answers(
     brightness = scene.mesh.colors[faces].mean(axis=1) / _MID_GREY
     reflectance = _REFLECTANCE[materials] * np.clip(0.5 + 0.5 * brightness, *_COLOR_RANGE)
     reflectance[materials == Material.RETRO_REFLECTOR] = _RETRO_REFLECTANCE
-    corners = scene.mesh.vertices[scene.mesh.faces[faces]].astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1).clip(min=1e-12)
-    return reflectance, np.abs((normals * directions).sum(axis=1)) / lengths
+    return reflectance, _cosines(mesh_tables(scene.mesh), faces, directions)
+
+
+@compiled
+def _cosines(
+    mesh: MeshTables,
+    faces: Int32[np.ndarray, " num_hits"],
+    directions: Float32[np.ndarray, "num_hits 3"],
+) -> Float64[np.ndarray, " num_hits"]:
+    """Of the angles between rays of unit length and the normals of the faces that they hit."""
+    cosines = np.empty(faces.shape[0])
+    for hit in range(faces.shape[0]):
+        cosines[hit] = abs(dot(face_normal(mesh, faces[hit]), row_of(directions, hit)))
+    return cosines
 
 
 def _intensity(
