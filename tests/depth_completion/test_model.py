@@ -42,6 +42,7 @@ CONFIGS = {
     "residual": RESIDUAL,
     "stride 4": replace(RESIDUAL, trunk_stride=4, propagation_steps=1),
     "full": FULL,
+    "folded refinement": replace(FULL, trunk_stride=4, refinement_stride=2),
 }
 each_config = pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS.keys())
 
@@ -88,9 +89,12 @@ def test_every_weight_learns(config):
 
 
 @pytest.mark.parametrize("correction", ["metres", "log"])
-@pytest.mark.parametrize("refinement_channels", [0, 4])
-def test_a_residual_network_starts_as_the_classical_completion(correction, refinement_channels):
-    config = replace(RESIDUAL, correction=correction, refinement_channels=refinement_channels)
+@pytest.mark.parametrize("refinement", [(0, 1), (4, 1), (4, 2)])
+def test_a_residual_network_starts_as_the_classical_completion(correction, refinement):
+    channels, stride = refinement
+    config = replace(
+        RESIDUAL, correction=correction, refinement_channels=channels, refinement_stride=stride
+    )
     image, sparse_m, filled_m = inputs()
     assert torch.equal(network(config)(image, sparse_m, filled_m).depth_m, filled_m)
 
@@ -107,6 +111,24 @@ def test_a_log_correction_stays_within_a_factor_of_four():
     net = trained(replace(FULL, propagation_steps=0))
     nn.init.constant_(net.refinement[-1].bias, 1e3)
     torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m, 4 * filled_m)
+
+
+@pytest.mark.parametrize("stride", [1, 2, 4])
+def test_the_refinement_sees_what_lies_around_each_pixel(stride):
+    net = trained(replace(FULL, trunk_stride=4, refinement_stride=stride, propagation_steps=0))
+    nn.init.zeros_(net.trunk.head.weight)  # what is left goes through the refinement alone
+    image, sparse_m, filled_m = inputs(32, 32)
+    changed = image.clone()
+    changed[..., 17, 14] += 1.0
+    is_changed = net(image, sparse_m, filled_m).depth_m != net(changed, sparse_m, filled_m).depth_m
+    rows, columns = is_changed[0, 0].nonzero().T
+    reach = 2 * stride  # two 3x3 kernels, in folded pixels
+    cell_row, cell_column = 17 // stride * stride, 14 // stride * stride
+    assert (rows.min(), rows.max()) == (cell_row - reach, cell_row + stride - 1 + reach)
+    assert (columns.min(), columns.max()) == (
+        cell_column - reach,
+        cell_column + stride - 1 + reach,
+    )
 
 
 def test_uncertainty_is_positive_even_where_the_network_is_sure():
@@ -197,6 +219,11 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
     ("settings", "message"),
     [
         ({"residual": True}, "set filled_input too"),
+        (
+            {"refinement_channels": 4, "refinement_stride": 2},
+            "refinement_stride must be at most trunk_stride 1, got 2",
+        ),
+        ({"trunk_stride": 2, "refinement_stride": 2}, "set refinement_channels too"),
         ({"correction": "log"}, "set residual"),
         ({"depth_scale_m": 0.0}, "depth_scale_m must be positive"),
         ({"stem_channels": 0}, "stem_channels must be at least 1"),

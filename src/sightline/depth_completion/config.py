@@ -96,6 +96,9 @@ class DepthCompletionConfig:
     refinement_channels: int = 0
     """Channels of two last convolutions at full resolution, which see the inputs once more beside
     what the trunk found. 0: the trunk gives the depth itself, as in the paper."""
+    refinement_stride: Literal[1, 2, 4] = 1
+    """Those two convolutions work on maps smaller by this factor, folded like the trunk's: a
+    quarter of the memory traffic for 2."""
     filled_input: bool = False
     """Takes a classical completion as a further input."""
     residual: bool = False
@@ -118,6 +121,13 @@ class DepthCompletionConfig:
         _check_at_least("stem_channels", self.stem_channels, 1)
         _check_at_least("refinement_channels", self.refinement_channels, 0)
         _check_at_least("propagation_steps", self.propagation_steps, 0)
+        if self.trunk_stride % self.refinement_stride:
+            raise ValueError(
+                f"refinement_stride must be at most trunk_stride {self.trunk_stride}, "
+                f"got {self.refinement_stride}"
+            )
+        if self.refinement_stride > 1 and not self.refinement_channels:
+            raise ValueError("refinement_stride is of the refinement: set refinement_channels too")
         if self.residual and not self.filled_input:
             raise ValueError("residual corrects the classical completion: set filled_input too")
         if self.correction == "log" and not self.residual:

@@ -46,14 +46,17 @@ class DepthCompletionNet(nn.Module):
         planes = [4 if config.presence_channel else 3, points]
         planes += [1] * (config.shift_conv is not None) + [1] * config.filled_input
         stem = config.stem_channels
-        cells = config.trunk_stride**2
-        self.stems = nn.ModuleList(conv_norm(count * cells, stem) for count in planes)
+        self.stems = nn.ModuleList(
+            conv_norm(count * config.trunk_stride**2, stem) for count in planes
+        )
         in_channels = stem if config.stem_fusion == "sum" else stem * len(planes)
         self.outputs = _output_channels(config)
-        unfolded = config.refinement_channels or sum(self.outputs)
-        self.trunk = HighResolutionTrunk(in_channels, unfolded * cells, config.trunk)
+        found = config.refinement_channels or sum(self.outputs)
+        unfolding = config.trunk_stride // config.refinement_stride
+        self.trunk = HighResolutionTrunk(in_channels, found * unfolding**2, config.trunk)
+        cells = config.refinement_stride**2
         self.refinement = (
-            _refinement(unfolded + sum(planes), unfolded, sum(self.outputs))
+            _refinement(found + sum(planes) * cells, found, sum(self.outputs) * cells)
             if config.refinement_channels
             else None
         )
@@ -140,11 +143,12 @@ class DepthCompletionNet(nn.Module):
                 met = met + other
         else:
             met = torch.cat(folded, dim=1)
-        unfolded = F.pixel_shuffle(self.trunk(met), stride)
+        fine = self.config.refinement_stride
+        found = F.pixel_shuffle(self.trunk(met), stride // fine)
         if self.refinement is None:
-            return unfolded
-        refined: Tensor = self.refinement(torch.cat((unfolded, *planes), dim=1))
-        return refined
+            return found
+        inputs = planes if fine == 1 else [F.pixel_unshuffle(plane, fine) for plane in planes]
+        return F.pixel_shuffle(self.refinement(torch.cat((found, *inputs), dim=1)), fine)
 
     def _depth_m(self, predicted: Tensor, filled_depth_m: Tensor | None) -> Tensor:
         if not self.config.residual:
