@@ -17,6 +17,7 @@ from benchmarks.machine import describe_machine
 from sightline.data.augmentation import add_outliers, drop_camera, rotate_extrinsics
 from sightline.data.open import open_dataset
 from sightline.evaluation.held_out import BEAMS, evaluate_held_out
+from sightline.export.engines import EngineName
 from sightline.inference.depth import Completer, choose_completer
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
@@ -29,6 +30,7 @@ def main(
     methods: tuple[str, ...] = ("linear", "adaptive"),
     weights: tuple[str, ...] = ("depth-best", "depth-fast-cpu"),
     split: str = "sample_val",
+    engine: EngineName = "torch",
 ) -> None:
     """Prints a table, then one line of JSON.
 
@@ -37,12 +39,13 @@ def main(
         methods: Methods without training.
         weights: Names or files of trained weights.
         split: Which frames: a list in ImageSets, or a text file with one name a line.
+        engine: What runs the networks.
     """
     torch.set_num_threads(2)
     dataset = open_dataset(data, sample_list=split, parts={"image", "points"})
     samples = [dataset[index] for index in range(len(dataset))]
     completers = [choose_completer(method=name) for name in methods]
-    completers += [choose_completer(weights=name) for name in weights]
+    completers += [choose_completer(weights=name, engine=engine) for name in weights]
     columns = [f"{beams} beams" for beams in BEAMS] + list(_faults())
     print(f"{len(samples)} frames, RMSE / MAE in mm")
     print(" " * 16 + "".join(f"{name:>16}" for name in columns))
@@ -51,7 +54,8 @@ def main(
         row = _score(completer, samples)
         print(f"{completer.name:<16}" + "".join(f"{r:9.0f} /{m:5.0f}" for r, m in row.values()))
         results.append({"method": completer.name, "rmse_mae_mm": row})
-    print(json.dumps({"machine": describe_machine(), "frames": len(samples), "results": results}))
+    setting = {"frames": len(samples), "engine": engine}
+    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
 
 
 def _faults() -> dict[str, Break]:

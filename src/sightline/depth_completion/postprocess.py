@@ -1,7 +1,8 @@
 """From what a network puts out to a depth map that says where it may be believed."""
 
+import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
 from sightline.structures.predictions import DepthMap
@@ -32,13 +33,26 @@ def to_depth_map(
         uncertainty_m: Expected absolute error.
         is_supported: Pixels that lie among measurements.
     """
-    depth, is_supported = depth_m.detach().float().cpu(), is_supported.cpu()
-    has_value = depth.isfinite()
-    depth = torch.where(has_value, depth.clamp(NEAREST_M, FARTHEST_M), 0.0)
+    depth, supported = _to_array(depth_m), is_supported.numpy(force=True)
+    has_value = np.isfinite(depth)
+    depth = np.where(has_value, depth.clip(NEAREST_M, FARTHEST_M), np.float32(0))
     if uncertainty_m is None:
-        return DepthMap(depth_m=depth, valid=has_value & is_supported)
-    uncertainty = uncertainty_m.detach().float().cpu()
+        return DepthMap(
+            depth_m=torch.from_numpy(depth), valid=torch.from_numpy(has_value & supported)
+        )
+    uncertainty = _to_array(uncertainty_m)
     is_estimate = has_value & (uncertainty >= 0)  # NaN, too, compares false
-    uncertainty = torch.where(is_estimate, uncertainty, torch.inf)
-    is_trusted = uncertainty < TRUSTED_SHARE * depth
-    return DepthMap(depth_m=depth, valid=is_supported & is_trusted, uncertainty_m=uncertainty)
+    uncertainty = np.where(is_estimate, uncertainty, np.float32(np.inf))
+    is_trusted = uncertainty < np.float32(TRUSTED_SHARE) * depth
+    return DepthMap(
+        depth_m=torch.from_numpy(depth),
+        valid=torch.from_numpy(supported & is_trusted),
+        uncertainty_m=torch.from_numpy(uncertainty),
+    )
+
+
+def _to_array(plane: Float[Tensor, "height width"]) -> Float32[np.ndarray, "height width"]:
+    # numpy takes one thread. PyTorch's others would go on waiting for work on the cores that an
+    # engine of another library needs for the next frame.
+    array: Float32[np.ndarray, "height width"] = plane.float().numpy(force=True)
+    return array

@@ -263,7 +263,8 @@ def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor
         )
     if is_channels_last:
         planes = planes.permute(2, 0, 1)
-    return planes.cpu().float().div_(255)
+    # By numpy: PyTorch's threads would go on waiting on the cores that the engine needs.
+    return torch.from_numpy(planes.numpy(force=True) / np.float32(255))
 
 
 def _padded(
@@ -278,4 +279,6 @@ def _padded(
     """
     height, width = planes.shape[-2:]
     margins = (0, -width % stride, -height % stride, 0)
-    return torch.nn.functional.pad(planes[None], margins, mode=how)
+    return (
+        torch.nn.functional.pad(planes[None], margins, mode=how) if any(margins) else planes[None]
+    )
