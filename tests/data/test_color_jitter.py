@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 
 from sightline.data.augmentation import ColorJitterConfig, crop, drop_camera, jitter_color
-from tests.data.test_augmentation import SIZE, few, sample_of, seeds
+from tests.data.scenes import SIZE, few, sample_of, seeds
 
 
 def jittered(sample, seed=0, **spreads):

@@ -94,11 +94,11 @@ class DepthCompletionConfig:
     """The trunk works on maps smaller by this factor: blocks of pixels are folded into channels
     before it, and unfolded after it."""
     refinement_channels: int = 0
-    """Channels of two last convolutions at full resolution, which see the inputs once more beside
-    what the trunk found. 0: the trunk gives the depth itself, as in the paper."""
+    """Channels of two last convolutions, which see the inputs once more beside what the trunk
+    found. 0: the trunk gives the depth itself, as in the paper."""
     refinement_stride: Literal[1, 2, 4] = 1
-    """Those two convolutions work on maps smaller by this factor, folded like the trunk's: a
-    quarter of the memory traffic for 2."""
+    """Those two work on maps smaller by this factor, folded like the trunk's; 1: at full
+    resolution, where few channels take long."""
     filled_input: bool = False
     """Takes a classical completion as a further input."""
     residual: bool = False

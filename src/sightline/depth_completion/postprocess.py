@@ -52,7 +52,6 @@ def to_depth_map(
 
 
 def _to_array(plane: Float[Tensor, "height width"]) -> Float32[np.ndarray, "height width"]:
-    # numpy takes one thread. PyTorch's others would go on waiting for work on the cores that an
-    # engine of another library needs for the next frame.
+    """For numpy, whose threads do not go on waiting as PyTorch's do: see `DepthPredictor`."""
     array: Float32[np.ndarray, "height width"] = plane.float().numpy(force=True)
     return array

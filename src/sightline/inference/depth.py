@@ -166,18 +166,20 @@ class DepthPredictor:
             ValueError: The map holds something else than depths, or the image is of another size
                 or type.
         """
+        # All but the network by numpy, which takes one thread: PyTorch's others would go on waiting
+        # for work on the cores that an engine of another library needs.
         sparse = _sparse_plane(sparse_depth_m)
         rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
-        if not sparse.any():
+        if not sparse.numpy().any():
             return self._empty_map(sparse)
         stride = self._network.stride
         inputs = {
-            "image": _padded(rgb, stride, "replicate"),
+            "image": _padded(rgb, stride, "edge"),
             "sparse_depth_m": _padded(sparse[None], stride, "constant"),  # no invented returns
         }
         if self._network.takes_filled_depth:
             filled = complete_depth(sparse, _PREFILL)
-            inputs["filled_depth_m"] = _padded(filled.depth_m[None], stride, "replicate")
+            inputs["filled_depth_m"] = _padded(filled.depth_m[None], stride, "edge")
             is_supported = filled.valid
         else:
             is_supported = torch.from_numpy(inside_hull(sparse.numpy() > 0))
@@ -263,14 +265,13 @@ def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor
         )
     if is_channels_last:
         planes = planes.permute(2, 0, 1)
-    # By numpy: PyTorch's threads would go on waiting on the cores that the engine needs.
     return torch.from_numpy(planes.numpy(force=True) / np.float32(255))
 
 
 def _padded(
     planes: Float32[Tensor, "channels height width"],
     stride: int,
-    how: Literal["constant", "replicate"],
+    how: Literal["constant", "edge"],
 ) -> Float32[Tensor, "1 channels padded_height padded_width"]:
     """A batch of one, widened at the top and right to multiples of the stride.
 
@@ -278,7 +279,5 @@ def _padded(
     next to the car, where depth differs most from row to row; up in the sky nothing is measured.
     """
     height, width = planes.shape[-2:]
-    margins = (0, -width % stride, -height % stride, 0)
-    return (
-        torch.nn.functional.pad(planes[None], margins, mode=how) if any(margins) else planes[None]
-    )
+    margins = ((0, 0), (-height % stride, 0), (0, -width % stride))
+    return torch.from_numpy(np.pad(planes.numpy(), margins, mode=how)[None])

@@ -29,5 +29,5 @@ def write_frame_picture(
     """
     sample = open_dataset(data, sample_list=(frame,), velodyne=velodyne)[0]
     dense = completer(sample) if sample.points is not None else None
-    write_rgb(out, frame_sheet(sample, dense, dense_name=completer.name), is_drawing=True)
+    write_rgb(out, frame_sheet(sample, dense, dense_name=completer.name))
     return out
