@@ -26,9 +26,9 @@ _OPENNESS: Final = -0.12
 def cast_through_foliage(raycaster: Raycaster, mesh: MeshTables, rays: Rays) -> Hits:
     """The first hit of each ray, which passes through the gaps of foliage.
 
-    Like `Raycaster.cast`, with distances in units of each ray's direction.
+    Like `Raycaster.cast` for rays that come in the order of pixels or of a LiDAR's shots.
     """
-    hits = raycaster.cast(rays.origins, rays.directions)
+    hits = raycaster.cast(rays.origins, rays.directions, coherent=True)
     passing = np.arange(len(hits.faces), dtype=np.int32)
     for _ in range(_MOST_CARDS):
         passing = passing[_in_gap(mesh, hits, passing)]

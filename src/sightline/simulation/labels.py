@@ -168,9 +168,8 @@ class _Onlooker:
         """Which pixels of the image a mesh alone would cover."""
         shape = self.frame.owners.shape
         rows, columns = np.indices(shape, dtype=np.float32).reshape(2, -1)
-        hit: Bool[np.ndarray, "height width"] = (
-            Raycaster(mesh).cast(*self.view.rays(columns, rows)).faces >= 0
-        ).reshape(shape)
+        hits = Raycaster(mesh).cast(*self.view.rays(columns, rows), coherent=True)
+        hit: Bool[np.ndarray, "height width"] = (hits.faces >= 0).reshape(shape)
         return hit
 
 

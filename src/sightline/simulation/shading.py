@@ -92,7 +92,7 @@ def sun_visibility(
     visible = np.zeros(len(rows), np.float32)
     if max(world.light.sun_color) > 0.0:
         batch = _sun_rays(found, rows, world.light, world.sun_softness, strata)
-        hidden = world.raycaster.occluded(batch.rays.origins, batch.rays.directions)
+        hidden = world.raycaster.occluded(batch.rays.origins, batch.rays.directions, coherent=True)
         visible[batch.sources[~hidden]] = 1.0
     return visible
 

@@ -246,7 +246,8 @@ def _panes(
         return
     low, high = np.full(count, openings.low), np.full(count, openings.high)
     starts, stops = openings.starts, openings.stops
-    deep = look.recess
+    # Without reveals, one would see past a pane into the house, which is empty.
+    deep = 0.0 if front.is_far else look.recess
     if not front.is_far:
         reveals = np.concatenate(
             (

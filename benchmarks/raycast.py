@@ -1,0 +1,185 @@
+"""Times rays against streets, ours and embreex's own: `python -m benchmarks.raycast`.
+
+One run, in turns, a process each, since embreex's helper threads go on waiting for work while
+others work; its last line is kept in benchmarks/results/raycast.json. Both call the same Embree
+library, which the package embreex brings along: `Raycaster` by itself, the peer through the classes
+`TriangleMesh` and `EmbreeScene` of embreex.
+
+- search tree: a mesh is handed over and the tree is built (embreex builds it at the first cast).
+- camera: a ray through each pixel of 1242x375, of which neighbours look alike.
+- around: a ray in any direction from what every second pixel shows.
+- shadow: whether those points see a sun that stands high on the left.
+
+Processor time, which other programs on the machine disturb least and which counts helper threads,
+too; the sum over the streets, median over the repeats.
+"""
+
+import functools
+import json
+import multiprocessing
+import statistics
+import time
+from typing import NamedTuple, Protocol
+
+import jsonargparse
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy import ndarray
+
+from benchmarks.machine import describe_machine
+from sightline.simulation.camera_rays import camera_view
+from sightline.simulation.raycast import Raycaster
+from sightline.simulation.scene import Mesh
+from sightline.simulation.simulator import SimulationConfig, simulate_street
+from sightline.simulation.surfaces import Rays
+
+_LIFT = np.float32(0.999)  # of the way to a surface, where rays around it start
+_SUN = np.float32((0.48, 0.36, 0.8))
+_STAGES = ("search tree", "camera", "around", "shadow")
+
+
+class Work(NamedTuple):
+    """A street and the rays that are cast in it."""
+
+    mesh: Mesh
+    camera: Rays
+    around: Rays
+    shadow: Rays
+
+
+class Peer(Protocol):
+    """A way to cast rays."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        """Builds the search tree."""
+
+    def look(self, rays: Rays) -> ndarray:
+        """Faces that rays of neighbouring pixels meet, after distances and corners' weights."""
+
+    def scatter(self, rays: Rays) -> ndarray:
+        """The same for rays in any direction."""
+
+    def shade(self, rays: Rays) -> ndarray:
+        """Whether rays meet anything."""
+
+
+class Ours:
+    """Our `Raycaster`."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._raycaster = Raycaster(mesh)
+
+    def look(self, rays: Rays) -> ndarray:
+        """As the camera does."""
+        return self._raycaster.cast(*rays, coherent=True).faces
+
+    def scatter(self, rays: Rays) -> ndarray:
+        """As ambient light is gathered."""
+        return self._raycaster.cast(*rays).faces
+
+    def shade(self, rays: Rays) -> ndarray:
+        """As sunlight is."""
+        return self._raycaster.occluded(*rays, coherent=True)
+
+
+class Embreex:
+    """The classes of embreex."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._scene = EmbreeScene()
+        TriangleMesh(self._scene, mesh.vertices, mesh.faces)
+        ray = np.ones((1, 3), np.float32)
+        self._scene.run(ray, ray)
+
+    def look(self, rays: Rays) -> ndarray:
+        """Rays one by one."""
+        return self._scene.run(*rays, output=1)["primID"]
+
+    scatter = look
+
+    def shade(self, rays: Rays) -> ndarray:
+        """Rays one by one."""
+        return self._scene.run(*rays, query="OCCLUDED") >= 0
+
+
+PEERS: dict[str, type[Peer]] = {"sightline": Ours, "embreex": Embreex}
+
+
+def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
+    """Prints a table, then one line of JSON."""
+    start_afresh = multiprocessing.get_context("spawn")
+    times: dict[str, list[list[float]]] = {name: [] for name in PEERS}
+    pools = {name: start_afresh.Pool(1) for name in PEERS}
+    for repeat in range(repeats + 1):  # the first warms up
+        for name, pool in pools.items():
+            seconds = pool.apply(measure, (name, streets, seed))
+            if repeat:
+                times[name].append(seconds)
+    seen = [pool.apply(faces_seen, (name, streets, seed)) for name, pool in pools.items()]
+    for pool in pools.values():
+        pool.terminate()
+    results = {
+        name: {
+            stage: 1e3 * statistics.median(row[column] for row in rows)
+            for column, stage in enumerate(_STAGES)
+        }
+        for name, rows in times.items()
+    }
+    for stage, ours in results["sightline"].items():
+        theirs = results["embreex"][stage]
+        print(f"{stage:<12} {ours:8.1f} ms  embreex {theirs:8.1f} ms  {theirs / ours:5.2f} x")
+    same = float((seen[0] == seen[1]).mean())
+    print(f"camera rays that meet the same face: {same:.3%}")
+    faces = [len(work.mesh.faces) for work in street_works(streets, seed)]
+    record = {"machine": describe_machine(), "faces": faces, "repeats": repeats, "seed": seed}
+    print(json.dumps({**record, "results_ms": results, "same_faces": same}))
+
+
+@functools.cache
+def street_works(streets: int, seed: int) -> list[Work]:
+    """Streets, and rays as the simulator casts them."""
+    config = SimulationConfig(seed=seed)
+    return [_street_work(config, index) for index in range(1, streets + 1)]
+
+
+def _street_work(config: SimulationConfig, index: int) -> Work:
+    scene = simulate_street(config, index).snapshot(0.0)
+    rows, columns = np.indices(config.image_size, dtype=np.float32).reshape(2, -1)
+    view = camera_view(config.calibration, scene.ego, config.lidar_config.height_m)
+    camera = view.rays(columns, rows)
+    hits = Raycaster(scene.mesh).cast(*camera, coherent=True)
+    met = np.flatnonzero(hits.faces >= 0)[::2]
+    starts = camera.origins[met] + _LIFT * hits.distances[met, None] * camera.directions[met]
+    ways = np.random.default_rng(index).normal(size=starts.shape).astype(np.float32)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    shadow = Rays(starts, np.tile(_SUN, (len(starts), 1)))
+    return Work(scene.mesh, camera, Rays(starts, ways), shadow)
+
+
+def measure(name: str, streets: int, seed: int) -> list[float]:
+    """Processor time [s] of each stage, over all streets."""
+    seconds = np.zeros(len(_STAGES))
+    for work in street_works(streets, seed):
+        clock = [time.process_time()]
+        peer = PEERS[name](work.mesh)
+        clock.append(time.process_time())
+        for cast, rays in (
+            (peer.look, work.camera),
+            (peer.scatter, work.around),
+            (peer.shade, work.shadow),
+        ):
+            cast(rays)
+            clock.append(time.process_time())
+        seconds += np.diff(clock)
+    return seconds.tolist()
+
+
+def faces_seen(name: str, streets: int, seed: int) -> ndarray:
+    """What the camera's rays meet in all streets."""
+    works = street_works(streets, seed)
+    return np.concatenate([PEERS[name](work.mesh).look(work.camera) for work in works])
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main)

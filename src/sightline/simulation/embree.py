@@ -1,0 +1,282 @@
+"""Triangles and rays in Embree 4, called in the library that the package `embreex` brings along.
+
+`embreex` itself hands a mesh over number by number, which takes longer than all that Embree does
+with it, and casts each ray on its own. Here a mesh is copied at once and rays go in packets.
+Names and layouts are those of Embree's manual: RTCRay, RTCHit, RTCIntersectArguments.
+"""
+
+import ctypes
+import functools
+import sys
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import embreex.rtcore_scene
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from sightline.ops.compiled import compiled
+
+_LANES: Final = 8
+"""Rays of a packet."""
+_ALIGNMENT: Final = 64
+# Rows of an RTCRayHit8, each with a number for each lane.
+_ORIGIN, _NEAR, _DIRECTION, _TIME, _FAR, _MASK, _ID, _FLAGS = 0, 3, 4, 7, 8, 9, 10, 11
+_U, _V, _PRIMITIVE, _GEOMETRY, _INSTANCE, _ROWS = 15, 16, 17, 18, 19, 24
+
+_TRIANGLES: Final = 0  # RTC_GEOMETRY_TYPE_TRIANGLE
+_FACE_BUFFER, _VERTEX_BUFFER = 0, 1  # RTC_BUFFER_TYPE_INDEX, RTC_BUFFER_TYPE_VERTEX
+_UINT3, _FLOAT3 = 0x5003, 0x9003  # RTC_FORMAT_UINT3, RTC_FORMAT_FLOAT3
+_EVERY_FEATURE: Final = 0xFFFFFFFF  # RTC_FEATURE_FLAG_ALL
+_INCOHERENT, _COHERENT = 0, 1 << 16  # RTC_RAY_QUERY_FLAG_...
+
+
+class _QueryArguments(ctypes.Structure):
+    """RTCIntersectArguments, and RTCOccludedArguments, which are laid out alike."""
+
+    _fields_ = (
+        ("flags", ctypes.c_uint),
+        ("feature_mask", ctypes.c_uint),
+        ("context", ctypes.c_void_p),
+        ("filter", ctypes.c_void_p),
+        ("intersect", ctypes.c_void_p),
+    )
+
+
+_QUERIES: Final = {
+    coherent: _QueryArguments(flags=flags, feature_mask=_EVERY_FEATURE)
+    for coherent, flags in ((False, _INCOHERENT), (True, _COHERENT))
+}
+
+
+class _Packet(NamedTuple):
+    """Memory of an RTCRayHit8."""
+
+    floats: Float32[np.ndarray, "24 8"]
+    integers: Int32[np.ndarray, "24 8"]
+    """The same memory."""
+    active: Int32[np.ndarray, "8"]
+    """-1 for lanes that hold a ray, else 0."""
+
+
+class EmbreeScene:
+    """Triangles that rays may be cast against."""
+
+    def __init__(
+        self,
+        vertices: Float32[np.ndarray, "num_vertices 3"],
+        faces: Int32[np.ndarray, "num_faces 3"],
+    ) -> None:
+        """Copies a mesh and builds Embree's search tree over it.
+
+        Raises:
+            ValueError: If a face names a vertex that there is not.
+            RuntimeError: If Embree reports an error, for want of memory for one.
+        """
+        if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+            raise ValueError(
+                f"faces must name vertices 0 to {len(vertices) - 1}, got {faces.min()} to "
+                f"{faces.max()}"
+            )
+        library, device = _embree(), _device()
+        self._address: int = library.rtcNewScene(device)
+        weakref.finalize(self, library.rtcReleaseScene, self._address)
+        if len(faces):
+            geometry = library.rtcNewGeometry(device, _TRIANGLES)
+            _copy_rows(geometry, _VERTEX_BUFFER, _FLOAT3, vertices)
+            _copy_rows(geometry, _FACE_BUFFER, _UINT3, faces)
+            library.rtcCommitGeometry(geometry)
+            library.rtcAttachGeometry(self._address, geometry)
+            library.rtcReleaseGeometry(geometry)
+        library.rtcCommitScene(self._address)
+        error = library.rtcGetDeviceError(device)
+        if error:
+            raise RuntimeError(f"Embree could not take a mesh of {len(faces)} faces: error {error}")
+
+    def intersect(
+        self,
+        origins: Float32[np.ndarray, "num_rays 3"],
+        directions: Float32[np.ndarray, "num_rays 3"],
+        *,
+        coherent: bool,
+    ) -> tuple[
+        Int32[np.ndarray, " num_rays"],
+        Float32[np.ndarray, " num_rays"],
+        Float32[np.ndarray, "num_rays 2"],
+    ]:
+        """Face (-1 = none), distance (inf = none), u and v of the first hit of each ray.
+
+        Rays are `coherent` where eight that follow one another look nearly the same way.
+        """
+        count = len(origins)
+        faces, distances = np.empty(count, np.int32), np.empty(count, np.float32)
+        barycentric = np.empty((count, 2), np.float32)
+        query = ctypes.addressof(_QUERIES[coherent])
+        _intersect(
+            _embree().rtcIntersect8,
+            self._address,
+            query,
+            _packet(),
+            origins,
+            directions,
+            faces,
+            distances,
+            barycentric,
+        )
+        return faces, distances, barycentric
+
+    def occluded(
+        self,
+        origins: Float32[np.ndarray, "num_rays 3"],
+        directions: Float32[np.ndarray, "num_rays 3"],
+        max_distance: float,
+        *,
+        coherent: bool,
+    ) -> Bool[np.ndarray, " num_rays"]:
+        """Whether each ray meets anything within `max_distance`, in units of its direction."""
+        hidden = np.empty(len(origins), np.bool_)
+        query = ctypes.addressof(_QUERIES[coherent])
+        _occluded(
+            _embree().rtcOccluded8,
+            self._address,
+            query,
+            _packet(),
+            origins,
+            directions,
+            max_distance,
+            hidden,
+        )
+        return hidden
+
+
+@functools.cache
+def _embree() -> ctypes.CDLL:
+    """The library, its functions declared.
+
+    Raises:
+        ImportError: If this `embreex` does not bring Embree along as a library.
+    """
+    pointer, number, size = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
+    ray_query = (None, (pointer, pointer, pointer, pointer))
+    declarations = {
+        "rtcNewDevice": (pointer, (ctypes.c_char_p,)),
+        "rtcGetDeviceError": (number, (pointer,)),
+        "rtcNewScene": (pointer, (pointer,)),
+        "rtcCommitScene": (None, (pointer,)),
+        "rtcReleaseScene": (None, (pointer,)),
+        "rtcNewGeometry": (pointer, (pointer, number)),
+        "rtcSetNewGeometryBuffer": (pointer, (pointer, number, number, number, size, size)),
+        "rtcCommitGeometry": (None, (pointer,)),
+        "rtcAttachGeometry": (number, (pointer, pointer)),
+        "rtcReleaseGeometry": (None, (pointer,)),
+        "rtcIntersect8": ray_query,
+        "rtcOccluded8": ray_query,
+    }
+    try:
+        library = ctypes.CDLL(str(_library_file()))
+        for name, (result, arguments) in declarations.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise ImportError(
+            f"no Embree 4 library in the package embreex ({error}): install embreex 4.4"
+        ) from error
+    return library
+
+
+def _library_file() -> Path:
+    module = Path(embreex.rtcore_scene.__file__)
+    if sys.platform == "win32":
+        return module.parents[1] / "embreex.libs" / "embree4.dll"
+    return module  # elsewhere a library answers for those that it needs, too
+
+
+@functools.cache
+def _device() -> int:
+    """Embree on one thread: frames are spread over processes."""
+    device: int = _embree().rtcNewDevice(b"threads=1")
+    return device
+
+
+def _copy_rows(geometry: int, buffer: int, form: int, rows: np.ndarray) -> None:
+    whole = np.ascontiguousarray(rows)
+    place = _embree().rtcSetNewGeometryBuffer(
+        geometry, buffer, 0, form, whole.strides[0], len(whole)
+    )
+    if place:
+        ctypes.memmove(place, whole.ctypes.data, whole.nbytes)
+
+
+def _packet() -> _Packet:
+    size = 4 * _LANES * (_ROWS + 1)
+    memory = np.zeros(size + _ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % _ALIGNMENT
+    floats = memory[start : start + size].view(np.float32).reshape(_ROWS + 1, _LANES)
+    integers = floats.view(np.int32)
+    return _Packet(floats[:_ROWS], integers[:_ROWS], integers[_ROWS])
+
+
+@compiled
+def _fill(
+    packet: _Packet,
+    first: int,
+    origins: Float32[np.ndarray, "num_rays 3"],
+    directions: Float32[np.ndarray, "num_rays 3"],
+    far: float,
+) -> None:
+    """Puts rays `first` and those that follow it in a packet."""
+    for lane in range(min(_LANES, origins.shape[0] - first)):
+        for axis in range(3):
+            packet.floats[_ORIGIN + axis, lane] = origins[first + lane, axis]
+            packet.floats[_DIRECTION + axis, lane] = directions[first + lane, axis]
+    for lane in range(_LANES):
+        packet.active[lane] = -1 if first + lane < origins.shape[0] else 0
+        packet.floats[_NEAR, lane] = packet.floats[_TIME, lane] = 0.0
+        packet.floats[_FAR, lane] = far
+        packet.integers[_MASK, lane] = -1
+        packet.integers[_ID, lane] = packet.integers[_FLAGS, lane] = 0
+        packet.integers[_PRIMITIVE, lane] = packet.integers[_GEOMETRY, lane] = -1
+        packet.integers[_INSTANCE, lane] = -1
+        packet.floats[_U, lane] = packet.floats[_V, lane] = 0.0
+
+
+@compiled
+def _intersect(
+    intersect8: Callable[..., None],
+    scene: int,
+    query: int,
+    packet: _Packet,
+    origins: Float32[np.ndarray, "num_rays 3"],
+    directions: Float32[np.ndarray, "num_rays 3"],
+    faces: Int32[np.ndarray, " num_rays"],
+    distances: Float32[np.ndarray, " num_rays"],
+    barycentric: Float32[np.ndarray, "num_rays 2"],
+) -> None:
+    for first in range(0, origins.shape[0], _LANES):
+        _fill(packet, first, origins, directions, np.inf)
+        intersect8(packet.active.ctypes, scene, packet.floats.ctypes, query)
+        for lane in range(min(_LANES, origins.shape[0] - first)):
+            faces[first + lane] = packet.integers[_PRIMITIVE, lane]
+            distances[first + lane] = packet.floats[_FAR, lane]
+            barycentric[first + lane, 0] = packet.floats[_U, lane]
+            barycentric[first + lane, 1] = packet.floats[_V, lane]
+
+
+@compiled
+def _occluded(
+    occluded8: Callable[..., None],
+    scene: int,
+    query: int,
+    packet: _Packet,
+    origins: Float32[np.ndarray, "num_rays 3"],
+    directions: Float32[np.ndarray, "num_rays 3"],
+    far: float,
+    hidden: Bool[np.ndarray, " num_rays"],
+) -> None:
+    for first in range(0, origins.shape[0], _LANES):
+        _fill(packet, first, origins, directions, far)
+        occluded8(packet.active.ctypes, scene, packet.floats.ctypes, query)
+        for lane in range(min(_LANES, origins.shape[0] - first)):
+            hidden[first + lane] = packet.floats[_FAR, lane] < 0.0
