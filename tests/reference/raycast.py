@@ -17,14 +17,14 @@ def crossing(origin, direction, corners):
 
 
 def first_hit(origin, direction, triangles):
-    """(face, distance, u, v) of the nearest triangle ahead; None if there is none."""
+    """(face, distance) of the nearest triangle ahead; None if there is none."""
     nearest = None
     for face, corners in enumerate(triangles):
         met = crossing(origin, direction, corners)
         if met is None or met[0] <= 0 or min(met[1], met[2], 1 - met[1] - met[2]) < 0:
             continue
         if nearest is None or met[0] < nearest[1]:
-            nearest = (face, *met)
+            nearest = (face, met[0])
     return nearest
 
 
