@@ -6,7 +6,7 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
-PACKAGES = ("torch", "numpy", "numba", "scipy", "opencv-python-headless", "shapely")
+PACKAGES = ("torch", "numpy", "numba", "scipy", "opencv-python-headless", "shapely", "embreex")
 
 
 def describe_machine() -> dict[str, str | int | bool]:
