@@ -85,8 +85,10 @@ class EmbreeScene:
         weakref.finalize(self, library.rtcReleaseScene, self._address)
         if len(faces):
             geometry = library.rtcNewGeometry(device, _TRIANGLES)
-            _copy_rows(geometry, _VERTEX_BUFFER, _FLOAT3, vertices)
-            _copy_rows(geometry, _FACE_BUFFER, _UINT3, faces)
+            _copy_rows(
+                geometry, _VERTEX_BUFFER, _FLOAT3, np.ascontiguousarray(vertices, np.float32)
+            )
+            _copy_rows(geometry, _FACE_BUFFER, _UINT3, np.ascontiguousarray(faces, np.int32))
             library.rtcCommitGeometry(geometry)
             library.rtcAttachGeometry(self._address, geometry)
             library.rtcReleaseGeometry(geometry)
@@ -106,7 +108,7 @@ class EmbreeScene:
         Float32[np.ndarray, " num_rays"],
         Float32[np.ndarray, "num_rays 2"],
     ]:
-        """Face (-1 = none), distance (inf = none), u and v of the first hit of each ray.
+        """Face, distance, u and v of the first hit of each ray: -1, inf and 0 where there is none.
 
         Rays are `coherent` where eight that follow one another look nearly the same way.
         """
@@ -201,12 +203,9 @@ def _device() -> int:
 
 
 def _copy_rows(geometry: int, buffer: int, form: int, rows: np.ndarray) -> None:
-    whole = np.ascontiguousarray(rows)
-    place = _embree().rtcSetNewGeometryBuffer(
-        geometry, buffer, 0, form, whole.strides[0], len(whole)
-    )
+    place = _embree().rtcSetNewGeometryBuffer(geometry, buffer, 0, form, rows.strides[0], len(rows))
     if place:
-        ctypes.memmove(place, whole.ctypes.data, whole.nbytes)
+        ctypes.memmove(place, rows.ctypes.data, rows.nbytes)
 
 
 def _packet() -> _Packet:
