@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.simulation import embree
+from sightline.simulation import embree_library
 from sightline.simulation.embree import EmbreeScene
 from sightline.simulation.materials import Material
 from sightline.simulation.raycast import Raycaster
@@ -99,6 +99,6 @@ def test_faces_of_vertices_that_there_are_not_are_refused(wrong):
 
 
 def test_an_embreex_without_the_library_is_named(monkeypatch):
-    monkeypatch.setattr(embree, "_library_file", lambda: ctypes.util.find_library("c"))
+    monkeypatch.setattr(embree_library, "_library_file", lambda: ctypes.util.find_library("c"))
     with pytest.raises(ImportError, match=r"no Embree 4 library .* install embreex 4\.4"):
-        embree._embree.__wrapped__()
+        embree_library.embree_library.__wrapped__()

@@ -1,23 +1,18 @@
-"""Triangles and rays in Embree 4, called in the library that the package `embreex` brings along.
+"""Triangles and packets of rays in Embree.
 
-`embreex` itself hands a mesh over number by number, which takes longer than all that Embree does
-with it, and casts each ray on its own. Here a mesh is copied at once and rays go in packets.
-Names and layouts are those of Embree's manual: RTCRay, RTCHit, RTCIntersectArguments.
+Names and layouts are those of Embree's manual: RTCRayHit8, RTCIntersectArguments.
 """
 
 import ctypes
-import functools
-import sys
 import weakref
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final, NamedTuple
 
-import embreex.rtcore_scene
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from sightline.ops.compiled import compiled
+from sightline.simulation.embree_library import embree_device, embree_library
 
 _LANES: Final = 8
 """Rays of a packet."""
@@ -80,7 +75,7 @@ class EmbreeScene:
                 f"faces must name vertices 0 to {len(vertices) - 1}, got {faces.min()} to "
                 f"{faces.max()}"
             )
-        library, device = _embree(), _device()
+        library, device = embree_library(), embree_device()
         self._address: int = library.rtcNewScene(device)
         weakref.finalize(self, library.rtcReleaseScene, self._address)
         if len(faces):
@@ -117,7 +112,7 @@ class EmbreeScene:
         barycentric = np.empty((count, 2), np.float32)
         query = ctypes.addressof(_QUERIES[coherent])
         _intersect(
-            _embree().rtcIntersect8,
+            embree_library().rtcIntersect8,
             self._address,
             query,
             _packet(),
@@ -141,7 +136,7 @@ class EmbreeScene:
         hidden = np.empty(len(origins), np.bool_)
         query = ctypes.addressof(_QUERIES[coherent])
         _occluded(
-            _embree().rtcOccluded8,
+            embree_library().rtcOccluded8,
             self._address,
             query,
             _packet(),
@@ -153,57 +148,10 @@ class EmbreeScene:
         return hidden
 
 
-@functools.cache
-def _embree() -> ctypes.CDLL:
-    """The library, its functions declared.
-
-    Raises:
-        ImportError: If this `embreex` does not bring Embree along as a library.
-    """
-    pointer, number, size = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
-    ray_query = (None, (pointer, pointer, pointer, pointer))
-    declarations = {
-        "rtcNewDevice": (pointer, (ctypes.c_char_p,)),
-        "rtcGetDeviceError": (number, (pointer,)),
-        "rtcNewScene": (pointer, (pointer,)),
-        "rtcCommitScene": (None, (pointer,)),
-        "rtcReleaseScene": (None, (pointer,)),
-        "rtcNewGeometry": (pointer, (pointer, number)),
-        "rtcSetNewGeometryBuffer": (pointer, (pointer, number, number, number, size, size)),
-        "rtcCommitGeometry": (None, (pointer,)),
-        "rtcAttachGeometry": (number, (pointer, pointer)),
-        "rtcReleaseGeometry": (None, (pointer,)),
-        "rtcIntersect8": ray_query,
-        "rtcOccluded8": ray_query,
-    }
-    try:
-        library = ctypes.CDLL(str(_library_file()))
-        for name, (result, arguments) in declarations.items():
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
-    except (OSError, AttributeError) as error:
-        raise ImportError(
-            f"no Embree 4 library in the package embreex ({error}): install embreex 4.4"
-        ) from error
-    return library
-
-
-def _library_file() -> Path:
-    module = Path(embreex.rtcore_scene.__file__)
-    if sys.platform == "win32":
-        return module.parents[1] / "embreex.libs" / "embree4.dll"
-    return module  # elsewhere a library answers for those that it needs, too
-
-
-@functools.cache
-def _device() -> int:
-    """Embree on one thread: frames are spread over processes."""
-    device: int = _embree().rtcNewDevice(b"threads=1")
-    return device
-
-
 def _copy_rows(geometry: int, buffer: int, form: int, rows: np.ndarray) -> None:
-    place = _embree().rtcSetNewGeometryBuffer(geometry, buffer, 0, form, rows.strides[0], len(rows))
+    place = embree_library().rtcSetNewGeometryBuffer(
+        geometry, buffer, 0, form, rows.strides[0], len(rows)
+    )
     if place:
         ctypes.memmove(place, rows.ctypes.data, rows.nbytes)
 

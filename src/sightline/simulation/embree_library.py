@@ -1,0 +1,61 @@
+"""Embree 4 itself, called in the library that the package `embreex` brings along.
+
+`embreex` hands a mesh over number by number, which takes longer than all that Embree does with it,
+and casts each ray on its own (`benchmarks/raycast.py`); its own classes are not used here.
+"""
+
+import ctypes
+import functools
+import sys
+from pathlib import Path
+
+import embreex.rtcore_scene
+
+
+@functools.cache
+def embree_library() -> ctypes.CDLL:
+    """The library, its functions declared.
+
+    Raises:
+        ImportError: If this `embreex` does not bring Embree along as a library.
+    """
+    pointer, number, size = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
+    ray_query = (None, (pointer, pointer, pointer, pointer))
+    declarations = {
+        "rtcNewDevice": (pointer, (ctypes.c_char_p,)),
+        "rtcGetDeviceError": (number, (pointer,)),
+        "rtcNewScene": (pointer, (pointer,)),
+        "rtcCommitScene": (None, (pointer,)),
+        "rtcReleaseScene": (None, (pointer,)),
+        "rtcNewGeometry": (pointer, (pointer, number)),
+        "rtcSetNewGeometryBuffer": (pointer, (pointer, number, number, number, size, size)),
+        "rtcCommitGeometry": (None, (pointer,)),
+        "rtcAttachGeometry": (number, (pointer, pointer)),
+        "rtcReleaseGeometry": (None, (pointer,)),
+        "rtcIntersect8": ray_query,
+        "rtcOccluded8": ray_query,
+    }
+    try:
+        library = ctypes.CDLL(str(_library_file()))
+        for name, (result, arguments) in declarations.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise ImportError(
+            f"no Embree 4 library in the package embreex ({error}): install embreex 4.4"
+        ) from error
+    return library
+
+
+def _library_file() -> Path:
+    module = Path(embreex.rtcore_scene.__file__)
+    if sys.platform == "win32":
+        return module.parents[1] / "embreex.libs" / "embree4.dll"
+    return module  # elsewhere a library answers for those that it needs, too
+
+
+@functools.cache
+def embree_device() -> int:
+    """Embree on one thread: frames are spread over processes."""
+    device: int = embree_library().rtcNewDevice(b"threads=1")
+    return device
