@@ -1,6 +1,9 @@
 """Embree's hits against those of a slow reference, and what it refuses."""
 
+import copy
 import ctypes.util
+import inspect
+import pickle
 
 import numpy as np
 import pytest
@@ -90,6 +93,31 @@ def test_neither_a_mesh_without_faces_nor_a_cast_without_rays_is_an_error():
     raycaster = Raycaster(wall())
     assert len(raycaster.cast(nothing, nothing).faces) == 0
     assert len(raycaster.occluded(nothing, nothing)) == 0
+
+
+def test_one_face_as_a_broadcast_view_is_a_face():
+    corners = np.array([[2, -1, -1], [2, 1, -1], [2, 0, 1]], np.float32)
+    face = np.broadcast_to(np.array([0, 1, 2], np.int32), (1, 3))
+    ray = np.zeros((1, 3), np.float32), np.array([[1, 0, 0]], np.float32)
+    assert EmbreeScene(corners, face).intersect(*ray, coherent=False)[0].tolist() == [0]
+
+
+def test_rays_without_a_direction_each_are_refused():
+    origins, one = np.zeros((16, 3), np.float32), np.ones((1, 3), np.float32)
+    scene = Raycaster(wall())._scene
+    # the shape checks of the tests would speak first
+    intersect = inspect.unwrap(EmbreeScene.intersect)
+    occluded = inspect.unwrap(EmbreeScene.occluded)
+    with pytest.raises(ValueError, match=r"got arrays of \(16, 3\) and \(1, 3\)"):
+        intersect(scene, origins, one, coherent=True)
+    with pytest.raises(ValueError, match="an origin and a direction of 3 numbers each"):
+        occluded(scene, origins, origins[:, :2], 10.0, coherent=True)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_scenes_are_not_copied(copied):
+    with pytest.raises(TypeError, match="cannot be copied or pickled: build it from its mesh"):
+        copied(Raycaster(wall())._scene)
 
 
 @pytest.mark.parametrize("wrong", [-1, 3])

@@ -6,7 +6,7 @@ Names and layouts are those of Embree's manual: RTCRayHit8, RTCIntersectArgument
 import ctypes
 import weakref
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, NoReturn
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
@@ -19,7 +19,8 @@ _LANES: Final = 8
 _ALIGNMENT: Final = 64
 # Rows of an RTCRayHit8, each with a number for each lane.
 _ORIGIN, _NEAR, _DIRECTION, _TIME, _FAR, _MASK, _ID, _FLAGS = 0, 3, 4, 7, 8, 9, 10, 11
-_U, _V, _PRIMITIVE, _GEOMETRY, _INSTANCE, _ROWS = 15, 16, 17, 18, 19, 24
+_U, _V, _PRIMITIVE, _GEOMETRY, _INSTANCE = 15, 16, 17, 18, 19
+_ROWS: Final = 24  # with room to spare
 
 _TRIANGLES: Final = 0  # RTC_GEOMETRY_TYPE_TRIANGLE
 _FACE_BUFFER, _VERTEX_BUFFER = 0, 1  # RTC_BUFFER_TYPE_INDEX, RTC_BUFFER_TYPE_VERTEX
@@ -57,7 +58,7 @@ class _Packet(NamedTuple):
 
 
 class EmbreeScene:
-    """Triangles that rays may be cast against."""
+    """Triangles that rays may be cast against; it lives in its own process only."""
 
     def __init__(
         self,
@@ -92,6 +93,10 @@ class EmbreeScene:
         if error:
             raise RuntimeError(f"Embree could not take a mesh of {len(faces)} faces: error {error}")
 
+    def __reduce__(self) -> NoReturn:
+        """Refuses to be copied or pickled: its triangles are Embree's, not Python's."""
+        raise TypeError("an EmbreeScene cannot be copied or pickled: build it from its mesh")
+
     def intersect(
         self,
         origins: Float32[np.ndarray, "num_rays 3"],
@@ -107,7 +112,7 @@ class EmbreeScene:
 
         Rays are `coherent` where eight that follow one another look nearly the same way.
         """
-        count = len(origins)
+        count = _count(origins, directions)
         faces, distances = np.empty(count, np.int32), np.empty(count, np.float32)
         barycentric = np.empty((count, 2), np.float32)
         query = ctypes.addressof(_QUERIES[coherent])
@@ -133,7 +138,7 @@ class EmbreeScene:
         coherent: bool,
     ) -> Bool[np.ndarray, " num_rays"]:
         """Whether each ray meets anything within `max_distance`, in units of its direction."""
-        hidden = np.empty(len(origins), np.bool_)
+        hidden = np.empty(_count(origins, directions), np.bool_)
         query = ctypes.addressof(_QUERIES[coherent])
         _occluded(
             embree_library().rtcOccluded8,
@@ -149,11 +154,22 @@ class EmbreeScene:
 
 
 def _copy_rows(geometry: int, buffer: int, form: int, rows: np.ndarray) -> None:
+    row_bytes = rows.itemsize * rows.shape[1]
     place = embree_library().rtcSetNewGeometryBuffer(
-        geometry, buffer, 0, form, rows.strides[0], len(rows)
+        geometry, buffer, 0, form, row_bytes, len(rows)
     )
     if place:
         ctypes.memmove(place, rows.ctypes.data, rows.nbytes)
+
+
+def _count(origins: np.ndarray, directions: np.ndarray) -> int:
+    """Of the rays; the kernels below read memory without a check."""
+    if not origins.shape == directions.shape == (len(origins), 3):
+        raise ValueError(
+            f"rays need an origin and a direction of 3 numbers each, got arrays of {origins.shape} "
+            f"and {directions.shape}"
+        )
+    return len(origins)
 
 
 def _packet() -> _Packet:
@@ -226,4 +242,4 @@ def _occluded(
         _fill(packet, first, origins, directions, far)
         occluded8(packet.active.ctypes, scene, packet.floats.ctypes, query)
         for lane in range(min(_LANES, origins.shape[0] - first)):
-            hidden[first + lane] = packet.floats[_FAR, lane] < 0.0
+            hidden[first + lane] = packet.floats[_FAR, lane] == -np.inf

@@ -56,6 +56,13 @@ def _library_file() -> Path:
 
 @functools.cache
 def embree_device() -> int:
-    """Embree on one thread: frames are spread over processes."""
-    device: int = embree_library().rtcNewDevice(b"threads=1")
+    """Embree on one thread: frames are spread over processes.
+
+    Raises:
+        RuntimeError: If Embree cannot start here.
+    """
+    library = embree_library()
+    device: int | None = library.rtcNewDevice(b"threads=1")
+    if device is None:
+        raise RuntimeError(f"Embree could not start: error {library.rtcGetDeviceError(None)}")
     return device

@@ -24,8 +24,7 @@ class Raycaster:
     """The acceleration structure over a mesh; rays are cast from any number of places at once.
 
     Rays are cast eight at a time. Where eight that follow one another start and look about alike,
-    as those of neighbouring pixels do, `coherent` casts them in less than half the time; of others
-    it takes longer.
+    as those of neighbouring pixels do, `coherent` makes it faster; with others slower.
     """
 
     def __init__(self, mesh: Mesh) -> None:

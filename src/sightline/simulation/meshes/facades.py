@@ -246,7 +246,7 @@ def _panes(
         return
     low, high = np.full(count, openings.low), np.full(count, openings.high)
     starts, stops = openings.starts, openings.stops
-    # Without reveals, one would see past a pane into the house, which is empty.
+    # Behind the wall and without reveals, panes would let one see past them into an empty house.
     deep = 0.0 if front.is_far else look.recess
     if not front.is_far:
         reveals = np.concatenate(
