@@ -22,6 +22,8 @@ _SHOULDER: Final = 0.15
 _FULL: Final = 65535
 """Value of a photosite that is full, as the demosaicing takes it."""
 _REC709: Final = (0.2126, 0.7152, 0.0722)
+_METERED_FROM: Final = 0.45
+"""Share of the picture, from its top, that metering leaves out: mostly sky."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,15 +32,15 @@ class SensorConfig:
 
     sensitivity: float = 3.0
     """Share of a photosite that one unit of radiance fills at an exposure of 1."""
-    metering: float = 0.8
+    metering: float = 0.7
     """How far the exposure follows the brightness of the scene; 0: only the light's, 1: wholly."""
     metering_limit: float = 2.5
     """Largest factor by which metering raises or lowers the light's exposure."""
-    target_level: float = 0.26
-    """Mean exposed radiance that metering aims at; 1 fills a photosite."""
+    target_level: float = 0.24
+    """Mean exposed radiance that metering aims at below the horizon; 1 fills a photosite."""
     vignette: float = 0.16
     """Share of the light that is lost in the corners."""
-    lens_blur_px: float = 0.55
+    lens_blur_px: float = 0.4
     """Standard deviation of the blur in front of the colour mosaic."""
     resampling_blur_px: float = 0.4
     """Standard deviation of the blur behind it, where a camera's picture is rectified."""
@@ -107,8 +109,9 @@ def _blurred(image: Image, sigma_px: float) -> Image:
 def _gain(radiance: Float32[np.ndarray, "h w 3"], exposure: float, config: SensorConfig) -> float:
     """Shares of a photosite per unit of radiance, by the light's exposure and own metering."""
     exposure *= config.sensitivity
-    # A full photosite tells no more, so that the sky does not darken the street for nothing.
-    seen = np.minimum(radiance[::4, ::4] @ np.array(_REC709, np.float32) * exposure, 1.0)
+    street = radiance[int(_METERED_FROM * len(radiance)) :: 4, ::4]
+    # A full photosite tells no more, so that what is white anyway darkens nothing.
+    seen = np.minimum(street @ np.array(_REC709, np.float32) * exposure, 1.0)
     level = float(np.exp(np.log(np.maximum(seen, 1e-3)).mean()))
     factor = (config.target_level / level) ** config.metering
     return float(exposure * min(max(factor, 1 / config.metering_limit), config.metering_limit))

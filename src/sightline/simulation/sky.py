@@ -88,7 +88,7 @@ def sky_radiance(light: Daylight, x: float, y: float, z: float) -> Vector:
     density = _cloud_density(light, x, y, z)
     if density > 0.0:
         grey = luminance((red, green, blue)) * (1.12 - 0.25 * density)
-        sunlit = 0.09 * (1.0 - 0.55 * density) * (1.0 - light.cloud_cover)
+        sunlit = 0.16 * (1.0 - 0.55 * density) * (1.0 - light.cloud_cover)
         red += (grey + sunlit * light.sun_color[0] - red) * density
         green += (grey + sunlit * light.sun_color[1] - green) * density
         blue += (grey * 1.02 + sunlit * light.sun_color[2] - blue) * density

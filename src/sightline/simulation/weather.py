@@ -44,17 +44,17 @@ def _scaled(color: tuple[float, float, float], factor: float) -> tuple[float, fl
 def _day(rng: np.random.Generator, azimuth: float, cloud_cover: float) -> Light:
     """Sun 22 to 55 degrees high; irradiance of some 10 units on the ground."""
     elevation = float(np.radians(rng.uniform(22.0, 55.0)))
-    strength = 9.0 * (1.0 - 0.25 * cloud_cover)
+    strength = 12.0 * (1.0 - 0.25 * cloud_cover)
     warmth = float(np.clip((elevation - 0.3) / 0.6, 0.0, 1.0))
     return Light(
         sun_direction=_sun_direction(elevation, azimuth),
         sun_color=_scaled((1.0, 0.90 + 0.05 * warmth, 0.74 + 0.12 * warmth), strength),
         sun_softness=0.0047 + 0.01 * cloud_cover,
-        sky_zenith=_scaled((0.30, 0.55, 1.0), 0.95 + 0.4 * cloud_cover),
-        sky_horizon=_scaled((0.80, 0.92, 1.0), 1.55),
+        sky_zenith=_scaled((0.30, 0.55, 1.0), 0.62 + 0.5 * cloud_cover),
+        sky_horizon=_scaled((0.80, 0.92, 1.0), 1.05 + 0.4 * cloud_cover),
         cloud_cover=cloud_cover,
         haze_m=float(rng.uniform(900.0, 2500.0)),
-        exposure=float(rng.uniform(0.26, 0.36)),
+        exposure=float(rng.uniform(0.23, 0.32)),
     )
 
 

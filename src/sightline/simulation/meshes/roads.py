@@ -45,24 +45,24 @@ class RoadFinishes(NamedTuple):
     land: Finish
 
 
-_ASPHALT_TONES: Final = (0.075, 0.15)
+_ASPHALT_TONES: Final = (0.13, 0.25)
 
 
 def draw_road_finishes(rng: np.random.Generator, kind: StreetKind) -> RoadFinishes:
     """Surfaces of a street; asphalt of any age, slabs, setts and grass."""
     tone = float(rng.uniform(*_ASPHALT_TONES))
-    asphalt = Finish(Material.ASPHALT, (tone, tone * 1.01, tone * 1.03))
+    asphalt = Finish(Material.ASPHALT, (tone, tone * 0.99, tone * 0.97))
     stone = float(rng.uniform(0.22, 0.40))
     slabs = Finish(
         Material.PAVEMENT, (stone, stone * rng.uniform(0.92, 0.98), stone * rng.uniform(0.82, 0.95))
     )
     setts = Finish(Material.COBBLES, (stone * 0.75, stone * 0.73, stone * 0.70))
+    green = float(rng.uniform(0.10, 0.14))
     grass = Finish(
-        Material.GRASS,
-        (rng.uniform(0.05, 0.085), rng.uniform(0.10, 0.14), rng.uniform(0.022, 0.040)),
+        Material.GRASS, (green * rng.uniform(0.65, 0.9), green, green * rng.uniform(0.25, 0.38))
     )
     red_path = Finish(Material.PAVEMENT, (0.32, 0.13, 0.09))
-    grey_path = Finish(Material.ASPHALT, (tone * 1.2, tone * 1.18, tone * 1.16))
+    grey_path = Finish(Material.ASPHALT, (tone * 1.15, tone * 1.13, tone * 1.10))
     carriageway = asphalt
     if kind is StreetKind.SQUARE:
         carriageway = setts if rng.random() < 0.5 else slabs
