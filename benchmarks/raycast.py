@@ -138,26 +138,26 @@ def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
     hits = {"camera_rays": len(others), "other_faces": int(others.sum())}
     hits["at_other_distances"] = int(elsewhere.sum())
     print(", ".join(f"{name} {count:,}" for name, count in hits.items()))
-    faces = [len(work.mesh.faces) for work in street_works(streets, seed)]
-    record = {"machine": describe_machine(), "faces": faces, "repeats": repeats, "seed": seed}
+    setting = {"streets": streets, "repeats": repeats, "seed": seed}
+    record = {"machine": describe_machine(), **setting}
     print(json.dumps({**record, "results_ms": results, **hits}))
 
 
 @functools.cache
-def street_works(streets: int, seed: int) -> list[Work]:
-    """Streets, and rays as the simulator casts them."""
+def street_works(name: str, streets: int, seed: int) -> list[Work]:
+    """Streets, and rays as the simulator casts them; the process holds no other peer's device."""
     config = SimulationConfig(seed=seed)
-    return [_street_work(config, index) for index in range(1, streets + 1)]
+    return [_street_work(PEERS[name], config, index) for index in range(1, streets + 1)]
 
 
-def _street_work(config: SimulationConfig, index: int) -> Work:
+def _street_work(peer: type[Peer], config: SimulationConfig, index: int) -> Work:
     scene = simulate_street(config, index).snapshot(0.0)
     rows, columns = np.indices(config.image_size, dtype=np.float32).reshape(2, -1)
     view = camera_view(config.calibration, scene.ego, config.lidar_config.height_m)
     camera = view.rays(columns, rows)
-    hits = Raycaster(scene.mesh).cast(*camera, coherent=True)
-    met = np.flatnonzero(hits.faces >= 0)[::2]
-    starts = camera.origins[met] + _LIFT * hits.distances[met, None] * camera.directions[met]
+    faces, distances = peer(scene.mesh).look(camera)
+    met = np.flatnonzero(faces >= 0)[::2]
+    starts = camera.origins[met] + _LIFT * distances[met, None] * camera.directions[met]
     ways = np.random.default_rng(index).normal(size=starts.shape).astype(np.float32)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     shadow = Rays(starts, np.tile(_SUN, (len(starts), 1)))
@@ -167,7 +167,7 @@ def _street_work(config: SimulationConfig, index: int) -> Work:
 def measure(name: str, streets: int, seed: int) -> list[float]:
     """Processor time [s] of each stage, over all streets."""
     seconds = np.zeros(len(_STAGES))
-    for work in street_works(streets, seed):
+    for work in street_works(name, streets, seed):
         clock = [time.process_time()]
         peer = PEERS[name](work.mesh)
         clock.append(time.process_time())
@@ -184,7 +184,7 @@ def measure(name: str, streets: int, seed: int) -> list[float]:
 
 def all_seen(name: str, streets: int, seed: int) -> ndarray:
     """Faces and distances that the camera's rays meet in all streets, in two rows."""
-    works = street_works(streets, seed)
+    works = street_works(name, streets, seed)
     return np.concatenate([PEERS[name](work.mesh).look(work.camera) for work in works], axis=1)
 
 

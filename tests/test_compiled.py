@@ -8,7 +8,7 @@ from itertools import product
 
 import pytest
 import torch
-from torch.library import opcheck
+from torch import library
 
 from sightline.ops.nms import nms2d, nms_bev
 from sightline.ops.rotated_iou import (
@@ -37,8 +37,8 @@ def some_boxes(seed: int, count: int) -> torch.Tensor:
 def test_the_iou_operators_keep_their_contract_with_torch(name, columns):
     operator = getattr(torch.ops.sightline, name).default
     a, b = (some_boxes(seed, 5)[:, columns].requires_grad_() for seed in (0, 1))
-    opcheck(operator, (a, b))
-    opcheck(operator, (a.detach().double(), b.detach()[:5]))
+    library.opcheck(operator, (a, b))
+    library.opcheck(operator, (a.detach().double(), b.detach()[:5]))
 
 
 @pytest.mark.parametrize("columns", [4, 5])
@@ -46,7 +46,7 @@ def test_the_suppression_operator_keeps_its_contract_with_torch(columns):
     boxes = torch.tensor([[0.0, 0, 2, 2, 1], [1, 0, 2, 2, 0], [3, 3, 4, 4, 0]])[:, :columns]
     scores, labels = torch.tensor([0.3, 0.9, 0.1]), torch.tensor([1, 1, 2])
     for classes, limit in product((None, labels), (None, 2)):
-        opcheck(torch.ops.sightline.nms.default, (boxes, scores, classes, 0.2, limit))
+        library.opcheck(torch.ops.sightline.nms.default, (boxes, scores, classes, 0.2, limit))
 
 
 @pytest.mark.parametrize("function", [pairwise_iou_3d, aligned_iou_3d])

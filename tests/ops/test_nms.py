@@ -1,5 +1,6 @@
 """Non-maximum suppression, by kernel and by plain PyTorch, against two loops over lists."""
 
+import inspect
 import math
 
 import pytest
@@ -118,8 +119,8 @@ def test_bad_boxes_scores_and_settings_are_refused_by_name(function, columns):
         function(boxes, scores, 0.5, max_detections=-1)
     # the shape checks of the tests would speak first
     with pytest.raises(ValueError, match=r"scores must hold one value for each of the 3 boxes"):
-        function.__wrapped__(boxes, scores[:2], 0.5)
+        inspect.unwrap(function)(boxes, scores[:2], 0.5)
     with pytest.raises(ValueError, match=rf"with {columns} values each, got .*\(3, 3\)"):
-        function.__wrapped__(boxes[:, :3], scores, 0.5)
+        inspect.unwrap(function)(boxes[:, :3], scores, 0.5)
     with pytest.raises(ValueError, match=r"labels must be whole numbers, got torch\.float32"):
-        function.__wrapped__(boxes, scores, 0.5, labels=torch.tensor([1.2, 1.7, 1.2]))
+        inspect.unwrap(function)(boxes, scores, 0.5, labels=torch.tensor([1.2, 1.7, 1.2]))

@@ -1,5 +1,6 @@
 """Exactness, by properties against a reference of 60 digits, against GEOS and in awkward cases."""
 
+import inspect
 import math
 from fractions import Fraction
 
@@ -282,7 +283,7 @@ def test_the_check_for_other_devices_refuses_the_same(column, value):
 
 def test_boxes_of_another_shape_or_type_are_refused():
     # the shape checks of the tests would speak first
-    pairwise, aligned = (f.__wrapped__ for f in (pairwise_iou_bev, aligned_iou_bev))
+    pairwise, aligned = (inspect.unwrap(f) for f in (pairwise_iou_bev, aligned_iou_bev))
     with pytest.raises(ValueError, match=r"boxes_b must be .* 5 values each, got .*\(2, 7\)"):
         pairwise(torch.ones(2, 5), torch.ones(2, 7))
     with pytest.raises(ValueError, match="boxes_a must be a floating-point tensor"):

@@ -104,6 +104,17 @@ def test_metering_stays_within_its_limit():
     )
 
 
+def test_a_brighter_sky_does_not_darken_the_street():
+    metered = replace(SHARP, metering=1.0, metering_limit=100.0)
+    dull = even(0.1, (100, 60))
+    bright = dull.copy()
+    bright[:40] = 0.9
+    street = slice(45, None)
+    np.testing.assert_array_equal(
+        taken(dull, config=metered)[street], taken(bright, config=metered)[street]
+    )
+
+
 @pytest.mark.parametrize(
     ("choice", "message"),
     [

@@ -12,7 +12,7 @@ takes some launches, and one wait, per box kept.
 
 import torch
 from jaxtyping import Float, Float64, Int, Int64
-from torch import Tensor
+from torch import Tensor, library
 
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.ops import nms_kernel, rotated_iou_torch
@@ -86,7 +86,7 @@ def _require_settings(
         raise ValueError(f"max_detections must not be negative, got {max_detections}")
 
 
-@torch.library.custom_op("sightline::nms", mutates_args=())
+@library.custom_op("sightline::nms", mutates_args=())
 def _nms(
     boxes: Tensor,
     scores: Tensor,
@@ -113,7 +113,7 @@ def _(
     max_detections: int | None,
 ) -> Tensor:
     del scores, labels, iou_threshold, max_detections
-    kept = torch.library.get_ctx().new_dynamic_size()
+    kept = library.get_ctx().new_dynamic_size()
     return boxes.new_empty(kept, dtype=torch.int64)
 
 

@@ -19,7 +19,7 @@ For all four functions:
 
 import torch
 from jaxtyping import Float, Float64
-from torch import Tensor
+from torch import Tensor, library
 from torch.autograd.function import BackwardCFunction
 
 from sightline.ops import rotated_iou_kernel, rotated_iou_torch
@@ -83,7 +83,7 @@ def _require_same_number(boxes_a: Tensor, boxes_b: Tensor) -> None:
         )
 
 
-@torch.library.custom_op("sightline::pairwise_iou", mutates_args=())
+@library.custom_op("sightline::pairwise_iou", mutates_args=())
 def _pairwise_iou(boxes_a: Tensor, boxes_b: Tensor) -> Tensor:
     if boxes_a.is_cpu:
         rows_a = checked_numpy_rows(boxes_a, "boxes_a")
@@ -95,7 +95,7 @@ def _pairwise_iou(boxes_a: Tensor, boxes_b: Tensor) -> Tensor:
     return iou.to(torch.promote_types(boxes_a.dtype, boxes_b.dtype))
 
 
-@torch.library.custom_op("sightline::aligned_iou", mutates_args=())
+@library.custom_op("sightline::aligned_iou", mutates_args=())
 def _aligned_iou(boxes_a: Tensor, boxes_b: Tensor) -> Tensor:
     if boxes_a.is_cpu:
         rows_a = checked_numpy_rows(boxes_a, "boxes_a")

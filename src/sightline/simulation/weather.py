@@ -42,7 +42,7 @@ def _scaled(color: tuple[float, float, float], factor: float) -> tuple[float, fl
 
 
 def _day(rng: np.random.Generator, azimuth: float, cloud_cover: float) -> Light:
-    """Sun 22 to 55 degrees high; irradiance of some 10 units on the ground."""
+    """Sun 22 to 55 degrees high; irradiance of 7 to 11 units on the ground."""
     elevation = float(np.radians(rng.uniform(22.0, 55.0)))
     strength = 12.0 * (1.0 - 0.25 * cloud_cover)
     warmth = float(np.clip((elevation - 0.3) / 0.6, 0.0, 1.0))
