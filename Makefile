@@ -1,12 +1,15 @@
 # make demo: set everything up in .venv and run the main job on the embedded default.
 # make test: set everything up in .venv and pass the whole check.
+# make test-all: run the tests on every Python that is promised and to be found here.
 PYTHON ?= python3
-BIN := .venv/bin
+VENV ?= .venv
+BIN := $(VENV)/bin
 # The environment is made anew only when what it is made from has changed.
-READY := .venv/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut -d' ' -f1)
+READY := $(VENV)/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut -d' ' -f1)
+PROMISED := $(shell sed -n 's/.*Programming Language :: Python :: \(3\.[0-9]*\)".*/\1/p' pyproject.toml)
 TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
-.PHONY: demo test format frames constraints clean
+.PHONY: demo test lint tests test-all format frames constraints clean
 
 demo: $(READY)
 	$(BIN)/sightline demo --out demo
@@ -14,14 +17,33 @@ demo: $(READY)
 # numba does not rebuild a cached kernel when one that it calls in another file has changed.
 KERNELS := $(shell grep -rl --include='*.py' 'ops.compiled' src)
 
-test: $(READY)
-	find src -name '*.nb[ic]' ! -newer "$$(ls -t $(KERNELS) | head -n 1)" -delete
+test: lint tests
+
+lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+tests: $(READY)
+	find src -name '*.nb[ic]' ! -newer "$$(ls -t $(KERNELS) | head -n 1)" -delete
 	$(BIN)/pytest -n 2 --dist worksteal $(TYPED) --ignore tests/test_compiled.py
 	$(BIN)/pytest tests/test_compiled.py
+
+# A Python is python3.N on the path, or one of pyenv's; each has an environment of its own.
+test-all:
+	@skipped=; \
+	for version in $(PROMISED); do \
+		found=; \
+		for python in python$$version "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/$$version.*/bin/python; do \
+			"$$python" -c "import sys; sys.exit('%d.%d' % sys.version_info[:2] != '$$version')" \
+				2> /dev/null && found=$$python && break; \
+		done; \
+		if [ -z "$$found" ]; then skipped="$$skipped $$version"; continue; fi; \
+		echo "== Python $$version: $$found"; \
+		$(MAKE) tests PYTHON="$$found" VENV=.venv-$$version || exit; \
+	done; \
+	test -z "$$skipped" || echo "== skipped, as they are not installed:$$skipped"
 
 format: $(READY)
 	$(BIN)/ruff check --fix-only .
@@ -31,7 +53,7 @@ format: $(READY)
 FRAMES := src/sightline/simulation/frames
 frames: $(READY)
 	rm -rf build/frames $(FRAMES)
-	$(BIN)/sightline simulate build/frames --frames 2 --seed 3 --velodyne velodyne_reduced
+	$(BIN)/sightline simulate build/frames --frames 2 --seed 15 --velodyne velodyne_reduced
 	mkdir -p $(FRAMES)/training
 	mv build/frames/ImageSets $(FRAMES)/ImageSets
 	for part in image_2 calib label_2 depth; do mv build/frames/training/$$part $(FRAMES)/training; done
@@ -44,12 +66,12 @@ constraints: $(READY)
 		--python-version 3.11 --output-file constraints.txt pyproject.toml
 
 clean:
-	rm -rf .venv demo build dist
+	rm -rf .venv .venv-* demo build dist
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v < (3, 14) else \
 		f"sightline needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}: make PYTHON=python3.12 ...")'
-	$(PYTHON) -m venv .venv
-	rm -f .venv/ready-*
+	$(PYTHON) -m venv $(VENV)
+	rm -f $(VENV)/ready-*
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	touch $@

@@ -1,11 +1,11 @@
 """Times depth completion at 1216x352: `python -m benchmarks.depth_completion`.
 
 From a sparse map and an image to a dense map, as `DepthPredictor.complete` does it, pre-fill
-included: the seed's network, ours and the methods without training, on every engine that is asked
-for. Each row is measured in a process of its own, one after the other, in one run. The last line is
-kept in benchmarks/results/depth_completion.json.
+included: the network of Yu and Kee 2021, ours and the methods without training, on every engine
+that is asked for. Each row is measured in a process of its own, one after the other, in one run.
+The last line is kept in benchmarks/results/depth_completion.json.
 
-The seed's network has weights drawn at random: its time does not depend on them.
+The paper's network has weights drawn at random: its time does not depend on them.
 """
 
 import json
@@ -18,18 +18,20 @@ from typing import Any, Literal
 import jsonargparse
 import torch
 
+from benchmarks.latency import count_cost, measure_latency
 from benchmarks.machine import describe_machine
 from sightline.data.open import open_dataset
+from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig
+from sightline.depth_completion.export_graph import example_inputs
 from sightline.depth_completion.methods import complete_depth
 from sightline.depth_completion.model import DepthCompletionNet
-from sightline.export.engines import EngineName
-from sightline.export.latency import count_cost, measure_latency
+from sightline.depth_completion.predictor import DepthPredictor
+from sightline.depth_completion.registration import TASK
+from sightline.export.names import EngineName
 from sightline.geometry.projection import sparse_depth_map
-from sightline.inference.depth import DepthPredictor
-from sightline.inference.weights import load_network
+from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from sightline.training.checkpoint import write_weights
 
 SIZE = (352, 1216)
 _METHODS = ("linear", "classical", "adaptive")
@@ -49,7 +51,7 @@ def main(
 
     Args:
         device: Where networks run; methods without training run on the CPU.
-        engines: What runs the networks that are shipped; the seed's runs in PyTorch only.
+        engines: What runs the networks that are shipped; the paper's runs in PyTorch only.
         threads: Of the CPU.
         repeats: Calls timed.
     """
@@ -95,10 +97,10 @@ def _measure(
             warm_up=1 if is_slow else 10,
             repeats=min(repeats, 3) if is_slow else repeats,
         )
-        loaded = load_network(weights)
+        loaded = load_network(TASK, weights)
     inputs = {
         input_name: torch.rand(1, planes.shape[1], *SIZE)
-        for input_name, planes in loaded.example_inputs().items()
+        for input_name, planes in example_inputs(loaded.network).items()
     }
     return row | latency.to_json() | count_cost(loaded.network, inputs).to_json()
 

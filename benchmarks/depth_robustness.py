@@ -5,31 +5,33 @@ method is given gets worse. Its last line is kept in benchmarks/results/depth_ro
 """
 
 import json
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import jsonargparse
-import numpy as np
 import torch
 
 from benchmarks.machine import describe_machine
-from sightline.data.augmentation import add_outliers, drop_camera, rotate_extrinsics
+from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar, fault_rng
 from sightline.data.open import open_dataset
+from sightline.depth_completion.predictor import Completer, choose_completer
 from sightline.evaluation.held_out import BEAMS, evaluate_held_out
-from sightline.export.engines import EngineName
-from sightline.inference.depth import Completer, choose_completer
+from sightline.export.names import EngineName
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
-Break = Callable[[CameraLidarSample], CameraLidarSample]
+_FAULTS: tuple[Fault, ...] = (  # with all 64 beams
+    *(TurnedLidar(yaw_deg=yaw_deg) for yaw_deg in (0.2, 0.5, 1.0)),
+    NoCamera(),
+    FalseEchoes(share=0.05),
+)
 
 
 def main(
     data: Path,
     methods: tuple[str, ...] = ("linear", "adaptive"),
     weights: tuple[str, ...] = ("depth-best", "depth-fast-cpu"),
-    split: str = "sample_val",
+    sample_list: str = "sample_val",
     engine: EngineName = "torch",
 ) -> None:
     """Prints a table, then one line of JSON.
@@ -38,15 +40,15 @@ def main(
         data: KITTI object tree with calibration, images and sweeps.
         methods: Methods without training.
         weights: Names or files of trained weights.
-        split: Which frames: a list in ImageSets, or a text file with one name a line.
+        sample_list: Which frames: a list in ImageSets, or a text file with one name a line.
         engine: What runs the networks.
     """
     torch.set_num_threads(2)
-    dataset = open_dataset(data, sample_list=split, parts={"image", "points"})
+    dataset = open_dataset(data, sample_list=sample_list, parts={"image", "points"})
     samples = [dataset[index] for index in range(len(dataset))]
     completers = [choose_completer(method=name) for name in methods]
     completers += [choose_completer(weights=name, engine=engine) for name in weights]
-    columns = [f"{beams} beams" for beams in BEAMS] + list(_faults())
+    columns = [f"{beams} beams" for beams in BEAMS] + [str(fault) for fault in _FAULTS]
     print(f"{len(samples)} frames, RMSE / MAE in mm")
     print(" " * 16 + "".join(f"{name:>16}" for name in columns))
     results = []
@@ -58,35 +60,21 @@ def main(
     print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
 
 
-def _faults() -> dict[str, Break]:
-    """With all 64 beams."""
-    faults: dict[str, Break] = {
-        f"yaw {yaw_deg} deg": partial(rotate_extrinsics, yaw_deg=yaw_deg)
-        for yaw_deg in (0.2, 0.5, 1.0)
-    }
-    return faults | {"no camera": drop_camera, "5 % outliers": _with_outliers}
-
-
-def _with_outliers(sample: CameraLidarSample) -> CameraLidarSample:
-    """The same returns of a frame for every method."""
-    seed = [int(character) for character in sample.sample_id if character.isdigit()]
-    return add_outliers(sample, share=0.05, rng=np.random.default_rng(seed))
-
-
 def _score(completer: Completer, samples: list[CameraLidarSample]) -> dict[str, list[float]]:
     row = {}
     for score in evaluate_held_out(samples, completer).scores:
         row[f"{score.beams} beams"] = [round(score.rmse_mm, 1), round(score.mae_mm, 1)]
-    for name, fault in _faults().items():
+    for fault in _FAULTS:
         (score,) = evaluate_held_out(
             samples, partial(_complete, completer, fault), beams=[64]
         ).scores
-        row[name] = [round(score.rmse_mm, 1), round(score.mae_mm, 1)]
+        row[str(fault)] = [round(score.rmse_mm, 1), round(score.mae_mm, 1)]
     return row
 
 
-def _complete(completer: Completer, fault: Break, sample: CameraLidarSample) -> DepthMap:
-    return completer(fault(sample))
+def _complete(completer: Completer, fault: Fault, sample: CameraLidarSample) -> DepthMap:
+    """Each method meets the same faults."""
+    return completer(fault(sample, fault_rng(sample)))
 
 
 if __name__ == "__main__":

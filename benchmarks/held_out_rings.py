@@ -41,16 +41,16 @@ _METHODS: dict[str, Callable[[np.ndarray], DepthMap]] = {
 }
 
 
-def main(data: Path, split: str = "sample_val") -> None:
+def main(data: Path, sample_list: str = "sample_val") -> None:
     """Prints a table, then one line of JSON.
 
     Args:
         data: KITTI object tree with calibration, images and sweeps.
-        split: Which frames: a list in ImageSets, or a text file with one name a line.
+        sample_list: Which frames: a list in ImageSets, or a text file with one name a line.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    dataset = KittiObjectDataset(data, sample_list=split, parts={"points"})
+    dataset = KittiObjectDataset(data, sample_list=sample_list, parts={"points"})
     samples = [dataset[index] for index in range(len(dataset))]
     results = [_measure(name, samples) for name in _METHODS]
     print(f"{len(samples)} frames; RMSE / MAE in mm, median ms, by beams")

@@ -1,7 +1,7 @@
 """Times KITTI's object evaluation, files included.
 
-`python -m benchmarks.kitti_evaluation --labels labels_7481.tar.gz --split val.txt`: every frame of
-the split against jittered copies of its own objects with clutter, all classes, by all four
+`python -m benchmarks.kitti_evaluation --labels labels_7481.tar.gz --sample_list val.txt`: each
+frame of the list against jittered copies of its own objects with clutter, all classes, by all four
 measures. "process" starts a fresh interpreter, compiled code cached; "call" is the evaluation
 alone in a warm one.
 """
@@ -29,16 +29,16 @@ _PROCESS = """
 import sys
 from pathlib import Path
 from sightline.evaluation.kitti_object import evaluate_objects
-evaluate_objects(Path(sys.argv[1]), Path(sys.argv[2]), split=sys.argv[3])
+evaluate_objects(Path(sys.argv[1]), Path(sys.argv[2]), sample_list=sys.argv[3])
 """
 
 
-def main(labels: Path, split: Path, copies: int = 2, repeats: int = 5) -> None:
+def main(labels: Path, sample_list: Path, copies: int = 2, repeats: int = 5) -> None:
     """Prints a table, then one line of JSON.
 
     Args:
         labels: Folder of label files, or an archive that holds one named label_2.
-        split: Text file with the frames, one a line.
+        sample_list: Text file with the frames, one a line.
         copies: Detections made of each labelled object.
         repeats: Runs of each kind; the median counts.
     """
@@ -49,15 +49,18 @@ def main(labels: Path, split: Path, copies: int = 2, repeats: int = 5) -> None:
                 archive.extractall(scratch, members, filter="data")
             labels = Path(scratch) / "label_2"
         results = Path(scratch) / "results"
-        names = read_sample_list(split, labels)
+        names = read_sample_list(sample_list, labels)
         generator = np.random.default_rng(0)
         num_detections = sum(
             _write_jittered(generator, name, labels, results, copies) for name in names
         )
-        command = [sys.executable, "-c", _PROCESS, str(results), str(labels), str(split)]
-        report = evaluate_objects(results, labels, split=split)  # compiles and fills file caches
+        command = [sys.executable, "-c", _PROCESS, str(results), str(labels), str(sample_list)]
+        # Compiles, and fills file caches.
+        report = evaluate_objects(results, labels, sample_list=sample_list)
         timings = {
-            "call": _time(repeats, lambda: evaluate_objects(results, labels, split=split)),
+            "call": _time(
+                repeats, lambda: evaluate_objects(results, labels, sample_list=sample_list)
+            ),
             "process": _time(repeats, lambda: subprocess.run(command, check=True)),
         }
     print(f"{len(names):,} frames, {num_detections:,} detections, {len(report.entries)} entries")

@@ -4,7 +4,8 @@ Its last line is kept in benchmarks/results/simulate.json.
 
 - A frame and core: single streets at 1242x375 with one sample a pixel, everything included from
   the street to the files, in one process, stage by stage. Processor time, which other programs on
-  the machine disturb least and which counts Embree's helper threads, too.
+  the machine disturb least and which counts Embree's helper threads, too. Beside it, frame by
+  frame in turns, the same with the camera left out.
 - Memory: of each process of `sightline simulate` with one worker and with two, looked at while
   it runs: the most that was ever resident (VmHWM), pages that it shares with others counted in
   full, and the most of its proportional share (PSS), where each page is divided among those who
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -65,10 +67,12 @@ def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: in
             time_frame(config, index, layout, whole, stages)
     memory = {workers: measure_memory(config.seed, parallel_frames, workers) for workers in (1, 2)}
     speed = time_workers(config, parallel_frames, repeats)
-    seconds = {**stages.seconds, "frame": whole.seconds["frame"]}
+    seconds = {**stages.seconds, **whole.seconds}
     results = {name: spread(values) for name, values in seconds.items()}
     for name, result in results.items():
         print(f"{name:<16} {result['median_s']:7.3f} s  (IQR {result['iqr_s']:.3f})")
+    ratio = results["frame"]["median_s"] / results["without camera"]["median_s"]
+    print(f"without the camera, {ratio:.2f} x as fast")
     for workers, processes in memory.items():
         for role, held in processes.items():
             print(
@@ -84,6 +88,7 @@ def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: in
         "machine": describe_machine(),
         **setting,
         "results": results,
+        "without_camera": ratio,
         "memory": memory,
         **speed,
     }
@@ -94,11 +99,10 @@ def time_frame(
     config: SimulationConfig, index: int, layout: ObjectLayout, whole: Stages, stages: Stages
 ) -> None:
     """Makes a frame as `simulate` does, and once more by stages."""
-
-    def make() -> None:
-        layout.frame(index).write(simulate_frame(config, index), layout.velodyne)
-
-    whole.time("frame", make)
+    for name, camera in (("frame", True), ("without camera", False)):
+        chosen = replace(config, camera=camera)
+        files = replace(layout, camera=camera).frame(index)
+        whole.time(name, lambda: files.write(simulate_frame(chosen, index), layout.velodyne))  # noqa: B023
     simulate_street.cache_clear()
     street = stages.time("street", lambda: simulate_street(config, index))
     scene = stages.time("scene", lambda: street.snapshot(0.0))
@@ -121,7 +125,7 @@ def time_frame(
             scene, raycaster, rng=np.random.default_rng(0), config=config.lidar_config
         ),
     )
-    stages.time("labels", lambda: label_frame(scene, picture, config.calibration, height_m))
+    stages.time("labels", lambda: label_frame(scene, picture.owners, config.calibration, height_m))
     frame = simulate_frame(config, index)
     stages.time("files", lambda: layout.frame(index).write(frame, layout.velodyne))
 

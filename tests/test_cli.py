@@ -7,7 +7,7 @@ import pytest
 from sightline.cli import main as cli
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.training import command
-from tests.inference.networks import write_tiny_weights
+from tests.depth_completion.networks import write_tiny_weights
 
 
 def run(capsys, *arguments):
@@ -28,6 +28,7 @@ def run(capsys, *arguments):
         ["check"],
         ["show"],
         ["simulate"],
+        ["tasks"],
         ["predict"],
         ["predict", "depth-completion"],
         ["evaluate"],
@@ -245,6 +246,33 @@ def test_a_network_can_stand_wherever_a_method_can(capsys, tmp_path):
     tables = json.loads((tmp_path / "tables.json").read_text())
     assert tables["table_3"]["with"]["name"] == "tiny"
     assert tables["table_3"]["without"] is None
+
+
+def test_the_tasks_are_listed_with_all_that_belongs_to_them(capsys):
+    status, out, _ = run(capsys, "tasks")
+    assert status == 0
+    listed = [line.strip() for line in out.splitlines()]
+    assert listed[0].startswith("depth-completion: Completes the depth")
+    assert "weights: depth-best (default), depth-fast-cpu" in listed
+    assert "outputs: depth, uncertainty" in listed
+    assert listed[-1].startswith("engines: torch, onnxruntime")
+
+
+def test_the_help_of_predict_names_the_tasks_own_methods_and_outputs(capsys):
+    _, out, _ = run(capsys, "predict", "depth-completion", "--help")
+    assert "--uncertainty UNCERTAINTY" in out
+    assert "'adaptive'" in out
+
+
+def test_a_frame_is_drawn_with_the_answer_of_a_task_that_is_named(capsys, tmp_path):
+    command_line = ["show", str(PACKAGED_FRAMES), "000000", "--task", "depth-completion"]
+    out = tmp_path / "000000.png"
+    status, _, _ = run(capsys, *command_line, "--method", "nearest", "--out", str(out))
+    assert status == 0
+    assert out.stat().st_size > 0
+    status, _, err = run(capsys, *command_line[:-1], "tarot")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "there is no task tarot; name one of depth-completion" in err
 
 
 def test_a_method_and_weights_at_once_are_refused(capsys):

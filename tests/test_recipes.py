@@ -7,19 +7,19 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sightline.cli.main import PACKAGE_RECIPES, main
+from sightline.cli.main import main
 from sightline.data.depth_png import write_depth_png
 from sightline.data.open import open_dataset
+from sightline.data.weights import read_weights
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from sightline.training.checkpoint import read_weights
+from sightline.tasks import PACKAGE_RECIPES, find_task, recipes_of, task_names
 
 RECIPES = sorted(path.stem for path in PACKAGE_RECIPES.glob("*.yaml"))
 DRIVE = "2011_09_26_drive_0001_sync"
 SMALL = (
     "--data.init_args.batch_size=2",
     "--data.init_args.workers=0",
-    "--data.init_args.preparation.init_args.settings.crop_size=[64,128]",
     "--trainer.max_steps=2",
     "--trainer.limit_val_batches=1",
     "--trainer.enable_progress_bar=false",
@@ -76,32 +76,58 @@ def copy(source: Path, target: Path) -> None:
     shutil.copy(source, target)
 
 
-def test_there_is_a_recipe_for_each_preset():
+def test_every_recipe_is_of_one_task():
+    recipes = [recipe for name in task_names() for recipe in recipes_of(find_task(name))]
+    assert sorted(recipes) == RECIPES
     assert {"depth-shiftconv-kitti", "depth-best", "depth-fast-cpu"} <= set(RECIPES)
 
 
-@pytest.mark.parametrize("recipe", RECIPES)
-def test_a_recipe_trains_and_its_weights_complete_depth(
-    recipe, street, benchmark_tree, tmp_path, monkeypatch, capfd
+@pytest.mark.parametrize(
+    ("name", "recipe"),
+    [(name, recipe) for name in task_names() for recipe in recipes_of(find_task(name))],
+)
+def test_a_recipe_trains_and_its_weights_answer(
+    name, recipe, street, benchmark_tree, tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)
+    task = find_task(name)
     root = benchmark_tree if recipe.endswith("-kitti") else street
-    status = main(["fit", "--config", recipe, f"--data.init_args.root={root}", *SMALL])
+    small = (*SMALL, *(f"--{flag}={value}" for flag, value in task.trial_settings.items()))
+    given = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())["model"]["init_args"]
+    if "initial_weights" in given:  # of a first stage: the weights that come with Sightline
+        begun = recipe.removesuffix("-held-out").removesuffix("-finetune")
+        small = (*small, f"--model.init_args.initial_weights={begun}")
+    status = main(["fit", "--config", recipe, f"--data.init_args.root={root}", *small])
     assert status == 0, capfd.readouterr().err
     run = tmp_path / "runs" / recipe
     weights = read_weights(run / "weights.safetensors")
-    assert weights.task == "depth-completion"
+    assert weights.task == name
     assert all(tensor.isfinite().all() for tensor in weights.tensors.values())
-    given = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())
-    network = given["model"]["init_args"]["network"]
+    network = given["network"] if "network" in given else read_weights(begun).config
     assert (
         json.loads(json.dumps(weights.config)).items()
         >= {name: value for name, value in network.items() if not isinstance(value, dict)}.items()
     )
-    out = tmp_path / "depth"
-    command = ["predict", "depth-completion", str(PACKAGED_FRAMES), str(out), "--workers", "1"]
+    out = tmp_path / "out"
+    command = ["predict", name, str(PACKAGED_FRAMES), str(out), "--workers", "1"]
     assert main([*command, "--weights", str(run / "weights.safetensors")]) == 0
-    assert len(list(out.glob("*.png"))) == 2
+    assert len(list(out.glob(f"*{task.outputs[0].suffix}"))) == 2
+
+
+def test_what_the_simulator_writes_trains_without_a_word_on_sweeps_and_lists(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    street = tmp_path / "street"
+    shutil.copytree(PACKAGED_FRAMES, street)  # whole sweeps, and a list of training frames alone
+    names = [f"{number:06}" for number in range(4)]
+    (street / "ImageSets" / "train.txt").write_text("\n".join(names))
+    for path in (street / "training").glob("*/00000[01].*"):
+        number = int(path.stem) + 2
+        shutil.copy(path, path.with_name(f"{number:06}{path.suffix}"))
+    run = ["fit", "--config", "depth-fast-cpu", "--data.init_args.root", "street", *SMALL]
+    assert main(run) == 0, capfd.readouterr().err
+    assert (tmp_path / "runs" / "depth-fast-cpu" / "best.ckpt").is_file()
 
 
 def test_the_ablation_differs_in_the_shift_convolution_only():
@@ -114,10 +140,27 @@ def test_the_ablation_differs_in_the_shift_convolution_only():
     assert whole == without
 
 
+def recipe(name):
+    return yaml.safe_load((PACKAGE_RECIPES / f"{name}.yaml").read_text())
+
+
+@pytest.mark.parametrize("name", ["depth-best", "depth-fast-cpu"])
+def test_the_second_stage_goes_on_from_the_first_with_other_truth(name):
+    first, second = recipe(name), recipe(f"{name}-held-out")
+    first_model, second_model = (stage["model"]["init_args"] for stage in (first, second))
+    assert second_model.pop("initial_weights") == f"runs/{name}/weights.safetensors"
+    assert first_model.pop("network")
+    rates = [model["optimizer"].pop("learning_rate") for model in (first_model, second_model)]
+    assert rates == [1e-3, 5e-4]
+    examples = [
+        stage["data"]["init_args"]["preparation"]["init_args"]["settings"]
+        for stage in (first, second)
+    ]
+    assert [settings.pop("truth") for settings in examples] == ["both", "held_out"]
+    assert first == second
+
+
 def test_fine_tuning_starts_from_the_shipped_network():
-    whole, tuned = (
-        yaml.safe_load((PACKAGE_RECIPES / f"{name}.yaml").read_text())["model"]["init_args"]
-        for name in ("depth-best", "depth-best-finetune")
-    )
+    tuned = recipe("depth-best-finetune")["model"]["init_args"]
     assert tuned["initial_weights"] == "depth-best"
-    assert whole["network"] == tuned["network"]
+    assert "network" not in tuned

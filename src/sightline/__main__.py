@@ -6,11 +6,15 @@ import sys
 def run() -> int:
     """The exit status of the command; Ctrl-C while it is being imported ends it in one line too."""
     try:
+        from sightline.cli.interrupts import postpone_interrupts_while_importing
+
+        postpone_interrupts_while_importing()
         from sightline.cli.main import main
+
+        return main()
     except KeyboardInterrupt:
         print("sightline: interrupted", file=sys.stderr)
         return 130
-    return main()
 
 
 if __name__ == "__main__":

@@ -1,3 +1,4 @@
+import errno
 import os
 from pathlib import Path
 
@@ -97,3 +98,21 @@ def test_a_folder_or_a_device_is_no_place_for_a_file(tmp_path):
     for place in (tmp_path, Path("/dev/null")):
         with pytest.raises(ValueError, match="no regular file; choose another name"):
             atomic_write_text(place, "")
+
+
+def test_a_full_disk_is_told_with_the_file(tmp_path):
+    def write() -> None:
+        with atomic_path(tmp_path / "0.png") as temporary:
+            temporary.touch()
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(
+        ValueError, match=r"0\.png cannot be written: no space left on device; make"
+    ):
+        write()
+    assert names(tmp_path) == []
+
+
+def test_errors_of_other_files_in_the_block_stay_what_they_are(tmp_path):
+    with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "0.png"):
+        (tmp_path / "absent").read_bytes()

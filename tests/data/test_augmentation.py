@@ -20,7 +20,10 @@ from sightline.data.augmentation import (
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.rings import ring_numbers
 from sightline.evaluation.held_out import split_rings
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.projection import project_points, sparse_depth_map
+from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
 from tests.data.scenes import SIZE, few, rotation, sample_of, seeds
 from tests.geometry.cameras import kitti_like_calibration
@@ -274,7 +277,44 @@ def test_a_crop_shows_a_part_of_the_image_the_truth_and_the_projected_points(see
     assert torch.equal(part.image, sample.image[window])
     assert torch.equal(part.depth, sample.depth[window])
     assert torch.equal(depth_map(part), depth_map(sample)[window])
-    assert part.objects is None
+
+
+def labelled(boxes, truncation):
+    """A sample with so many cars."""
+    rows = torch.tensor([[20.0, 6, -1, 4, 1.6, 1.5, 0.4]] * len(boxes)).double()
+    objects = ObjectLabels(
+        class_names=tuple(f"Car{number}" for number in range(len(boxes))),
+        boxes2d=Boxes2D(torch.tensor(boxes).double()),
+        boxes3d=Boxes3D(rows),
+        truncation=torch.tensor(truncation).double(),
+        occlusion=torch.zeros(len(boxes), dtype=torch.long),
+        alpha=torch.zeros(len(boxes)).double(),
+    )
+    return sample_of(objects=objects)
+
+
+def test_a_crop_cuts_the_boxes_and_drops_what_it_does_not_show():
+    boxes = [[10.0, 20, 30, 40], [50, 30, 90, 50], [200, 20, 300, 60], [70, 30, 110, 50]]
+    part = crop(labelled(boxes, [0.0, 0.0, 0.5, -1.0]), top=10, left=40, height=51, width=51)
+    assert part.objects.class_names == ("Car1", "Car3")
+    assert part.objects.boxes2d.tensor.tolist() == [[10, 20, 50, 40], [30, 20, 50, 40]]
+    assert part.objects.truncation.tolist() == [0.0, -1.0]
+    assert len(part.objects.boxes3d) == 2
+
+
+@few
+@given(seeds, st.floats(0, 1), st.integers(0, 300), st.integers(1, 100))
+def test_truncation_grows_by_the_share_of_the_box_that_a_crop_takes(seed, truncation, left, width):
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(0, 300), rng.uniform(0, 60)
+    box = [x, y, x + rng.uniform(1, 90), y + rng.uniform(1, 50)]
+    part = crop(labelled([box], [truncation]), top=0, left=left, height=SIZE[0], width=width)
+    shown = min(box[2], left + width - 1) - max(box[0], left)
+    if shown <= 0:
+        assert len(part.objects) == 0
+    else:
+        expected = 1 - (1 - truncation) * shown / (box[2] - box[0])
+        assert part.objects.truncation.item() == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,15 @@
+import os
 import shutil
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sightline.data.check import _answers, check_tree, summarize_tree
+from sightline.data import tree_checks
+from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
+from sightline.data.problem import Problem
 from tests.data.trees import (
     LABELS,
     depth_map,
@@ -28,6 +30,11 @@ def rewrite(path: Path, old: str, new: str) -> None:
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
+
+
+def write_sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(2**40)
 
 
 @pytest.fixture
@@ -130,6 +137,26 @@ def test_a_file_that_readers_refuse_or_doubt_is_one_line(tree, file, content, co
     assert "\n" not in str(problem)
 
 
+def test_a_calibration_that_no_vehicle_has_is_named_in_every_kind_of_tree(tmp_path):
+    write_object_tree(tmp_path / "object", "000001")
+    write_selection(tmp_path / "depth")
+    write_depth_drive(tmp_path / "depth", tmp_path / "depth")
+    write_drive(tmp_path / "flat", official=False)
+    for root, pattern in (
+        ("object", "calib/*.txt"),
+        ("depth", "*/*/intrinsics/*.txt"),
+        ("depth", "*/calib_cam_to_cam.txt"),
+        ("flat", "calib_cam_to_cam.txt"),
+    ):
+        (path,) = (tmp_path / root).rglob(pattern)
+        text = path.read_text()
+        negative = text.replace("2.0000000000000000e+01", "-2e1").replace("20.0 ", "-20.0 ")
+        path.write_text(negative)
+        said = lines(tmp_path / root)
+        path.write_text(text)
+        assert any(line.startswith(str(path)) and "focal lengths of -20" in line for line in said)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
@@ -158,6 +185,51 @@ def test_an_empty_sweep_and_a_frame_without_objects_are_no_problems(tree):
     assert lines(tree.parent) == []
 
 
+@pytest.mark.parametrize(
+    "file",
+    ["image_2/000002.png", "velodyne/000002.bin", "calib/000002.txt", "label_2/000002.txt"],
+)
+@pytest.mark.parametrize(
+    ("replace", "complaint"),
+    [
+        (os.mkfifo, "is no regular file"),
+        (Path.mkdir, "is no regular file"),
+        (lambda path: path.symlink_to(path.name), "cannot be read: "),
+        (lambda path: path.symlink_to("/dev/zero"), "is no regular file"),
+        (write_sparse, f"is {2**40} bytes long, expected up to"),
+    ],
+    ids=["pipe", "folder", "circular link", "endless device", "terabyte"],
+)
+def test_what_would_hang_or_fill_the_memory_is_one_line_unread(tree, file, replace, complaint):
+    (tree / file).unlink()
+    replace(tree / file)
+    (line,) = lines(tree.parent)
+    assert line.startswith(f"{tree / file}: {complaint}")
+
+
+def test_a_fault_that_no_reader_foresaw_is_told_of_its_frame_and_the_others_are_checked(
+    tree, monkeypatch
+):
+    def check(frame):
+        if frame.sample_id != "000003":
+            raise MemoryError
+        return [Problem(path=Path("3"), problem="is faulty", remedy="mend it")]
+
+    monkeypatch.setattr(tree_checks, "check_object_frame", check)
+    assert lines(tree.parent) == [
+        f"{tree}: frame 000001 cannot be checked (MemoryError); report this as a bug",
+        f"{tree}: frame 000002 cannot be checked (MemoryError); report this as a bug",
+        "3: is faulty; mend it",
+    ]
+
+
+def test_a_name_that_is_no_text_is_told_in_plain_characters(tree):
+    (tree / "image_2" / "000002.png").rename(tree / "image_2" / "00\udcff2.png")
+    told = "\n".join(lines(tree.parent))
+    assert told.isascii()
+    assert "00\\udcff2" in told
+
+
 def test_it_goes_on_after_every_problem_and_tells_them_in_the_order_of_the_frames(tree):
     (tree / "image_2" / "000003.png").unlink()
     (tree / "calib" / "000001.txt").write_text("")
@@ -183,41 +255,6 @@ def test_reduced_sweeps_alone_are_enough(tree):
     (tree / "velodyne").rename(tree / "velodyne_reduced")
     assert lines(tree.parent) == []
     assert "velodyne_reduced 3" in str(summarize_tree(tree.parent)[0])
-
-
-def test_only_a_few_frames_are_looked_at_ahead_of_whoever_asks():
-    drawn = []
-
-    def checks():
-        for number in range(100):
-            drawn.append(number)
-            yield list
-
-    answers = _answers(checks(), num_workers=1)
-    next(answers)
-    assert len(drawn) < 10
-    assert len(list(answers)) == 99
-
-
-def test_stopping_early_leaves_no_thread_and_no_check_behind():
-    begun, stop = [], threading.Event()
-
-    def check():
-        begun.append(None)
-        if len(begun) > 1:
-            stop.wait()
-        return []
-
-    before = threading.active_count()
-    answers = _answers([check] * 9, num_workers=1)
-    next(answers)
-    threading.Timer(0.1, stop.set).start()
-    answers.close()
-    assert len(begun) <= 2
-    stop_timers = [
-        thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)
-    ]
-    assert threading.active_count() - len(stop_timers) == before
 
 
 @pytest.mark.parametrize("kind", ["velodyne_raw", "groundtruth_depth"])

@@ -65,7 +65,7 @@ def test_a_depth_map_without_pixels_is_refused(tmp_path):
 )
 def test_pictures_that_are_no_depth_maps_are_refused_by_name(tmp_path, pixels):
     cv2.imwrite(str(tmp_path / "0.png"), pixels)
-    with pytest.raises(ValueError, match=r"0\.png is a PNG of .* expected a depth map: PNG, 1 ch"):
+    with pytest.raises(ValueError, match=r"0\.png: is a PNG of .* expected a depth map: PNG, 1 ch"):
         read_depth_png(tmp_path / "0.png")
 
 
@@ -74,7 +74,7 @@ def test_a_file_cut_short_is_refused_by_name(tmp_path, length):
     write_depth_png(tmp_path / "0.png", depth_map())
     whole = (tmp_path / "0.png").read_bytes()
     (tmp_path / "0.png").write_bytes(whole[:length])
-    with pytest.raises(ValueError, match=r"0\.png is"):
+    with pytest.raises(ValueError, match=r"0\.png: is"):
         read_depth_png(tmp_path / "0.png")
 
 
@@ -83,5 +83,5 @@ def test_a_flipped_bit_is_found_by_the_checksum(tmp_path):
     content = bytearray((tmp_path / "0.png").read_bytes())
     content[len(content) // 2] ^= 1
     (tmp_path / "0.png").write_bytes(content)
-    with pytest.raises(ValueError, match=r"0\.png is damaged: a PNG checksum is wrong"):
+    with pytest.raises(ValueError, match=r"0\.png: is damaged: a PNG checksum is wrong"):
         read_depth_png(tmp_path / "0.png")

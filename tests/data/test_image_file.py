@@ -7,6 +7,7 @@ import pytest
 
 from sightline.data.image_file import read_rgb, write_rgb
 from sightline.data.image_header import MAX_PIXELS, parse_image_header, read_image_size
+from sightline.data.problem import FileError
 from tests.data.trees import IMAGE_SIZE, depth_map, picture
 
 
@@ -86,7 +87,7 @@ def test_grey_pictures_become_three_equal_channels_and_opacity_goes(tmp_path):
 
 def test_a_depth_map_is_no_picture(tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), (depth_map() * 256).astype(np.uint16))
-    with pytest.raises(ValueError, match=r"0\.png has 16 bits .* perhaps a depth map"):
+    with pytest.raises(ValueError, match=r"0\.png: has 16 bits .* perhaps a depth map"):
         read_rgb(tmp_path / "0.png")
 
 
@@ -96,28 +97,91 @@ def test_a_picture_cut_short_is_refused_though_decoders_would_guess_the_rest(tmp
     write_rgb(tmp_path / name, picture(size=(200, 200)))
     content = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(content[: int(kept * len(content))])
-    with pytest.raises(ValueError, match=rf"{name} is (cut short|neither a PNG nor a JPEG)"):
+    with pytest.raises(ValueError, match=rf"{name}: is (cut short|neither a PNG nor a JPEG)"):
         read_rgb(tmp_path / name)
 
 
 def test_other_formats_are_refused_by_name(tmp_path):
     cv2.imwrite(str(tmp_path / "0.bmp"), picture())
-    with pytest.raises(ValueError, match=r"0\.bmp is neither a PNG nor a JPEG picture"):
+    with pytest.raises(ValueError, match=r"0\.bmp: is neither a PNG nor a JPEG picture"):
         read_rgb(tmp_path / "0.bmp")
 
 
 @pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (1, MAX_PIXELS + 1), (0, 5), (5, 0)])
 def test_a_forged_size_is_refused_before_memory_is_taken(tmp_path, size):
     (tmp_path / "0.png").write_bytes(png(*size))
-    with pytest.raises(ValueError, match=r"0\.png announces \d+x\d+ pixels"):
+    with pytest.raises(ValueError, match=r"0\.png: announces \d+x\d+ pixels"):
         read_rgb(tmp_path / "0.png")
 
 
-@pytest.mark.parametrize("size", [(1, 2**21), (2**21, 1), (3, 4)])
+@pytest.mark.parametrize("size", [(1, 2**14), (2**14, 1), (3, 4)])
 def test_a_size_that_the_pixels_do_not_fill_is_damage(tmp_path, size):
     (tmp_path / "0.png").write_bytes(png(*size, data=b"\0" * 7))
-    with pytest.raises(ValueError, match=r"0\.png is damaged: its pixels cannot be decoded"):
+    with pytest.raises(ValueError, match=r"0\.png: is damaged: its pixels cannot be decoded"):
         read_rgb(tmp_path / "0.png")
+
+
+def resized_jpeg(height: int, width: int, *, progressive: bool = False) -> bytes:
+    """A JPEG of a few grey pixels that claims another size."""
+    parameters = [cv2.IMWRITE_JPEG_PROGRESSIVE, int(progressive)]
+    content = cv2.imencode(".jpg", np.full((8, 8, 3), 128, np.uint8), parameters)[1].tobytes()
+    at = content.index(b"\xff\xc2" if progressive else b"\xff\xc0") + 5
+    return content[:at] + struct.pack(">HH", height, width) + content[at + 4 :]
+
+
+@pytest.mark.parametrize("read", [read_rgb, read_image_size])
+@pytest.mark.parametrize(
+    "content",
+    [
+        resized_jpeg(8192, 8192),
+        resized_jpeg(8192, 8192, progressive=True),
+        png(8192, 8192),
+        png(8192, 8192, bits=1, colour_type=0),
+    ],
+    ids=["jpeg", "progressive jpeg", "png", "png of one bit"],
+)
+def test_a_file_too_short_for_the_pixels_that_it_claims_is_no_picture(tmp_path, read, content):
+    (tmp_path / "0.png").write_bytes(content)
+    with pytest.raises(FileError, match=r"announces 8192x8192 pixels .* more than its \d+ bytes"):
+        read(tmp_path / "0.png")
+
+
+def test_the_smallest_files_that_encoders_make_are_still_pictures(tmp_path):
+    black = np.zeros((1024, 1024, 3), np.uint8)
+    for name, parameters in (
+        ("0.jpg", [cv2.IMWRITE_JPEG_QUALITY, 1, cv2.IMWRITE_JPEG_OPTIMIZE, 1]),
+        ("1.jpg", [cv2.IMWRITE_JPEG_OPTIMIZE, 1, cv2.IMWRITE_JPEG_PROGRESSIVE, 1]),
+        ("0.png", [cv2.IMWRITE_PNG_COMPRESSION, 9]),
+    ):
+        cv2.imwrite(str(tmp_path / name), black, parameters)
+        assert read_rgb(tmp_path / name).max() <= 1
+
+
+@pytest.mark.parametrize("marker", [0x00, 0x02, 0xBF, 0xC3, 0xC9, 0xD9, 0xDA])
+def test_a_segment_that_decoders_pass_over_does_not_hide_the_frame_from_the_check(marker):
+    frame = b"\xff\xc0\x00\x11\x08%s%s\x03"
+    hidden = frame % (struct.pack(">H", 44000), struct.pack(">H", 44000))
+    shown = frame % (struct.pack(">H", 8), struct.pack(">H", 8))
+    bomb = b"\xff\xd8\xff%c%s" % (marker, struct.pack(">H", 2 + len(hidden))) + hidden + shown
+    with pytest.raises(FileError, match="neither a PNG nor a JPEG picture"):
+        parse_image_header(bomb, "0.jpg")
+
+
+def test_scans_that_would_keep_a_decoder_busy_for_minutes_are_refused_undecoded(tmp_path):
+    content = resized_jpeg(4096, 8192, progressive=True)
+    last = content[content.rindex(b"\xff\xda") : -2]
+    bomb = content[:-2] + bytes(2**15) + 2000 * last + content[-2:]
+    (tmp_path / "0.jpg").write_bytes(bomb)
+    with pytest.raises(FileError, match=r"has 20\d\d scans of 4096x8192 pixels .* up to 32"):
+        read_rgb(tmp_path / "0.jpg")
+
+
+def test_a_header_of_many_empty_segments_is_answered_at_once():
+    endless = b"\xff\xd8" + b"\xff\xe0\x00\x02" * 2**20
+    with pytest.raises(FileError, match="cut short within its header"):
+        parse_image_header(endless, "0.jpg")
+    with pytest.raises(FileError, match="cut short within its header"):
+        parse_image_header(b"\xff\xd8" + b"\xff\xe0\x00\x00" * 2**20, "0.jpg")
 
 
 def test_headers_tell_bits_and_channels():

@@ -139,11 +139,11 @@ def test_an_image_or_a_truth_of_another_size_is_named_with_both_sizes(tmp_path):
     name = write_selection(tmp_path)
     image = next(tmp_path.rglob(f"image/{name}.png"))
     write_rgb(image, picture(size=(12, 41)))
-    with pytest.raises(ValueError, match=rf"{image} is 12x41 .* expected 12x40 like .*velodyne"):
+    with pytest.raises(ValueError, match=rf"{image}: is 12x41 .* expected 12x40 like .*velodyne"):
         KittiDepthDataset(tmp_path)[0]
     truth = next(tmp_path.rglob("groundtruth_depth/*.png"))
     write_depth_png(truth, depth_map(size=(13, 40)))
-    with pytest.raises(ValueError, match=rf"{truth} is 13x40 .* expected 12x40"):
+    with pytest.raises(ValueError, match=rf"{truth}: is 13x40 .* expected 12x40"):
         KittiDepthDataset(tmp_path, load_images=False)[0]
 
 

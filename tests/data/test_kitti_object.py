@@ -58,7 +58,7 @@ def test_true_depth_is_read_from_trees_that_have_it(tmp_path):
 def test_a_depth_map_of_another_size_than_the_image_is_refused_by_name(tmp_path):
     root = write_object_tree(tmp_path, "000007")
     write_depth_png(root / "training" / "depth" / "000007.png", depth_map(size=(12, 41)))
-    with pytest.raises(ValueError, match=r"depth/000007.png is 12x41 .* expected 12x40 like"):
+    with pytest.raises(ValueError, match=r"depth/000007.png: is 12x41 .* expected 12x40 like"):
         KittiObjectDataset(root, parts={"depth"})[0]
 
 
@@ -152,7 +152,7 @@ def test_a_file_that_cannot_be_understood_is_named_when_its_frame_is_read(tmp_pa
     write_object_tree(tmp_path, "000001")
     path = tmp_path / "training" / "velodyne" / "000001.bin"
     path.write_bytes(bytes(17))
-    with pytest.raises(ValueError, match=f"{path} holds 17 bytes"):
+    with pytest.raises(ValueError, match=f"{path}: holds 17 bytes"):
         KittiObjectDataset(tmp_path)[0]
 
 

@@ -56,7 +56,7 @@ def test_frames_named_without_leading_zeros_are_in_the_order_of_their_numbers(tm
 def test_too_few_times_are_refused_by_name(tmp_path):
     folder = write_drive(tmp_path / "day" / "drive")
     (folder / "velodyne_points" / "timestamps.txt").write_text("2011-09-26 13:02:25.5\n")
-    with pytest.raises(ValueError, match=r"timestamps\.txt holds 1 times, expected one for each"):
+    with pytest.raises(ValueError, match=r"timestamps\.txt: holds 1 times, expected one for each"):
         KittiRawDrive(folder)
 
 
@@ -72,10 +72,10 @@ def test_poses_that_do_not_fit_the_frames_are_refused_by_name(tmp_path):
     folder = write_drive(tmp_path / "drive", official=False)
     path = tmp_path / "poses.txt"
     for text, complaint in (
-        (IDENTITY, r"poses\.txt holds 1 poses, expected one for each of the 3 frames"),
-        ("1 0 0", r"poses\.txt:1: holds 3 values, expected the 12"),
-        (IDENTITY + "\n" + IDENTITY.replace("1", "2"), r"poses\.txt:2: .* no rotation"),
-        (IDENTITY.replace("1", "nan"), r"poses\.txt:1: value 1 is 'nan'"),
+        (IDENTITY, r"poses\.txt: holds 1 poses, expected one for each of the 3 frames"),
+        ("1 0 0", r"poses\.txt: line 1 holds 3 values, expected the 12"),
+        (IDENTITY + "\n" + IDENTITY.replace("1", "2"), r"poses\.txt: line 2: .* no rotation"),
+        (IDENTITY.replace("1", "nan"), r"poses\.txt: line 1: value 1 is 'nan'"),
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=complaint):
@@ -102,7 +102,7 @@ def test_a_frame_lacking_a_part_says_which_unless_gaps_are_allowed(tmp_path, fil
 def test_an_image_of_another_size_is_named(tmp_path):
     folder = write_drive(tmp_path / "drive", official=False)
     write_rgb(folder / "image_02" / "0000000002.png", picture(size=(5, 6)))
-    with pytest.raises(ValueError, match=r"0000000002\.png is 5x6 .* expected 12x40 like"):
+    with pytest.raises(ValueError, match=r"0000000002\.png: is 5x6 .* expected 12x40 like"):
         KittiRawDrive(folder)[2]
 
 
@@ -133,7 +133,7 @@ def test_times_are_exact_to_the_nanosecond_across_midnight(tmp_path):
 )
 def test_a_line_that_is_no_time_is_named(tmp_path, text):
     (tmp_path / "timestamps.txt").write_text(f"2011-09-26 13:02:25\n{text}\n")
-    with pytest.raises(ValueError, match=r"timestamps\.txt:2: .* is no time"):
+    with pytest.raises(ValueError, match=r"timestamps\.txt: line 2: .* is no time"):
         read_timestamps(tmp_path / "timestamps.txt")
 
 
@@ -204,10 +204,10 @@ def test_a_drive_calculates_its_poses_from_its_readings(tmp_path):
 
 def test_a_reading_with_too_few_numbers_is_named(tmp_path):
     paths, mounting = write_readings(tmp_path, "1 2 3")
-    with pytest.raises(ValueError, match=r"0000000000\.txt holds 3 numbers, expected the 30"):
+    with pytest.raises(ValueError, match=r"0000000000\.txt: holds 3 numbers, expected the 30"):
         read_oxts_poses(paths, mounting)
     paths, mounting = write_readings(tmp_path, oxts(latitude=90.0))
-    with pytest.raises(ValueError, match=r"0000000000\.txt has the latitude 90\.0"):
+    with pytest.raises(ValueError, match=r"0000000000\.txt: has the latitude 90\.0"):
         read_oxts_poses(paths, mounting)
 
 

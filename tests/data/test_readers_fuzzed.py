@@ -145,6 +145,6 @@ def test_very_long_lines_and_very_many_lines_are_answered_at_once(path, content)
 def test_a_text_file_of_absurd_size_is_refused_unread(path):
     with path.open("wb") as file:
         file.truncate(2**40)
-    with pytest.raises(ValueError, match=r"0\.dat is larger than \d+ bytes"):
+    with pytest.raises(ValueError, match=r"0\.dat: is 1099511627776 bytes long, expected up to"):
         read_poses(path)
     path.write_bytes(b"")

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.rings import NUM_RINGS, ring_numbers
+from sightline.data.rings import NUM_RINGS, check_spacing, count_beams, ring_numbers
 from tests.reference import rings as reference
 
 LOWEST_IN_VIEW = 45
@@ -69,9 +69,37 @@ def test_a_sweep_of_no_points_has_no_rings():
     assert ring_numbers(np.zeros((0, 4), np.float32)).tolist() == []
 
 
-def test_a_whole_sweep_that_lacks_a_ring_is_refused():
-    with pytest.raises(ValueError, match=r"starts again 62 times.*KITTI's order has 63"):
-        ring_numbers(sweep([[1, 180, 359]] * 63))
+@pytest.mark.parametrize("num_rings", [1, 7, 136])
+def test_a_whole_sweep_of_too_few_or_too_many_rings_is_refused(num_rings):
+    azimuths = [[1, 180, 359]] * num_rings
+    with pytest.raises(ValueError, match=rf"starts again {num_rings - 1} times.*order has 63"):
+        ring_numbers(sweep(azimuths))
+
+
+@pytest.mark.parametrize(
+    ("num_rings", "beams"),
+    [(8, 16), (15, 16), (16, 16), (24, 32), (33, 32), (60, 64), (64, 64), (65, 64), (128, 128)],
+)
+def test_a_whole_sweep_tells_the_beams_of_its_sensor_even_where_rings_see_the_sky(num_rings, beams):
+    assert count_beams(sweep([[1, 180, 359]] * num_rings)) == beams
+
+
+def test_a_cut_sweep_is_taken_for_kittis_unless_its_rings_lie_too_far_apart():
+    close = sweep([[-35, 0, 35]] * 40)
+    wide = sweep([[-35, 0, 35] if ring % 4 == 0 else [] for ring in range(40)])
+    assert count_beams(close) == count_beams(wide) == NUM_RINGS
+    numbers = ring_numbers(close)
+    for kept in (numbers >= 0, numbers % 8 != 4, numbers % 8 == 4, numbers < 0):
+        check_spacing(close[kept], numbers[kept])
+    with pytest.raises(ValueError, match=r"lie 1\.6 degrees apart, too far for the 64"):
+        check_spacing(wide, ring_numbers(wide))
+
+
+def test_the_rings_of_each_cut_sweep_of_kitti_lie_as_close_as_64_beams_do(kitti_root):
+    sweeps = real_sweeps(kitti_root, "training/velodyne/*.bin")
+    assert len(sweeps) == 90
+    for points in sweeps:
+        check_spacing(points, ring_numbers(points))
 
 
 def test_points_in_any_other_order_are_refused():

@@ -31,7 +31,7 @@ def test_an_empty_file_is_a_sweep_of_zero_points(tmp_path):
 @pytest.mark.parametrize("num_bytes", [1, 4, 15, 17, 33])
 def test_a_sweep_cut_short_is_refused_with_its_length(tmp_path, num_bytes):
     (tmp_path / "0.bin").write_bytes(bytes(num_bytes))
-    with pytest.raises(ValueError, match=rf"0\.bin holds {num_bytes} bytes.* multiple of 16.*cut"):
+    with pytest.raises(ValueError, match=rf"0\.bin: holds {num_bytes} bytes.* multiple of 16.*cut"):
         read_sweep(tmp_path / "0.bin")
 
 
@@ -42,7 +42,7 @@ def test_non_finite_points_are_refused_with_their_number_and_the_first(tmp_path,
     points[[3, 7], column] = value
     points.tofile(tmp_path / "0.bin")
     with pytest.raises(
-        ValueError, match=r"0\.bin holds 2 points with .* the first is point 3 of 9"
+        ValueError, match=r"0\.bin: holds 2 points with .* the first is point 3 of 9"
     ):
         read_sweep(tmp_path / "0.bin")
     kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)

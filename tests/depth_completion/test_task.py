@@ -10,15 +10,15 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
+from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig, TrunkConfig
-from sightline.depth_completion.examples import ExampleConfig, make_example
+from sightline.depth_completion.examples import AugmentationConfig, ExampleConfig, make_example
 from sightline.depth_completion.loss import DepthLossConfig
 from sightline.depth_completion.pictures import training_picture
 from sightline.depth_completion.task import DepthCompletion
 from sightline.evaluation.depth_scores import score_depth
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from sightline.training.checkpoint import write_weights
-from sightline.training.command import LIGHTNING_NOISE
+from sightline.training.lightning_cli import LIGHTNING_NOISE
 from sightline.training.module import OptimizerConfig
 
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE]
@@ -37,7 +37,8 @@ LOSS = DepthLossConfig(unit_m=1.0, mse=0.0, l1=1.0, emd=0.0, uncertainty=0.1)
 @pytest.fixture(scope="module")
 def example():
     sample = open_dataset(PACKAGED_FRAMES, parts={"image", "points", "depth"})[0]
-    settings = ExampleConfig(truth="both", filled=True, crop_size=(256, 512), random_crop=False)
+    fixed = AugmentationConfig(random_crop=False)
+    settings = ExampleConfig(truth="both", filled=True, crop_size=(256, 512), augmentation=fixed)
     return make_example(sample, settings, np.random.default_rng(0), training=True)
 
 

@@ -2,7 +2,6 @@ import json
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -164,12 +163,12 @@ def bad_files(tmp_path):
 
 def eight_bits(prediction, _truth):
     cv2.imwrite(str(prediction), np.ones((8, 12), np.uint8))
-    return f"{prediction} is a PNG of 1 channels with 8 bits"
+    return f"{prediction}: is a PNG of 1 channels with 8 bits"
 
 
 def three_channels(prediction, _truth):
     cv2.imwrite(str(prediction), np.ones((8, 12, 3), np.uint16))
-    return f"{prediction} is a PNG of 3 channels with 16 bits"
+    return f"{prediction}: is a PNG of 3 channels with 16 bits"
 
 
 def other_size(prediction, _truth):
@@ -219,18 +218,3 @@ def test_scoring_depth_needs_no_torch():
     # a command should not wait seconds for a library that it makes no use of
     code = "import sys, sightline.evaluation.depth; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_memory_holds_scores_and_not_maps(tmp_path, monkeypatch):
-    predictions, truth, _ = write_set(tmp_path, names=[f"{i:03}" for i in range(40)])
-    read = []
-    from sightline.evaluation import depth
-
-    original = depth.read_depth_png
-    monkeypatch.setattr(
-        depth, "read_depth_png", lambda path: (read.append(Path(path)), original(path))[1]
-    )
-    images = depth._score_files(depth._match(predictions, truth)[0], 2)
-    next(images)
-    assert len(read) <= 2 * 2 * (depth._QUEUED_PER_WORKER + 1)
-    images.close()

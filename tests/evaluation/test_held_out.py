@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.rings import count_beams
 from sightline.evaluation.held_out import CROP_SIZE, evaluate_held_out, split_rings
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
@@ -87,7 +88,9 @@ def test_a_density_keeps_every_so_manieth_of_the_56_other_rings(beams, rings):
 
 @pytest.mark.parametrize("beams", [0, -8, 48, 128])
 def test_beams_that_do_not_part_64_evenly_are_refused(beams):
-    with pytest.raises(ValueError, match=f"beams must divide 64 evenly .*, got {beams}"):
+    with pytest.raises(
+        ValueError, match=f"beams must divide the sensor's 64 evenly .*, got {beams}"
+    ):
         split_rings(wall_sample()).with_beams(beams)
 
 
@@ -201,8 +204,70 @@ def test_the_crop_is_at_the_bottom_centre_and_takes_image_and_calibration_along(
     assert torch.equal(cropped, uncropped[23:, 4:-4])
 
 
-def test_an_image_smaller_than_the_crop_is_kept_whole():
-    assert split_rings(wall_sample()).sample.image_size == SMALL
+@pytest.mark.parametrize("size", [SMALL, (352, 100), (377, 1242), (375, 1243), (900, 1600)])
+def test_an_image_smaller_than_the_crop_or_larger_than_kittis_is_kept_whole(size):
+    sample = replace(wall_sample(size), calibration=camera(size, focal_px=0.75 * size[1]))
+    assert split_rings(sample).sample.image_size == size
+
+
+def turning_sample(num_lasers, *, image_size=SMALL, sample_id="turn", step=0.02):
+    """A whole sweep of the inside of a cylinder, of lasers around the horizon."""
+    azimuth = np.radians(np.arange(0.5, 360, 2.0))
+    up = step * (num_lasers / 2 - np.arange(num_lasers))
+    sweep = [(np.cos(azimuth), np.sin(azimuth), np.full_like(azimuth, each)) for each in up]
+    xyz = WALL_M * np.stack(sweep).transpose(0, 2, 1).reshape(-1, 3)
+    points = np.concatenate((xyz, np.full((len(xyz), 1), 0.5)), axis=1).astype(np.float32)
+    return replace(wall_sample(image_size), sample_id=sample_id, points=torch.from_numpy(points))
+
+
+@pytest.mark.parametrize(
+    ("num_lasers", "beams"), [(16, (16, 8, 4, 2)), (31, (32, 16, 8, 4)), (128, (128, 64, 32, 16))]
+)
+def test_the_beams_of_another_sensor_are_counted_and_printed(num_lasers, beams):
+    sample = turning_sample(num_lasers, step=0.6 / num_lasers)
+    report = evaluate_held_out([sample], flat(10))
+    assert tuple(score.beams for score in report.scores) == beams
+    assert report.sensor_beams == report.to_json()["sensor_beams"] == beams[0]
+    assert report.to_json()["image_sizes"] == [list(SMALL)]
+    assert f"a sensor of {beams[0]} beams, images of 80x60" in report.table().title
+
+
+def test_rings_of_another_sensor_are_numbered_by_laser_before_the_cut():
+    frame = split_rings(turning_sample(16, step=0.05))
+    laser = (8 - frame.sample.points[:, 2].double() / (WALL_M * 0.05)).round().long()
+    assert torch.equal(frame.rings, laser)
+    assert set(laser.tolist()) == set(range(16)) - {4, 12}
+    assert set(frame.rings[torch.isin(frame.rings, torch.tensor([0, 5, 9, 14]))].tolist())
+    half = split_rings(turning_sample(16, step=0.05)).with_beams(4).points
+    assert len(half) == len(frame.sample.points) * 4 / 14
+
+
+def test_densities_that_the_sensor_does_not_have_are_refused_with_its_number():
+    with pytest.raises(ValueError, match=r"sensor's 32 evenly \(32, 16, 8, 4, ..\), got 64"):
+        evaluate_held_out([turning_sample(32)], flat(10), beams=(64,))
+
+
+def test_frames_of_two_sensors_are_not_scored_as_one():
+    samples = [turning_sample(32), turning_sample(16, sample_id="other", step=0.04)]
+    with pytest.raises(
+        ValueError, match=r"sample other .* of 16 beams, the frames before it by one"
+    ):
+        evaluate_held_out(samples, flat(10))
+
+
+def test_a_cut_sweep_of_fewer_beams_is_not_scored_as_one_of_64():
+    sample = turning_sample(32)
+    cut = replace(sample, points=sample.points[sample.points[:, 0] > 0])
+    with pytest.raises(ValueError, match=r"sample turn: the rings .* degrees apart, too far for"):
+        evaluate_held_out([cut], flat(10))
+
+
+def test_a_sensor_of_64_beams_is_scored_as_kittis_whether_its_sweeps_are_whole_or_cut():
+    whole = turning_sample(64, step=0.008)
+    cut = replace(whole, points=whole.points[whole.points[:, 0] > 0])
+    assert count_beams(whole.points.numpy()) == 64
+    assert torch.equal(split_rings(whole).truth_m, split_rings(cut).truth_m)
+    assert torch.equal(split_rings(whole).rings, split_rings(cut).rings)
 
 
 def test_the_method_gets_neither_labels_nor_depth():

@@ -1,9 +1,11 @@
+from itertools import product
+
 import pytest
 
 from sightline.data.kitti_labels import parse_objects
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
-from sightline.evaluation.kitti_object_rules import LOOSE
+from sightline.evaluation.kitti_object_rules import CLASSES, DIFFICULTIES, LOOSE, METRICS
 from tests.evaluation.kitti_scenes import random_street, write_frames
 
 FILES = random_street(7, num_frames=12)
@@ -27,6 +29,14 @@ def test_frames_given_in_parts_score_as_their_files_do(tmp_path):
         assert scores[name].item() == pytest.approx(entry.ap_r40)
     metric.reset()
     assert metric.report().frames == 0
+
+
+def test_every_class_metric_and_difficulty_has_a_score_even_without_detections():
+    _, labels = records(FILES)
+    metric = KittiObjectMetric()
+    names = {f"{c}/{m}/{d}" for c, m, d in product(CLASSES, METRICS, DIFFICULTIES)}
+    metric.update([parse_objects(b"", "nothing", with_scores=True)] * len(labels), labels)
+    assert metric.compute() == dict.fromkeys(names, 0.0)
 
 
 def test_frames_and_records_that_do_not_belong_together_are_refused():

@@ -28,8 +28,8 @@ def labels_as_results(labels_7481, tmp_path_factory):
 def test_labels_against_themselves_are_perfect_where_objects_fill_the_slots(
     kitti_root, labels_7481, labels_as_results
 ):
-    split = kitti_root / "ImageSets" / "val.txt"
-    report = evaluate_objects(labels_as_results, labels_7481, split=split)
+    listed = kitti_root / "ImageSets" / "val.txt"
+    report = evaluate_objects(labels_as_results, labels_7481, sample_list=listed)
     assert report.frames == 3769
     assert len(report.entries) == 27
     for entry in report.entries:
@@ -45,8 +45,8 @@ def test_labels_against_themselves_are_perfect_where_objects_fill_the_slots(
 def test_labels_against_themselves_fill_as_many_slots_as_there_are_objects_in_a_small_sample(
     kitti_root, labels_7481, labels_as_results
 ):
-    split = kitti_root / "ImageSets" / "sample_val.txt"
-    report = evaluate_objects(labels_as_results, labels_7481, split=split, bootstrap=5)
+    listed = kitti_root / "ImageSets" / "sample_val.txt"
+    report = evaluate_objects(labels_as_results, labels_7481, sample_list=listed, bootstrap=5)
     for entry in report.entries:
         filled = min(entry.n_gt, 41)
         assert entry.precision.tolist() == [1.0] * filled + [0.0] * (41 - filled)

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from sightline.evaluation import kitti_object
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_matching import count_by_frame, index_pairs, select
+from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 from sightline.evaluation.kitti_object_rules import (
     LOOSE,
     STRICT,
@@ -158,16 +160,16 @@ def test_a_missing_result_file_is_an_error_that_names_the_frame(street):
         evaluate_objects(results, labels)
 
 
-def test_a_split_file_evaluates_the_frames_that_it_names(street, tmp_path):
+def test_a_list_of_samples_evaluates_the_frames_that_it_names(street, tmp_path):
     results, labels = street
     for path in results.glob("00002*.txt"):
         path.unlink()
-    split = tmp_path / "some.txt"
-    split.write_text("000003\r\n\n000001\n")
-    assert evaluate_objects(results, labels, split=split).frames == 2
-    split.write_text("000003\n000777\n")
+    listed = tmp_path / "some.txt"
+    listed.write_text("000003\r\n\n000001\n")
+    assert evaluate_objects(results, labels, sample_list=listed).frames == 2
+    listed.write_text("000003\n000777\n")
     with pytest.raises(ValueError, match=r"no label file for 1 of 2 frames, .* 000777\.txt"):
-        evaluate_objects(results, labels, split=split)
+        evaluate_objects(results, labels, sample_list=listed)
 
 
 def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(street, tmp_path):
@@ -178,9 +180,11 @@ def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(stree
         evaluate_objects(results, tmp_path / "nothing")
 
 
-def test_a_negative_number_of_resamples_is_refused(street):
+def test_a_number_of_resamples_that_cannot_be_is_refused(street):
     with pytest.raises(ValueError, match="must not be negative, got -1"):
         evaluate_objects(*street, bootstrap=-1)
+    with pytest.raises(ValueError, match="must be at most 100,000, got 1000000000"):
+        evaluate_objects(*street, bootstrap=10**9)
 
 
 def test_a_negative_seed_is_refused(street):
@@ -205,3 +209,23 @@ def test_overlaps_that_are_none_say_how_to_write_them(text):
 def test_an_overlap_that_nothing_can_exceed_is_refused(value):
     with pytest.raises(ValueError, match="bev must be at least 0 and below 1"):
         MinimumOverlaps(car=ClassOverlaps(bbox=0.5, bev=value, box3d=0.5))
+
+
+@pytest.mark.parametrize("evaluate", [evaluate_objects, evaluate_proposals])
+def test_a_frame_with_far_too_many_results_and_labels_is_refused_by_name(tmp_path, evaluate):
+    for folder, line, count in (("r", "Car" + 15 * " 1", 2001), ("l", "Car" + 14 * " 1", 1000)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "000001.txt").write_text(count * f"{line}\n")
+    with pytest.raises(
+        ValueError, match=r"r/000001\.txt: holds 2,001 results for the 1,000 labels"
+    ):
+        evaluate(tmp_path / "r", tmp_path / "l")
+
+
+def test_full_frames_score_the_same_whether_they_are_matched_together_or_one_by_one(
+    street, monkeypatch
+):
+    together = evaluate_objects(*street).to_json()
+    monkeypatch.setattr(kitti_object, "_MAX_PAIRS", 10_000)
+    monkeypatch.setattr(kitti_object, "_FRAMES_AT_A_TIME", 1)
+    assert evaluate_objects(*street).to_json() == together

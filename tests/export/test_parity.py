@@ -63,6 +63,12 @@ def test_an_output_that_is_not_finite_is_the_worst_and_within_no_bound(value):
     }
 
 
+def test_the_table_ends_in_the_largest_difference_of_all():
+    engine = FixedEngine("openvino", depth_m=[1.0, 1.5, 4.25], error_m=[0.75])
+    table = check_parity(REFERENCE, [engine], CASES, unit="mm", scale=1e3).table()
+    assert table.caption == "largest: 7.5e+02 mm, openvino, error_m at 8x8"
+
+
 def test_other_outputs_than_the_references_are_refused():
     with pytest.raises(ValueError, match="openvino gives the outputs depth_m, but torch depth_m,"):
         check_parity(REFERENCE, [FixedEngine("openvino", depth_m=[0.0] * 3)], CASES)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.pixels import resized_and_cropped
 from sightline.simulation.camera import CameraConfig
 from sightline.simulation.materials import Material
-from sightline.simulation.pixels import resized_and_cropped
 from sightline.simulation.scene import Actor, Light, Mesh, Pose, Scene
 from sightline.simulation.sensor_image import SensorConfig
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sightline.data.pixels import image_from_lidar, resized_and_cropped
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera import SKY, STREET, CameraConfig, render_camera
 from sightline.simulation.materials import Material
-from sightline.simulation.pixels import image_from_lidar, resized_and_cropped
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Pose
 from sightline.simulation.sensor_image import SensorConfig
@@ -118,7 +118,8 @@ def test_convention_pixel_zero_zero_is_the_centre_of_the_top_left_pixel():
 @settings(max_examples=10)
 def test_the_camera_goes_where_the_ego_goes(x, y, z, yaw):
     near = a_street()
-    far = replace(near, mesh=near.mesh.moved((x, y, z), yaw), ego=Pose(x=x, y=y, z=z, yaw=yaw))
+    pose = Pose(x=x, y=y, z=z, yaw=yaw)
+    far = replace(near, mesh=near.mesh.placed(pose), ego=pose)
     here, there = photograph(near), photograph(far)
     same = here.owners == there.owners
     assert same.mean() > 0.995

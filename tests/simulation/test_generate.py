@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import torch
 from sightline.data.check import check_tree
 from sightline.data.depth_png import read_depth_png
 from sightline.data.instance_png import read_instance_png
+from sightline.data.jobs import JobResult
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_raw import KittiRawDrive
@@ -22,16 +24,17 @@ from sightline.data.rings import ring_numbers
 from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.transforms import transform_points
 from sightline.simulation.dataset import SimulatedDataset, sample_of
-from sightline.simulation.generate import MANIFEST_NAME, SimulationResult, simulate
+from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION, simulate
 from sightline.simulation.presets import PRESETS
-from sightline.simulation.simulator import SimulationConfig, simulate_frame
+from sightline.simulation.scene import Street
+from sightline.simulation.simulator import SimulationConfig, simulate_frame, simulate_street
 from tests.simulation.streets import make_tiny_street
 
 TINY = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0)
 DRIVES = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0, sequence_length=3)
 
 
-def make(out: Path, frames: int, config: SimulationConfig = TINY, **options) -> SimulationResult:
+def make(out: Path, frames: int, config: SimulationConfig = TINY, **options) -> JobResult:
     return simulate(out, frames=frames, config=config, streets=make_tiny_street, **options)
 
 
@@ -43,14 +46,14 @@ def content(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("frames")
-    assert make(out, 4, workers=1, validation_frames=1) == SimulationResult(written=4, skipped=0)
+    assert make(out, 4, workers=1, validation_frames=1) == JobResult(written=4, skipped=0)
     return out
 
 
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("drives")
-    assert make(out, 5, DRIVES, workers=1) == SimulationResult(written=5, skipped=0)
+    assert make(out, 5, DRIVES, workers=1) == JobResult(written=5, skipped=0)
     return out
 
 
@@ -108,7 +111,7 @@ def test_frames_that_are_there_are_kept_and_what_is_missing_is_made_alike(
     kept = tmp_path / "training/image_2/000002.png"
     before = kept.stat().st_mtime_ns
     result = make(tmp_path, 4, workers=1, validation_frames=1)
-    assert result == SimulationResult(written=2, skipped=2)
+    assert result == JobResult(written=2, skipped=2)
     assert kept.stat().st_mtime_ns == before
     assert content(tmp_path) == content(frames)
 
@@ -119,9 +122,7 @@ def test_a_run_with_more_frames_extends_and_one_with_fewer_changes_nothing(
     make(tmp_path, 2, workers=1, validation_frames=1)
     assert make(tmp_path, 4, workers=1, validation_frames=1).written == 2
     assert content(tmp_path) == content(frames)
-    assert make(tmp_path, 1, workers=1, validation_frames=1) == SimulationResult(
-        written=0, skipped=4
-    )
+    assert make(tmp_path, 1, workers=1, validation_frames=1) == JobResult(written=0, skipped=4)
     assert content(tmp_path) == content(frames)
 
 
@@ -169,17 +170,23 @@ def test_other_settings_never_mix_with_what_is_there(frames: Path, options: dict
     assert content(frames) == before
 
 
+def test_frames_of_another_simulator_never_mix_with_what_is_there(frames: Path, monkeypatch):
+    monkeypatch.setattr("sightline.simulation.generate.SIMULATOR_REVISION", 99)
+    with pytest.raises(ValueError, match=f"revision {SIMULATOR_REVISION} instead of 99"):
+        make(frames, 6, workers=1, validation_frames=1)
+
+
 def test_data_of_unknown_origin_are_not_mixed_with(tmp_path: Path):
     (tmp_path / "training").mkdir()
     with pytest.raises(ValueError, match=f"data without a {MANIFEST_NAME}"):
         make(tmp_path, 1)
 
 
-def test_the_manifest_records_version_seed_and_settings(frames: Path):
+def test_the_manifest_records_revision_seed_and_settings(frames: Path):
     manifest = json.loads((frames / MANIFEST_NAME).read_text())
     assert manifest["seed"] == 3
     assert manifest["image_size"] == [94, 310]
-    assert manifest["sightline"].count(".") >= 2
+    assert manifest["revision"] == SIMULATOR_REVISION
     assert manifest["streets"] == "tests.simulation.streets.make_tiny_street"
 
 
@@ -242,8 +249,54 @@ def test_senseless_numbers_are_refused(tmp_path: Path, frames_asked: int, option
 
 
 def test_drives_are_not_reduced_or_split(tmp_path: Path):
-    with pytest.raises(ValueError, match="leave both out"):
+    with pytest.raises(ValueError, match="keep to that"):
         make(tmp_path, 2, DRIVES, velodyne="velodyne_reduced")
+
+
+def test_drives_are_not_made_without_the_camera(tmp_path: Path):
+    with pytest.raises(ValueError, match="drives have images"):
+        make(tmp_path, 2, replace(DRIVES, camera=False))
+
+
+def test_without_the_camera_all_else_is_the_same(frames: Path, tmp_path: Path):
+    blind = replace(TINY, camera=False)
+    make(tmp_path, 4, blind, workers=1, validation_frames=1)
+    with_images, without = content(frames), content(tmp_path)
+    left_out = {name for name in with_images if name.startswith("training/image_2")}
+    assert set(with_images) - set(without) == left_out
+    assert len(left_out) == 4
+    for name in set(without) - {MANIFEST_NAME}:
+        assert without[name] == with_images[name], name
+    (tmp_path / "training/label_2/000002.txt").unlink()
+    result = make(tmp_path, 4, blind, workers=1, validation_frames=1)
+    assert result == JobResult(written=1, skipped=3)
+    assert content(tmp_path) == without
+
+
+def test_a_tree_without_the_camera_passes_the_check_and_opens(tmp_path: Path):
+    make(tmp_path, 2, replace(TINY, camera=False), workers=1)
+    assert list(check_tree(tmp_path, num_workers=1)) == []
+    sample = open_dataset(tmp_path, parts=("points", "objects"))[1]
+    assert sample.image is None
+    assert sample.depth is None
+    assert sample.image_size == (94, 310)
+    assert sample.points is not None
+    with pytest.raises(ValueError, match="lacks image_2 of 2 of 2 frames"):
+        open_dataset(tmp_path)
+    (tmp_path / "training/depth/000001.png").unlink()
+    assert [str(problem.path.name) for problem in check_tree(tmp_path)] == ["000001.png"]
+
+
+def test_other_makers_of_streets_are_asked_for_hard_ones_only_where_that_is_set():
+    asked = []
+
+    def maker(rng: np.random.Generator, **arguments: object) -> Street:
+        asked.append(arguments)
+        return make_tiny_street(rng, duration_s=0.0)
+
+    simulate_street(TINY, 0, maker)
+    simulate_street(replace(TINY, hard=True), 0, maker)
+    assert asked == [{"duration_s": 0.0}, {"duration_s": 0.0, "hard": True}]
 
 
 def test_an_output_that_is_a_file_is_refused(tmp_path: Path):
@@ -262,9 +315,22 @@ def test_an_error_names_the_frame(tmp_path: Path, workers: int):
 
 
 def test_presets_split_into_training_and_validation():
-    preset = PRESETS["street-2k"]
-    assert preset.frames - preset.validation_frames == 2000
-    assert preset.config.image_size == (352, 1216)
+    sizes = {
+        name: (p.frames - p.validation_frames, p.validation_frames) for name, p in PRESETS.items()
+    }
+    assert sizes == {
+        "street-2k": (2000, 200),
+        "street-8k": (8000, 500),
+        "street-hard-500": (0, 500),
+    }
+    assert PRESETS["street-2k"].config.image_size == (352, 1216)
+    assert PRESETS["street-8k"].config == SimulationConfig(seed=8000)
+    assert PRESETS["street-hard-500"].config.hard
+
+
+def test_no_two_presets_share_a_street():
+    seeds = [preset.config.seed for preset in PRESETS.values()]
+    assert len(set(seeds)) == len(seeds)
 
 
 def test_a_data_set_without_files_gives_reduced_samples():
@@ -275,3 +341,13 @@ def test_a_data_set_without_files_gives_reduced_samples():
     assert (sample.points[:, 0] > 0).all()
     with pytest.raises(IndexError):
         dataset[2]
+
+
+def test_a_sample_without_the_camera_lacks_the_image_alone():
+    sample = SimulatedDataset(1, replace(TINY, camera=False), make_tiny_street)[0]
+    other = SimulatedDataset(1, TINY, make_tiny_street)[0]
+    assert sample.image is None
+    assert sample.image_size == other.image_size
+    assert torch.equal(sample.points, other.points)
+    assert torch.equal(sample.depth, other.depth)
+    assert torch.equal(sample.objects.boxes2d.tensor, other.objects.boxes2d.tensor)

@@ -1,12 +1,21 @@
 """Layouts, their lines and the ground under them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from sightline.simulation.layout import Parking, StreetKind, surface_level
+from sightline.simulation.layout import Parking, Plots, StreetKind
 from sightline.simulation.layout_drawing import draw_layout
 from sightline.simulation.layout_line import curved_line, draw_terrain, station_grid
-from sightline.simulation.lots import draw_lots, footprint_corners, footprint_of
+from sightline.simulation.lots import (
+    bays_of,
+    draw_lots,
+    footprint_corners,
+    footprint_of,
+    with_lowered_kerbs,
+)
+from sightline.simulation.relief import band_level, crown_level, ramp_stations, surface_level
 
 LAYOUTS = [draw_layout(np.random.default_rng([3, seed])) for seed in range(120)]
 
@@ -73,31 +82,80 @@ def test_a_line_keeps_its_length_and_offsets_keep_their_distance():
     assert np.hypot(*(aside - [0.0, 125.0]).T) == pytest.approx(120.0, abs=0.01)
 
 
-def test_terrain_is_level_at_the_origin_and_flat_enough_for_pieces_of_two_metres():
-    for seed in range(20):
+def test_terrain_is_0_at_the_origin_and_flat_enough_for_pieces_of_two_and_a_half_metres():
+    heights_at_50_m = []
+    for seed in range(60):
         terrain = draw_terrain(np.random.default_rng(seed))
         assert float(terrain.height(np.zeros(2))) == 0.0
-        step = 1e-3
-        for axis in np.eye(2):
-            rise = terrain.height(step * axis) - terrain.height(-step * axis)
-            assert abs(float(rise)) / (2 * step) < 1e-5
-        x = np.linspace(-100, 150, 126)
-        heights = terrain.height(np.stack((x, np.zeros(126)), axis=1))
-        between = terrain.height(np.stack((x[1:] - 1, np.zeros(125)), axis=1))
-        assert np.abs(between - (heights[1:] + heights[:-1]) / 2).max() < 1e-3
-        assert np.abs(np.diff(heights) / 2).max() < 0.04
+        x = np.linspace(-100, 150, 101)
+        heights = terrain.height(np.stack((x, np.zeros(101)), axis=1))
+        between = terrain.height(np.stack((x[1:] - 1.25, np.zeros(100)), axis=1))
+        assert np.abs(between - (heights[1:] + heights[:-1]) / 2).max() < 4e-3
+        assert np.abs(np.diff(heights) / 2.5).max() < 0.13
+        heights_at_50_m.append(float(terrain.height(np.array([50.0, 0.0]))))
+    assert np.std(heights_at_50_m) > 0.3
+
+
+def test_hard_terrain_is_hillier():
+    usual, hard = (
+        np.std(
+            [
+                draw_terrain(np.random.default_rng(seed), hard=hard).height(np.array([50.0, 0.0]))
+                for seed in range(200)
+            ]
+        )
+        for hard in (False, True)
+    )
+    assert hard > 1.5 * usual
+
+
+def _crossed_layout():
+    return next(
+        layout for layout in LAYOUTS if layout.junction is not None and layout.main.has_kerbs
+    )
 
 
 def test_the_surface_steps_up_at_the_kerb_and_is_level_in_the_junction():
-    layout = next(
-        layout for layout in LAYOUTS if layout.junction is not None and layout.main.has_kerbs
-    )
+    layout = _crossed_layout()
     junction = layout.junction
     side = layout.main.left if junction.opens_left else layout.main.right
     outside = side.sign * (side.edge + 0.5)
-    assert surface_level(layout.main, -30.0, 0.0) == 0.0
-    assert surface_level(layout.main, -30.0, outside) == side.level
-    assert surface_level(layout.main, junction.station, outside) == 0.0
+    inside = side.sign * (side.edge - 0.5)
+    assert surface_level(layout.main, np.array(-30.0), np.array(outside)) == side.level
+    assert surface_level(layout.main, np.array(-30.0), np.array(inside)) < 0.3 * layout.main.crown_m
+    assert surface_level(layout.main, np.array(junction.station), np.array(outside)) == 0.0
+
+
+def test_the_carriageway_is_highest_in_its_middle_and_flat_where_another_road_crosses():
+    layout = _crossed_layout()
+    road = layout.main
+    across = np.linspace(-road.right.edge, road.left.edge, 41)
+    levels = crown_level(road, np.array(-40.0), across)
+    assert levels[[0, -1]] == pytest.approx(0.0)
+    assert crown_level(road, np.array(-40.0), np.array(0.0)) == road.crown_m
+    assert 0.01 < levels.max() <= road.crown_m
+    assert not crown_level(road, np.array(layout.junction.station), across).any()
+
+
+def test_a_kerb_is_lowered_at_a_driveway_and_the_pavement_comes_up_behind_it():
+    side = replace(LAYOUTS[0].main.left, level=0.12, edge=4.0, gaps=(), ramps=(20.0,))
+    road = replace(LAYOUTS[0].main, left=side)
+    along = np.array([10.0, 17.0, 18.5, 20.0, 21.5, 23.0])
+    kerb = band_level(road, along, np.array(4.0))
+    np.testing.assert_allclose(kerb, [0.12, 0.12, 0.0, 0.0, 0.0, 0.12])
+    np.testing.assert_allclose(
+        band_level(road, np.array(20.0), np.array([4.0, 4.5, 5.0])), [0, 0.06, 0.12]
+    )
+    assert set(ramp_stations(side)) == {17.5, 18.3, 21.7, 22.5}
+
+
+def test_kerbs_are_lowered_at_all_driveways_and_nowhere_else():
+    layout = next(layout for layout in LAYOUTS if layout.kind is StreetKind.RESIDENTIAL)
+    lots = draw_lots(np.random.default_rng(2), layout)
+    lowered = with_lowered_kerbs(layout, lots)
+    ramps = [ramp for road in lowered.roads for side in road.sides for ramp in side.ramps]
+    assert sorted(ramps) == sorted(lot.driveway for lot in lots if lot.driveway is not None)
+    assert ramps
 
 
 def test_no_building_reaches_into_a_carriageway():
@@ -117,7 +175,31 @@ def test_no_building_reaches_into_a_carriageway():
                 stations = np.arange(road.first, road.last, 0.5)
                 line = road.line.place(stations, np.zeros(len(stations)))
                 apart = np.linalg.norm(rim[:, None] - line[None], axis=-1).min()
-                assert apart > max(lane.width / 2 + abs(lane.offset) for lane in road.lanes)
+                edges = [lot.side.edge] if road is lot.road else [side.edge for side in road.sides]
+                assert apart > min(edges)
+
+
+def test_places_of_car_parks_lie_apart_and_within_their_lots():
+    found = 0
+    for seed in range(300):
+        rng = np.random.default_rng([6, seed])
+        layout = draw_layout(rng)
+        for lot in draw_lots(rng, layout):
+            if lot.plots is not Plots.CAR_PARK:
+                continue
+            bays = bays_of(rng, (lot,))
+            corners = lot.road.line.place(
+                np.array([lot.start, lot.stop, lot.stop, lot.start]),
+                lot.side.sign * np.array([lot.side.outer] * 2 + [lot.front] * 2),
+            )
+            reach = np.ptp(corners, axis=0).max()
+            places = np.array([[bay.x, bay.y] for bay in bays]).reshape(-1, 2)
+            assert (np.linalg.norm(places - corners.mean(axis=0), axis=1) < reach).all()
+            apart = np.linalg.norm(places[:, None] - places, axis=-1)
+            apart += 9.0 * np.eye(len(places))
+            assert not len(places) or apart.min() > 2.0  # a bend brings the inner ones closer
+            found += len(places)
+    assert found > 50
 
 
 def test_a_longer_drive_gets_a_longer_street():

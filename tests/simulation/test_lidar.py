@@ -7,12 +7,19 @@ from sightline.data.rings import ring_numbers
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig, take_sweep
 from sightline.simulation.materials import SURFACES, Material
+from sightline.simulation.meshes.primitives import Finish, quads
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Mesh, Pose, Street
-from tests.simulation.streets import Straight, Turning, block, courtyard, ground, street
+from tests.simulation.streets import GREY, Straight, Turning, block, courtyard, ground, street
 
-EXACT = replace(
+UNBIASED = replace(
     LIDARS["hdl-64e"],
+    lasers=tuple(
+        replace(laser, range_bias_m=0.0, reading_bias=0.0) for laser in LIDARS["hdl-64e"].lasers
+    ),
+)
+EXACT = replace(
+    UNBIASED,
     range_noise_m=0.0,
     drop_out=0.0,
     detectable_echo=1e-9,
@@ -113,7 +120,7 @@ def test_models_have_their_number_of_beams(model: str, beams: int):
 
 def test_range_noise_has_the_spread_that_the_sensor_says():
     wall = street(scenery=block((10.0, 0.0, 0.0), (0.5, 40.0, 40.0)))
-    points = sweep_of(wall, replace(LIDARS["hdl-64e"], range_noise_m=0.03)).astype(np.float64)
+    points = sweep_of(wall, replace(UNBIASED, range_noise_m=0.03)).astype(np.float64)
     points = points[np.abs(points[:, 1]) < 1]
     ranges = np.linalg.norm(points[:, :3], axis=1)
     errors = ranges - ranges * 9.5 / points[:, 0]
@@ -189,12 +196,103 @@ def test_most_beams_pass_one_pane_and_return_from_what_stands_behind():
     assert np.allclose(through[through[:, 0] <= 15, 0], 9.99, atol=0.01)
 
 
-def test_more_is_lost_on_paint_than_on_plaster():
-    def returns(material: Material) -> int:
-        wall = street(scenery=block((25.0, 0.0, 0.0), (0.2, 5.0, 1.5), material))
-        return len(sweep_of(wall, LIDARS["hdl-64e"]))
+def test_what_stands_behind_a_pane_reads_darker():
+    wall = block((20.0, 0.0, 4.0), (0.5, 20.0, 8.0))
+    pane = quads(
+        np.array([[[10.0, -9.0, -9.0], [10.0, 9.0, -9.0], [10.0, 9.0, 9.0], [10.0, -9.0, 9.0]]]),
+        Finish(Material.GLASS, GREY),
+    )
 
-    assert 100 < returns(Material.CAR_PAINT) < 0.8 * returns(Material.PLASTER)
+    def reading(*parts: Mesh) -> float:
+        points = sweep_of(street(scenery=Mesh.joined([wall, *parts])), EXACT)
+        return float(np.median(points[points[:, 0] > 15, 3]))
+
+    assert 0 < reading(pane) < reading() - 0.2
+
+
+def tiles_of_paint(colors: np.ndarray, distance_m: float) -> Mesh:
+    """A wall of upright strips, 0.4 m wide each, from the right to the left."""
+    lefts = 0.4 * (np.arange(len(colors)) - len(colors) / 2)
+    return Mesh.joined(
+        [
+            block(
+                (distance_m, left + 0.2, 0.0),
+                (0.1, 0.2, 2.0),
+                Material.CAR_PAINT,
+                tuple(color.tolist()),
+            )
+            for left, color in zip(lefts, colors, strict=True)
+        ]
+    )
+
+
+def on_tiles(points: np.ndarray, count: int, distance_m: float) -> list[np.ndarray]:
+    points = points[np.abs(points[:, 0] - distance_m) < 0.3]
+    tile = np.floor(points[:, 1] / 0.4 + count / 2).astype(int)
+    return [points[tile == index] for index in range(count)]
+
+
+def test_paints_alike_to_the_eye_differ_for_the_laser_and_the_dull_ones_swallow_it():
+    colors = np.random.default_rng(0).uniform(0.2, 0.3, (40, 3))
+    near, far = (
+        on_tiles(sweep_of(street(scenery=tiles_of_paint(colors, x)), UNBIASED), 40, x)
+        for x in (10.0, 30.0)
+    )
+    readings = np.array([np.median(tile[:, 3]) if len(tile) > 50 else 0.0 for tile in near])
+    assert 0.2 < (readings == 0).mean() < 0.7
+    assert 0.2 < (readings > 0.25).mean() < 0.7
+    counts = np.array([len(tile) for tile in far])
+    bright, dull = counts[readings > 0.25], counts[readings == 0]
+    assert bright.min() > 0.7 * counts.max()
+    assert dull.min() < 0.2 * counts.max()
+
+
+def test_one_paint_reads_the_same_wherever_it_is_and_in_any_sweep():
+    colors = np.repeat(np.random.default_rng(3).uniform(0.2, 0.3, (1, 3)), 40, axis=0)
+    config = replace(UNBIASED, drop_out=0.0)
+    sweeps = [
+        sweep_of(street(scenery=tiles_of_paint(colors, 10.0)), config, seed) for seed in (0, 1)
+    ]
+    medians = [
+        np.median(tile[:, 3]) for sweep in sweeps for tile in on_tiles(sweep, 40, 10.0)[15:25]
+    ]
+    assert np.ptp(medians) < 0.06
+
+
+def test_paint_that_is_met_at_a_slant_reads_as_nothing_where_plaster_does_not():
+    def reading(material: Material) -> float:
+        along = block((30.0, 4.0, 1.0), (20.0, 0.2, 3.0), material)
+        points = sweep_of(street(scenery=along), UNBIASED)
+        far = (np.abs(points[:, 1] - 3.8) < 0.1) & (points[:, 0] > 20) & (points[:, 0] < 30)
+        return float(np.median(points[far, 3])) if far.any() else 0.0
+
+    assert reading(Material.CAR_PAINT) == 0 < reading(Material.PLASTER)
+
+
+def test_faint_readings_are_reported_as_0():
+    wall = block((45.0, 0.0, 5.0), (0.2, 30.0, 5.0), Material.BARK)
+    readings = sweep_of(street(scenery=wall), UNBIASED)[:, 3]
+    assert 0.1 < (readings == 0).mean() < 0.95
+    assert readings[readings > 0].min() > 0.055
+
+
+def test_each_laser_adds_its_own_bias_to_ranges_and_readings():
+    lasers = (
+        Laser(elevation_deg=2.0, range_bias_m=0.05, reading_bias=-0.1),
+        Laser(elevation_deg=0.0),
+        Laser(elevation_deg=-2.0, range_bias_m=-0.03, reading_bias=0.1),
+    )
+    wall = street(scenery=block((10.0, 0.0, 0.0), (0.5, 4.0, 4.0)))
+    points = sweep_of(wall, replace(SLOPED, lasers=lasers, azimuth_step_deg=0.1)).astype(np.float64)
+    ranges = np.linalg.norm(points[:, :3], axis=1)
+    errors = ranges - ranges * 9.5 / (points[:, 0] - 0.0)
+    elevation = np.degrees(np.arcsin(points[:, 2] / ranges)).round().astype(int)
+    for laser in lasers:
+        mine = elevation == laser.elevation_deg
+        assert np.median(errors[mine]) == pytest.approx(laser.range_bias_m, abs=2e-3)
+    middle = np.median(points[elevation == 0, 3])
+    assert np.median(points[elevation == 2, 3]) == pytest.approx(middle - 0.1, abs=0.02)
+    assert np.median(points[elevation == -2, 3]) == pytest.approx(middle + 0.1, abs=0.02)
 
 
 def test_two_panes_swallow_most_beams():

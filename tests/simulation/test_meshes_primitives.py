@@ -4,7 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.simulation.materials import Material
-from sightline.simulation.meshes.edits import fitted, mirrored, painted, turned
+from sightline.simulation.meshes.edits import (
+    both_sides,
+    fitted,
+    mirrored,
+    painted,
+    stretched,
+    turned,
+)
 from sightline.simulation.meshes.primitives import (
     Finish,
     box,
@@ -179,6 +186,29 @@ def test_fitting_fills_the_box_over_the_origin_and_keeps_normals_on_their_faces(
     assert high - low == pytest.approx(np.array(target), rel=1e-4)
     assert low + high == pytest.approx((0, 0, target[2]), abs=1e-4)
     assert np.linalg.norm(mesh.normals, axis=1) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_stretching_moves_knots_to_their_places_and_keeps_normals_on_the_surface():
+    knots, places = np.array([-1.0, 0.0, 0.5, 1.0]), np.array([-1.5, 0.0, 1.0, 1.25])
+    ball = superellipsoid((0, 0, 0), (1, 1, 1), GREY, num_rings=60, num_sides=90)
+    mesh = stretched(ball, knots, places, (2.0, 0.5))
+    for knot, place in zip(knots, places, strict=True):
+        near = np.abs(ball.vertices[:, 0] - knot) < 0.01
+        assert near.any()
+        assert np.abs(mesh.vertices[near, 0] - place).max() < 0.021
+    assert mesh.vertices[:, 1:] == pytest.approx(ball.vertices[:, 1:] * (2.0, 0.5))
+    outward = np.einsum("fci,fi->fc", mesh.normals[mesh.faces], face_normals(mesh))
+    assert np.median(outward) > 0.99
+    assert outward.min() > 0.3
+    beyond = stretched(moved(ball, (3.0, 0, 0)), knots, places, (1.0, 1.0))
+    assert beyond.vertices[:, 0] == pytest.approx(ball.vertices[:, 0] + 3.25, abs=1e-5)
+
+
+def test_both_sides_are_the_parts_and_their_mirror_images():
+    part = box((0, 2, 0), (1, 0.5, 1), GREY)
+    pair = both_sides(part, moved(part, (4, 0, 0)))
+    assert volume(pair) == pytest.approx(4 * volume(part))
+    assert pair.vertices[:, 1].min() == -pair.vertices[:, 1].max()
 
 
 def test_mirroring_keeps_the_outside_outside():

@@ -1,6 +1,8 @@
 """Road users: where they are at all times, and how many of them one sees."""
 
 from collections import Counter
+from dataclasses import astuple
+from itertools import product
 
 import numpy as np
 import pytest
@@ -11,14 +13,16 @@ from sightline.simulation.lots import bays_of, draw_lots, footprint_corners, foo
 from sightline.simulation.motion import AlongRoad, Travel
 from sightline.simulation.occupancy import Occupancy, rectangles_overlap
 from sightline.simulation.placement import KITTI_COUNTS, place_traffic
+from sightline.simulation.turning import turning_line
 from tests.simulation.visible_boxes import SizesOnly, labelled
 
 
-def _traffic(seed, duration_s=0.0):
+def _traffic(seed, duration_s=0.0, *, hard=False):
     rng = np.random.default_rng([8, seed])
-    layout = draw_layout(rng, extra_length_m=14.0 * duration_s)
+    layout = draw_layout(rng, extra_length_m=14.0 * duration_s, hard=hard)
     lots = draw_lots(rng, layout)
-    traffic = place_traffic(rng, layout, lots, bays_of(rng, lots), SizesOnly(), duration_s)
+    bays = bays_of(rng, lots)
+    traffic = place_traffic(rng, layout, lots, bays, SizesOnly(), duration_s, hard=hard)
     return layout, lots, traffic
 
 
@@ -107,26 +111,90 @@ def test_motion_is_smooth_and_its_speed_is_that_of_the_travel():
     factor = speeds / expected  # an offset lane of a bend is longer or shorter than its middle
     assert factor == pytest.approx(1.0, abs=0.12)
     pose = track.at(1.35)
-    np.testing.assert_allclose(
-        [pose.x, pose.y, pose.z, pose.yaw], track.poses(np.array([1.35]))[0], rtol=0, atol=0
+    np.testing.assert_allclose(astuple(pose), track.poses(np.array([1.35]))[0], rtol=0, atol=0)
+
+
+def test_turning_lines_begin_in_the_middle_of_one_lane_and_end_in_that_of_another():
+    num_lines = 0
+    for seed in range(60):
+        layout, _, _ = _traffic(seed)
+        if layout.junction is None:
+            continue
+        for main_lane, cross_lane in product(layout.main.lanes, layout.junction.cross.lanes):
+            for is_from_main in (True, False):
+                line = turning_line(layout, main_lane, cross_lane, 7.0, is_from_main=is_from_main)
+                ends = [_in_junction(layout, line, station) for station in (-12.0, 12.0)]
+                on_main, on_cross = ends if is_from_main else ends[::-1]
+                np.testing.assert_allclose(on_main[1], main_lane.offset, atol=0.02)
+                np.testing.assert_allclose(-on_cross[0], cross_lane.offset, atol=0.02)
+                wanted = (
+                    (0.0 if main_lane.direction > 0 else np.pi),
+                    cross_lane.direction * np.pi / 2,
+                )
+                for (_, _, yaw), heading in zip((on_main, on_cross), wanted, strict=True):
+                    assert np.cos(yaw - heading) == pytest.approx(1.0, abs=1e-4)
+                num_lines += 1
+    assert num_lines > 100
+
+
+def _in_junction(layout, line, station):
+    """Station from the crossing on, offset and heading of a place on a line."""
+    middle = np.array(layout.junction.station)
+    yaw = float(layout.main.line.yaw(middle))
+    x, y = line.place(np.array(station), np.array(0.0)) - layout.main.line.place(
+        middle, np.zeros(())
     )
+    along, aside = x * np.cos(yaw) + y * np.sin(yaw), y * np.cos(yaw) - x * np.sin(yaw)
+    return along, aside, float(line.yaw(np.array(station))) - yaw
+
+
+def test_hard_streets_have_more_cars_and_more_far_away():
+    def cars(hard):
+        tracks = [_traffic(seed, hard=hard)[2].actors for seed in range(40)]
+        places = [actor.motion.at(0.0) for actors in tracks for actor in actors
+                  if actor.class_name == "Car"]  # fmt: skip
+        return np.array([np.hypot(pose.x, pose.y) for pose in places])
+
+    usual, hard = cars(hard=False), cars(hard=True)
+    assert len(hard) > 1.4 * len(usual)
+    assert np.mean(hard > 45) > np.mean(usual > 45)
+
+
+def test_many_pedestrians_walk_or_wait_in_groups():
+    near = []
+    for seed in range(120):
+        _, _, traffic = _traffic(2000 + seed)
+        people = [actor.motion.at(0.0) for actor in traffic.actors
+                  if actor.class_name == "Pedestrian"]  # fmt: skip
+        places = np.array([[pose.x, pose.y] for pose in people]).reshape(-1, 2)
+        apart = np.linalg.norm(places[:, None] - places, axis=-1)
+        near += (np.sort(apart, axis=1)[:, 1:2] < 1.5).any(axis=1).tolist()
+    assert np.mean(near) == pytest.approx(0.40, abs=0.15)  # of KITTI's labelled pedestrians
+
+
+def test_occupancy_that_is_asked_only_takes_nothing():
+    occupancy = Occupancy(2)
+    assert occupancy.num_moments == 2
+    assert occupancy.is_free(np.zeros((2, 4)), 4.0, 2.0)
+    assert occupancy.try_add(np.zeros((2, 4)), 4.0, 2.0)
+    assert not occupancy.is_free(np.zeros((2, 4)), 4.0, 2.0)
 
 
 def test_occupancy_refuses_what_overlaps_and_keeps_the_margin():
     occupancy = Occupancy(1)
-    assert occupancy.try_add(np.zeros((1, 4)), 4.0, 2.0)
-    beside = np.array([[0.0, 2.05, 0.0, 0.0]])
+    assert occupancy.try_add(np.zeros((1, 6)), 4.0, 2.0)
+    beside = np.array([[0.0, 2.05, 0.0, 0.0, 0.0, 0.0]])
     assert not occupancy.try_add(beside, 4.0, 2.0, margin=0.2)
     assert occupancy.try_add(beside, 4.0, 2.0, margin=0.01)
-    assert not occupancy.try_add(np.array([[3.2, 0.0, 0.0, np.pi / 2]]), 4.0, 2.5)
+    assert not occupancy.try_add(np.array([[3.2, 0.0, 0.0, np.pi / 2, 0.0, 0.0]]), 4.0, 2.5)
 
 
 def test_occupancy_takes_the_ground_of_buildings_even_where_they_overlap():
     occupancy = Occupancy(1)
-    occupancy.take(np.zeros((1, 4)), 4.0, 2.0)
-    occupancy.take(np.array([[3.0, 0.0, 0.0, 0.0]]), 4.0, 2.0)
-    assert not occupancy.try_add(np.array([[4.5, 0.0, 0.0, 0.0]]), 0.4, 0.4)
-    assert occupancy.try_add(np.array([[5.5, 0.0, 0.0, 0.0]]), 0.4, 0.4)
+    occupancy.take(np.zeros((1, 6)), 4.0, 2.0)
+    occupancy.take(np.array([[3.0, 0.0, 0.0, 0.0, 0.0, 0.0]]), 4.0, 2.0)
+    assert not occupancy.try_add(np.array([[4.5, 0.0, 0.0, 0.0, 0.0, 0.0]]), 0.4, 0.4)
+    assert occupancy.try_add(np.array([[5.5, 0.0, 0.0, 0.0, 0.0, 0.0]]), 0.4, 0.4)
 
 
 def test_overlap_of_turned_rectangles_agrees_with_the_separating_axis_test():

@@ -5,12 +5,16 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from sightline.simulation.dressing import dress
 from sightline.simulation.layout import StreetKind
+from sightline.simulation.layout_drawing import draw_layout
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch, stamped
+from sightline.simulation.meshes.clutter import CLUTTER
 from sightline.simulation.meshes.furniture import Item, item_model
 from sightline.simulation.meshes.primitives import Finish, box
 from sightline.simulation.meshes.trees import Detail, Species, tree_model
+from sightline.simulation.occupancy import Occupancy
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Mesh
 from sightline.simulation.street import make_street
@@ -74,7 +78,8 @@ def test_all_actors_stand_on_the_surface_below_them(streets):
         materials = street.ground_and_buildings.materials[hits.faces]
         assert np.isin(materials, np.array(GROUND, np.int32)).mean() > 0.97
         on_ground = np.isin(materials, np.array(GROUND, np.int32))
-        assert np.abs(hits.distances[on_ground] - 0.6).max() < 0.03
+        # The wheels of a long vehicle bridge what is between them.
+        assert np.abs(hits.distances[on_ground] - 0.6).max() < 0.05
         num_actors += len(poses)
     assert num_actors > 50
 
@@ -110,6 +115,21 @@ def test_a_drive_moves_the_ego_and_keeps_everybody_apart_from_it():
         for actor in street.actors:
             pose = actor.motion.at(time_s)
             assert np.hypot(pose.x - ego.x, pose.y - ego.y) > 0.9
+
+
+def test_nothing_is_set_out_on_ground_that_is_taken():
+    layout = draw_layout(np.random.default_rng(2), StreetKind.CITY)
+    taken = Occupancy(3)
+    free = dress(np.random.default_rng(2), layout, taken)
+    assert sum(len(part.faces) for part in free) > 5000
+    blocked = Occupancy(3)
+    blocked.take(np.zeros((3, 4)), 1000.0, 1000.0)
+    none = dress(np.random.default_rng(2), layout, blocked)
+    assert sum(len(part.faces) for part in none) == 0
+
+
+def test_all_clutter_is_street_furniture():
+    assert set(CLUTTER) <= {item.value for item in Item}
 
 
 def test_a_negative_duration_is_refused():

@@ -1,51 +1,91 @@
+from dataclasses import dataclass
+
 import pytest
 import torch
+from beartype import beartype
+from jaxtyping import Float, Float32, jaxtyped
+from torch import Tensor
 
-from sightline.structures.batch import CameraLidarBatch
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FramesBatch(FieldwiseBatch):
+    """As a detector would have it: images of one size, boxes that differ in number."""
+
+    sample_ids: tuple[str, ...]
+    image: Float32[Tensor, "batch 3 height width"]
+    depth_m: Float32[Tensor, "batch 1 height width"] | None = None
+    boxes: tuple[Boxes3D, ...] | None = None
+    areas: tuple[Float[Tensor, " _"], ...] | None = None
+
+
+def boxes(count):
+    return Boxes3D(torch.rand(count, 7))
 
 
 def batch(names=("000001", "000002"), **changes):
-    maps = {"sparse_depth_m": torch.ones(2, 1, 4, 6), "depth_m": torch.full((2, 1, 4, 6), 2.0)}
-    return CameraLidarBatch(sample_ids=names, image=torch.zeros(2, 3, 4, 6), **(maps | changes))
+    values = {
+        "image": torch.rand(len(names), 3, 4, 6),
+        "depth_m": torch.rand(len(names), 1, 4, 6),
+        "boxes": tuple(boxes(count) for count in range(len(names))),
+    }
+    return FramesBatch(sample_ids=names, **(values | changes))
 
 
-def test_to_moves_every_tensor_and_keeps_names_and_gaps():
-    moved = batch().to("meta")
-    assert moved.sample_ids == ("000001", "000002")
-    assert moved.filled_depth_m is None
-    assert {
-        moved.image.device.type,
-        moved.sparse_depth_m.device.type,
-        moved.depth_m.device.type,
-    } == {"meta"}
-
-
-def test_its_length_is_the_number_of_samples():
+def test_it_is_a_batch():
+    assert isinstance(batch(), Batch)
     assert len(batch()) == 2
 
 
-def test_a_batch_with_a_name_too_few_is_refused():
-    with pytest.raises(ValueError, match="got 1 names for 2 images"):
-        batch(names=("000001",))
+def test_to_moves_every_tensor_however_deep_and_keeps_names_and_gaps():
+    moved = batch(depth_m=None).to("meta")
+    assert moved.sample_ids == ("000001", "000002")
+    assert moved.depth_m is None
+    assert moved.image.device.type == "meta"
+    assert [entry.tensor.device.type for entry in moved.boxes] == ["meta", "meta"]
 
 
-def test_maps_of_another_size_than_the_image_are_refused():
-    with pytest.raises(TypeError):
-        batch(depth_m=torch.ones(2, 1, 4, 7))
+def test_a_field_of_another_number_of_samples_than_names_is_refused():
+    with pytest.raises(ValueError, match="got 1 names for 2 in image"):
+        batch(("000001",), image=torch.rand(2, 3, 4, 6), depth_m=None)
+    with pytest.raises(ValueError, match="got 2 names for 1 in boxes"):
+        batch(boxes=(boxes(1),))
 
 
-def test_batches_are_joined_in_order_and_what_none_has_stays_out():
-    joined = CameraLidarBatch.concatenate((batch(("a", "b")), batch(("c", "d"))))
-    assert joined.sample_ids == ("a", "b", "c", "d")
-    assert joined.depth_m.shape == (4, 1, 4, 6)
-    assert joined.filled_depth_m is None
+def test_tensors_are_stacked_in_order_and_ragged_truth_has_an_entry_a_frame():
+    first, second = batch(("a", "b")), batch(("c", "d", "e"))
+    joined = concatenate((first, second))
+    assert joined.sample_ids == ("a", "b", "c", "d", "e")
+    assert torch.equal(joined.image, torch.cat((first.image, second.image)))
+    assert [len(entry) for entry in joined.boxes] == [0, 1, 0, 1, 2]
+    assert joined.boxes[4] is second.boxes[2]
+    assert joined.areas is None
 
 
-def test_batches_of_which_some_lack_a_map_are_not_joined():
-    with pytest.raises(ValueError, match="depth_m differs between the samples"):
-        CameraLidarBatch.concatenate((batch(), batch(depth_m=None)))
+def test_parts_of_a_batch_joined_are_the_batch():
+    parts = [batch((name,), areas=(torch.rand(len(name)),)) for name in ("a", "bb", "c")]
+    whole = concatenate(parts)
+    regrouped = concatenate((concatenate(parts[:2]), parts[2]))
+    assert torch.equal(whole.image, regrouped.image)
+    assert all(one is other for one, other in zip(whole.areas, regrouped.areas, strict=True))
+
+
+def test_batches_of_which_some_lack_a_field_are_not_joined():
+    with pytest.raises(ValueError, match="only some samples of a batch have depth_m"):
+        concatenate((batch(), batch(depth_m=None)))
+    with pytest.raises(ValueError, match="only some samples of a batch have boxes"):
+        concatenate((batch(), batch(boxes=None)))
+
+
+def test_images_of_two_sizes_are_not_joined():
+    small = batch(image=torch.rand(2, 3, 2, 6), depth_m=torch.rand(2, 1, 2, 6))
+    with pytest.raises(ValueError, match=r"image differs .* sizes .*3, 2, 6.*crop all to one"):
+        concatenate((batch(), small))
 
 
 def test_no_batches_make_no_batch():
     with pytest.raises(ValueError, match="at least one"):
-        CameraLidarBatch.concatenate(())
+        concatenate(())

@@ -1,9 +1,35 @@
+import json
 import logging
 
 import pytest
+import yaml
 
-from sightline.training.command import LIGHTNING_NOISE
+from sightline.training.lightning_cli import LIGHTNING_NOISE
 from tests.training import toy
+
+RECIPE = {
+    "model": {
+        "class_path": "tests.training.toy.ToyModule",
+        "init_args": {"optimizer": {"schedule": "cosine"}},
+    },
+    "data": {
+        "class_path": "sightline.training.data.CameraLidarData",
+        "init_args": {
+            "preparation": {"class_path": "tests.training.toy.ToyPreparation"},
+            "training": [{"path": "."}],
+            "validation": [{"path": "."}],
+            "test": [{"path": "."}],
+            "batch_size": 2,
+            "workers": 0,
+        },
+    },
+    "trainer": {
+        "max_epochs": 2,
+        "accelerator": "cpu",
+        "enable_progress_bar": False,
+        "enable_model_summary": False,
+    },
+}
 
 
 def pytest_collection_modifyitems(items):
@@ -22,3 +48,16 @@ def _quiet():
 def frames(tmp_path_factory):
     """A folder of nine small frames."""
     return toy.write_frames(tmp_path_factory.mktemp("frames"))
+
+
+@pytest.fixture
+def recipes(tmp_path, frames, monkeypatch):
+    """A folder with a recipe named toy; the current folder is an empty one."""
+    recipe = json.loads(json.dumps(RECIPE))
+    recipe["data"]["init_args"]["root"] = str(frames)
+    folder = tmp_path / "recipes"
+    folder.mkdir()
+    (folder / "toy.yaml").write_text(yaml.safe_dump(recipe))
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    return folder

@@ -1,6 +1,7 @@
 import json
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -8,33 +9,12 @@ import pytest
 import torch
 import yaml
 from lightning.pytorch.callbacks import Callback
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from sightline.training.checkpoint import read_weights
+from sightline.data.weights import read_weights
 from sightline.training.command import run_training
-
-RECIPE = {
-    "model": {
-        "class_path": "tests.training.toy.ToyModule",
-        "init_args": {"optimizer": {"schedule": "cosine"}},
-    },
-    "data": {
-        "class_path": "sightline.training.data.CameraLidarData",
-        "init_args": {
-            "preparation": {"class_path": "tests.training.toy.ToyPreparation"},
-            "training": [{"path": "."}],
-            "validation": [{"path": "."}],
-            "test": [{"path": "."}],
-            "batch_size": 2,
-            "workers": 0,
-        },
-    },
-    "trainer": {
-        "max_epochs": 2,
-        "accelerator": "cpu",
-        "enable_progress_bar": False,
-        "enable_model_summary": False,
-    },
-}
+from sightline.training.interruption import Interruption
+from tests.training import toy
 
 
 class PressCtrlC(Callback):
@@ -45,17 +25,11 @@ class PressCtrlC(Callback):
             os.kill(os.getpid(), signal.SIGINT)
 
 
-@pytest.fixture
-def recipes(tmp_path, frames, monkeypatch):
-    """A folder with a recipe named toy; the current folder is an empty one."""
-    recipe = json.loads(json.dumps(RECIPE))
-    recipe["data"]["init_args"]["root"] = str(frames)
-    folder = tmp_path / "recipes"
-    folder.mkdir()
-    (folder / "toy.yaml").write_text(yaml.safe_dump(recipe))
-    (tmp_path / "work").mkdir()
-    monkeypatch.chdir(tmp_path / "work")
-    return folder
+class PressCtrlCAtOnce(Callback):
+    """Does so before the first step."""
+
+    def on_fit_start(self, *_):
+        os.kill(os.getpid(), signal.SIGINT)
 
 
 def test_a_recipe_is_trained_by_its_name_and_leaves_all_in_its_folder(recipes, tmp_path):
@@ -64,6 +38,7 @@ def test_a_recipe_is_trained_by_its_name_and_leaves_all_in_its_folder(recipes, t
     names = {path.name for path in folder.iterdir()}
     (events,) = (name for name in names if name.startswith("events.out.tfevents"))
     assert names - {events} == {
+        ".claim",
         "config.yaml",
         "hparams.yaml",  # TensorBoard's own
         "last.ckpt",
@@ -108,9 +83,9 @@ def test_another_seed_gives_other_weights(recipes):
 def test_ctrl_c_tells_how_to_go_on_and_going_on_is_exact(recipes, averaged):
     press = "--trainer.callbacks+=tests.training.test_command.PressCtrlC"
     previous = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt, match="--ckpt_path last"):
+    with pytest.raises(Interruption, match="--ckpt_path last"):
         run_training("fit", ["--config", "toy", *averaged, press], recipes)
-    signal.signal(signal.SIGINT, previous)
+    assert signal.getsignal(signal.SIGINT) is previous
     run_training("fit", ["--config", "toy", *averaged, "--ckpt_path", "last"], recipes)
     run_training("fit", ["--config", "toy", *averaged, "--run_folder", "whole"], recipes)
     parts, whole = (read_weights(f"{folder}/last.ckpt") for folder in ("runs/toy", "whole"))
@@ -205,6 +180,117 @@ def test_nothing_is_said_that_the_user_cannot_act_on(recipes, capfd, recwarn):
     run_training("fit", ["--config", "toy"], recipes)
     sys.stdout.flush()
     printed = capfd.readouterr()
-    assert printed.err == ""
+    assert printed.err == "sightline fit: toy\n"
     assert printed.out.splitlines() == ["runs/toy: the weights are in weights.safetensors"]
     assert not [str(warning.message) for warning in recwarn]
+
+
+def run_program(lines):
+    imports = "import sys; from pathlib import Path; from sightline.training import command\n"
+    program = [sys.executable, "-c", imports + lines]
+    return subprocess.run(program, capture_output=True, text=True, check=False)
+
+
+def test_help_lists_the_recipes_and_needs_no_pytorch(recipes):
+    program = f"status = command.run_training('fit', ['--help'], Path({str(recipes)!r}))\n"
+    program += "sys.exit(status or 'torch' in sys.modules)"
+    (recipes / "toy.yaml").write_text("# A small one, for tests: of no use.\n")
+    done = run_program(program)
+    assert done.returncode == 0, done.stderr
+    assert "toy  A small one, for tests\n" in done.stdout
+    assert "--run_folder PATH" in done.stdout
+    assert "--checkpoint_every_n_steps INT" in done.stdout
+
+
+def test_a_misspelt_recipe_is_refused_without_pytorch(recipes):
+    program = f"try: command.run_training('fit', ['--config', 'toi'], Path({str(recipes)!r}))\n"
+    program += "except ValueError as error: sys.exit('torch' in sys.modules or print(error))"
+    done = run_program(program)
+    assert done.returncode == 0, done.stderr
+    assert "there is no recipe toi" in done.stdout
+
+
+def test_help_on_a_recipe_explains_its_settings(recipes, capsys):
+    with pytest.raises(SystemExit):
+        run_training("fit", ["--config", "toy", "--help"], recipes)
+    assert "--trainer.max_epochs" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_sample_that_cannot_be_read_ends_the_run_in_one_sentence(recipes, tmp_path, workers):
+    root = toy.write_frames(tmp_path / "frames")
+    (root / "training" / "velodyne" / "000004.bin").write_bytes(b"abc")
+    with pytest.raises(ValueError, match=r"000004\.bin") as refused:
+        run_training(
+            "fit",
+            ["--config", "toy", f"--data.root={root}", f"--data.workers={workers}"],
+            recipes,
+        )
+    assert "Traceback" not in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_ctrl_c_before_the_first_checkpoint_advises_nothing_that_cannot_be(recipes):
+    press = "--trainer.callbacks+=tests.training.test_command.PressCtrlCAtOnce"
+    with pytest.raises(Interruption, match="there is no checkpoint yet: run the same command agai"):
+        run_training("fit", ["--config", "toy", press], recipes)
+    assert run_training("fit", ["--config", "toy"], recipes) == 0
+
+
+@pytest.mark.parametrize("schedule", ["one_cycle", "cosine"])
+def test_a_longer_run_under_a_schedule_is_refused_before_it_goes_on(recipes, schedule):
+    toy_run = ["--config", "toy", f"--model.optimizer.schedule={schedule}"]
+    run_training("fit", toy_run, recipes)
+    before = Path("runs/toy/last.ckpt").read_bytes()
+    with pytest.raises(ValueError, match=r"begun for 8 steps, .* have 12; resume with"):
+        run_training("fit", [*toy_run, "--ckpt_path=last", "--trainer.max_epochs=3"], recipes)
+    assert Path("runs/toy/last.ckpt").read_bytes() == before
+
+
+def test_without_a_schedule_a_run_can_go_on_for_longer(recipes):
+    constant = ["--config", "toy", "--model.optimizer.schedule=constant"]
+    run_training("fit", constant, recipes)
+    run_training("fit", [*constant, "--ckpt_path=last", "--trainer.max_epochs=3"], recipes)
+    assert read_weights("runs/toy/last.ckpt").provenance["steps"] == "12"
+
+
+def scalars(folder, name):
+    """Steps and values of a curve in the events of a folder's runs."""
+    found = {}
+    for path in sorted(Path(folder).glob("events.*")):
+        events = EventAccumulator(str(path)).Reload()
+        if name in events.Tags()["scalars"]:
+            found |= {event.step: event.value for event in events.Scalars(name)}
+    return found
+
+
+def test_a_short_run_leaves_a_curve_of_its_loss(recipes):
+    run_training("fit", ["--config", "toy"], recipes)
+    assert len(scalars("runs/toy", "training/mse")) == 8
+
+
+def test_given_weights_are_scored_before_they_are_changed(recipes, capsys):
+    run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
+    weights = "--model.initial_weights=first/weights.safetensors"
+    shown = "--trainer.enable_progress_bar=true"
+    capsys.readouterr()
+    run_training("fit", ["--config", "toy", weights, shown], recipes)
+    best = read_weights("first/weights.safetensors").provenance["validation/mse"]
+    assert f"step 0: validation/mse {best}\n" in capsys.readouterr().err
+    curve = scalars("runs/toy", "validation/mse")
+    assert curve[0] == pytest.approx(float(best), rel=1e-5)
+    assert len(curve) == 3
+    assert yaml.safe_load(Path("runs/toy/config.yaml").read_text())["trainer"]["max_epochs"] == 2
+
+
+def test_a_run_folder_may_be_named_as_one_likes(recipes, capsys):
+    run_training("fit", ["--config", "toy", "--run_folder", "run[/b]"], recipes)
+    assert capsys.readouterr().out == "run[/b]: the weights are in weights.safetensors\n"
+
+
+def test_progress_is_that_of_the_run_and_shows_in_a_file_too(recipes, capsys):
+    run_training("fit", ["--config", "toy", "--trainer.enable_progress_bar=true"], recipes)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "sightline fit: toy"
+    assert "training: 0 of 8" in lines
+    assert [line.partition(" ")[0] for line in lines if "mse" in line] == ["step", "step"]

@@ -16,13 +16,14 @@ def reports(folder, ranks):
 
 @pytest.fixture(scope="module")
 def runs(frames, tmp_path_factory):
-    """A folder with three trainings: on two ranks, that one resumed, on one rank."""
+    """A folder with trainings on two ranks, that one resumed, on one rank; and with scores."""
     folder = tmp_path_factory.mktemp("runs")
     command = [sys.executable, "-m", "tests.training.two_ranks", str(frames), str(folder)]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     two_ranks.train(frames, folder / "single", batch_size=4)
+    two_ranks.score(frames, folder / "scores", batch_size=1)
     return folder
 
 
@@ -50,6 +51,19 @@ def test_resuming_on_two_ranks_is_exact(runs):
         assert resumed["seen"] == whole["seen"][two_ranks.STOPPED_AFTER :]
         for name, tensor in whole["state"].items():
             assert torch.equal(resumed["state"][name], tensor), name
+
+
+@pytest.mark.parametrize("batch_size", [1, 2])
+def test_two_ranks_score_an_odd_number_of_frames_as_one_does(runs, batch_size):
+    (single,) = reports(runs / "scores", 1)
+    assert len(single) == 1 + 3 * 3 * 3
+    assert sum(score > 0 for score in single.values()) > 10
+    for rank in reports(runs / f"scores{batch_size}", 2):
+        assert rank.keys() == single.keys()
+        # What the network itself gives differs in its last digits with the batch it comes in.
+        assert rank.pop("mse").item() == pytest.approx(single["mse"].item(), rel=1e-6)
+        for name, ap in rank.items():
+            assert ap.item() == pytest.approx(single[name].item(), abs=1e-9, rel=0), name
 
 
 def test_the_checkpoint_keeps_the_random_states_of_both(runs):

@@ -11,7 +11,8 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import Callback, EMAWeightAveraging
 
-from sightline.training.callbacks import LastCheckpoint, RandomState
+from sightline.training.callbacks import RandomState
+from sightline.training.last_checkpoint import LastCheckpoint
 from tests.training import toy
 
 STEPS_AN_EPOCH = 4

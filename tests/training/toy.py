@@ -2,18 +2,22 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import lightning
 import numpy as np
 import torch
+from beartype import beartype
+from jaxtyping import Float32, jaxtyped
 from torch import Tensor, nn
+from torchmetrics import Metric
 
 from sightline.geometry.projection import sparse_depth_map
-from sightline.structures.batch import CameraLidarBatch
+from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.sample import CameraLidarSample
-from sightline.training.data import CameraLidarData, SamplePreparation, SourceConfig
+from sightline.training.data import CameraLidarData, SamplePreparation
 from sightline.training.module import OptimizerConfig, TrainingModule
+from sightline.training.sources import SourceConfig
 from tests.data import trees
 
 
@@ -43,6 +47,41 @@ class ToyNet(nn.Module):
         return self.layers(torch.cat((image, sparse_depth_m), dim=1))
 
 
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ToyBatch(FieldwiseBatch):
+    """Images and the points on them."""
+
+    sample_ids: tuple[str, ...]
+    image: Float32[Tensor, "batch 3 height width"]
+    sparse_depth_m: Float32[Tensor, "batch 1 height width"]
+
+
+class ToyLosses(NamedTuple):
+    """One term."""
+
+    total: Tensor
+    mse: Tensor
+
+
+class ToyScores(Metric):
+    """The mean over samples of their mean squared error."""
+
+    full_state_update = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.add_state("sum", torch.tensor(0.0, dtype=torch.float64), dist_reduce_fx="sum")
+        self.add_state("count", torch.tensor(0), dist_reduce_fx="sum")
+
+    def update(self, errors: Tensor) -> None:
+        self.sum += errors.double().sum()
+        self.count += len(errors)
+
+    def compute(self) -> dict[str, Tensor]:
+        return {"mse": self.sum / self.count}
+
+
 class ToyModule(TrainingModule):
     """Trains it on the points themselves."""
 
@@ -56,28 +95,27 @@ class ToyModule(TrainingModule):
         initial_weights: Path | None = None,
     ) -> None:
         self.config = network
-        super().__init__(ToyNet(network), optimizer=optimizer, initial_weights=initial_weights)
+        super().__init__(
+            ToyNet(network), ToyScores(), optimizer=optimizer, initial_weights=initial_weights
+        )
         self.seen: list[tuple[str, ...]] = []
         self.images: list[float] = []
 
     def network_config(self) -> ToyConfig:
         return self.config
 
-    def training_step(self, batch: CameraLidarBatch) -> Tensor:
+    def losses(self, batch: ToyBatch) -> ToyLosses:
         self.seen.append(batch.sample_ids)
         self.images.append(float(batch.image.sum()))
-        return self._mse(batch)
+        mse = self._errors(batch).mean()
+        return ToyLosses(mse, mse)
 
-    def validation_step(self, batch: CameraLidarBatch) -> None:
-        mse = self._mse(batch)
-        self.log("validation/mse", mse, batch_size=len(batch), sync_dist=True)
+    def score(self, batch: ToyBatch) -> None:
+        self.metric.update(self._errors(batch).flatten(1).mean(dim=1))
 
-    def test_step(self, batch: CameraLidarBatch) -> None:
-        self.log("test/mse", self._mse(batch), batch_size=len(batch))
-
-    def _mse(self, batch: CameraLidarBatch) -> Tensor:
+    def _errors(self, batch: ToyBatch) -> Tensor:
         predicted = self.network(batch.image, batch.sparse_depth_m)
-        return (predicted - batch.sparse_depth_m).square().mean()
+        return (predicted - batch.sparse_depth_m).square()
 
 
 class ToyPreparation(SamplePreparation):
@@ -88,12 +126,12 @@ class ToyPreparation(SamplePreparation):
 
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
-    ) -> CameraLidarBatch:
+    ) -> ToyBatch:
         image = sample.image.float() / 255
         if training:
             image = image + torch.from_numpy(rng.normal(0, self.noise, image.shape)).float()
         depth = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
-        return CameraLidarBatch(
+        return ToyBatch(
             sample_ids=(sample.sample_id,), image=image[None], sparse_depth_m=depth[None, None]
         )
 

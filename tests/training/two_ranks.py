@@ -1,4 +1,4 @@
-"""Trains on two processes, then resumes: `python -m tests.training.two_ranks FRAMES FOLDER`.
+"""Trains on two processes, resumes, scores: `python -m tests.training.two_ranks FRAMES FOLDER`.
 
 A program of its own, so that it can fork: its processes begin with all imported, and the test's
 threads are not in their way.
@@ -11,7 +11,12 @@ from pathlib import Path
 import torch
 from lightning.pytorch.callbacks import Callback
 
-from sightline.training.callbacks import LastCheckpoint, RandomState
+from sightline.data.kitti_labels import parse_objects
+from sightline.evaluation.kitti_object_metric import KittiObjectMetric
+from sightline.evaluation.kitti_object_rules import LOOSE
+from sightline.training.callbacks import RandomState
+from sightline.training.last_checkpoint import LastCheckpoint
+from tests.evaluation.kitti_scenes import random_street
 from tests.training import toy
 
 STOPPED_AFTER = 3
@@ -44,10 +49,46 @@ def train(frames, folder, *, batch_size, resume=None, **settings):
     trainer.fit(module, datamodule=toy.data(frames, batch_size=batch_size), ckpt_path=resume)
 
 
+class Detector(toy.ToyModule):
+    """Scored by KITTI's AP on made-up objects of each frame, its own scores besides."""
+
+    def __init__(self, folder):
+        super().__init__()
+        self.folder = folder
+        self.objects = KittiObjectMetric(LOOSE)
+        self.files = random_street(11, num_frames=9)
+
+    def score(self, batch):
+        super().score(batch)
+        files = [self.files[int(name)] for name in batch.sample_ids]
+        self.objects.update(
+            [parse_objects(found.encode(), "results", with_scores=True) for _, found in files],
+            [parse_objects(labels.encode(), "labels", with_scores=False) for labels, _ in files],
+        )
+
+    def scores(self):
+        found = super().scores() | self.objects.compute()
+        torch.save(found, self.folder / f"rank{self.trainer.global_rank}.pt")
+        return found
+
+
+def score(frames, folder, *, batch_size, **settings):
+    """Scores all nine frames: an odd number for two ranks."""
+    folder.mkdir()
+    torch.manual_seed(0)
+    module = Detector(folder)
+    data = toy.data(
+        frames, validation=[toy.SourceConfig(path=Path())], validation_batch_size=batch_size
+    )
+    toy.trainer(folder, **settings).validate(module, datamodule=data, verbose=False)
+
+
 def main(frames, folder):
     two = {"batch_size": 2, "devices": 2, "strategy": "ddp_fork"}
     train(frames, folder / "whole", **two)
     train(frames, folder / "resumed", resume=folder / "whole" / "middle.ckpt", **two)
+    for size in (1, 2):
+        score(frames, folder / f"scores{size}", **two | {"batch_size": size})
 
 
 if __name__ == "__main__":

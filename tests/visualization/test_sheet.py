@@ -9,6 +9,7 @@ import torch
 from sightline.data.open import open_dataset
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D
 from sightline.visualization.object_table import draw_object_table
 from sightline.visualization.sheet import frame_sheet
@@ -114,3 +115,60 @@ def test_real_frames_are_shown(kitti_root):
     dataset = open_dataset(kitti_root, sample_list=["000008", "000010"])
     for index in range(2):
         assert_is_picture(frame_sheet(dataset[index]))
+
+
+@pytest.mark.parametrize("size", [(375, 1), (1, 375), (5000, 1), (1, 1)])
+def test_a_page_of_a_very_narrow_image_is_no_larger_than_others(sample, size):
+    tiny = replace(
+        sample,
+        image_size=size,
+        image=torch.zeros(3, *size, dtype=torch.uint8),
+        depth=torch.ones(size),
+    )
+    page = frame_sheet(tiny, depth_map(size))
+    assert_is_picture(page)
+    assert page.shape[0] < 5 * 1242
+
+
+def many_objects(count):
+    """Cars one behind the other, the farthest first."""
+    boxes3d = torch.tensor([[0.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]]).repeat(count, 1)
+    boxes3d[:, 0] = torch.arange(count, 0, -1) * 0.1
+    return ObjectLabels(
+        class_names=("Car",) * count,
+        boxes2d=Boxes2D(torch.tensor([[1.0, 2.0, 9.0, 9.0]]).repeat(count, 1)),
+        boxes3d=Boxes3D(boxes3d),
+        truncation=torch.zeros(count, dtype=torch.float64),
+        occlusion=torch.zeros(count, dtype=torch.int64),
+        alpha=torch.zeros(count, dtype=torch.float64),
+    )
+
+
+def test_of_very_many_labels_the_nearest_are_drawn_and_the_page_says_so(sample):
+    crowd, near = many_objects(10_000), many_objects(500)
+    page = frame_sheet(replace(sample, objects=crowd))
+    alone = frame_sheet(replace(sample, objects=near))
+    head = 46  # the line with what there is, which tells of the others
+    assert np.array_equal(page[head:], alone[head:])
+    assert not np.array_equal(page[:head], alone[:head])
+
+
+def test_of_very_many_detections_the_surest_are_drawn(sample):
+    scores = torch.linspace(0, 1, 2000)
+    boxes2d = Boxes2D(torch.tensor([[1.0, 2.0, 9.0, 9.0]]).repeat(2000, 1))
+    boxes3d = many_objects(2000).boxes3d
+    names = ("Car",) * 2000
+    found = {
+        "detections2d": Detections2D(class_names=names, boxes=boxes2d, scores=scores),
+        "detections3d": Detections3D(class_names=names, boxes=boxes3d, scores=scores),
+    }
+    kept = torch.arange(1500, 2000)
+    best = {
+        "detections2d": Detections2D(
+            class_names=names[:500], boxes=boxes2d[kept], scores=scores[kept]
+        ),
+        "detections3d": Detections3D(
+            class_names=names[:500], boxes=boxes3d[kept], scores=scores[kept]
+        ),
+    }
+    assert np.array_equal(frame_sheet(sample, **found), frame_sheet(sample, **best))

@@ -2,15 +2,17 @@
 
 from pathlib import Path
 
-from sightline.cli.parser import Device, Engine, Method, Velodyne
+from sightline.cli.parser import Device, Velodyne
 from sightline.cli.report import check_writable, deliver
+from sightline.depth_completion.method_names import Method
+from sightline.export.names import EngineName
 
 
 def evaluate_objects(
     results: Path,
     labels: Path,
     *,
-    split: Path | None = None,
+    sample_list: str | None = None,
     overlaps: str = "strict",
     bootstrap: int = 0,
     seed: int = 0,
@@ -21,7 +23,8 @@ def evaluate_objects(
     Args:
         results: Folder with one result file a frame (16 fields a line).
         labels: Folder with one label file a frame (15 fields a line).
-        split: Text file with the frames to score, one a line. Default: all that have labels.
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name a line. Default: all that have labels.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
         bootstrap: Resamples of the frames for the interval of AP_all_points; 0 leaves it out.
         seed: Of the resamples.
@@ -34,7 +37,7 @@ def evaluate_objects(
     report = evaluate(
         results,
         labels,
-        split=split,
+        sample_list=sample_list,
         overlaps=parse_overlaps(overlaps),
         bootstrap=bootstrap,
         seed=seed,
@@ -47,7 +50,7 @@ def evaluate_proposals(
     results: Path,
     labels: Path,
     *,
-    split: Path | None = None,
+    sample_list: str | None = None,
     ious: tuple[float, ...] = (0.5, 0.7),
     max_proposals: int | None = None,
     json: Path | None = None,
@@ -57,7 +60,8 @@ def evaluate_proposals(
     Args:
         results: Folder with one result file a frame (16 fields a line).
         labels: Folder with one label file a frame (15 fields a line).
-        split: Text file with the frames to score, one a line. Default: all that have labels.
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name a line. Default: all that have labels.
         ious: Overlaps from which an object is found, one or several numbers.
         max_proposals: Only so many of a frame, those of the highest score.
         json: File for the whole report.
@@ -66,7 +70,12 @@ def evaluate_proposals(
     from sightline.evaluation.kitti_object_proposals import evaluate_proposals as evaluate
 
     report = evaluate(
-        results, labels, split=split, ious=ious, max_proposals=max_proposals, progress=True
+        results,
+        labels,
+        sample_list=sample_list,
+        ious=ious,
+        max_proposals=max_proposals,
+        progress=True,
     )
     deliver(report, json)
 
@@ -93,10 +102,10 @@ def evaluate_held_out(
     *,
     method: Method | None = None,
     weights: str | None = None,
-    engine: Engine = "torch",
+    engine: EngineName = "torch",
     device: Device = "cpu",
-    beams: tuple[int, ...] = (64, 32, 16, 8),
-    split: str | None = None,
+    beams: tuple[int, ...] | None = None,
+    sample_list: str | None = None,
     velodyne: Velodyne = "velodyne",
     json: Path | None = None,
 ) -> None:
@@ -109,21 +118,40 @@ def evaluate_held_out(
             depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
         engine: What runs the network.
         device: Where PyTorch runs the network.
-        beams: How many of 64 beams the method gets, one or several numbers.
-        split: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a text
-            file with one name a line. Default: all.
+        beams: How many of the sensor's beams the method gets, one or several numbers. Default:
+            all, half, a quarter and an eighth of them.
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name a line. Default: all.
         velodyne: Folder of the sweeps in an object tree.
         json: File for the whole report.
     """
     check_writable(json)
     from sightline.data.open import open_dataset
+    from sightline.depth_completion.predictor import choose_completer
     from sightline.evaluation.held_out import evaluate_held_out as evaluate
-    from sightline.inference.depth import choose_completer
 
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
-    dataset = open_dataset(data, sample_list=split, velodyne=velodyne, parts=completer.parts)
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=completer.parts)
     samples = (dataset[index] for index in range(len(dataset)))
     deliver(evaluate(samples, completer, beams=beams, total=len(dataset)), json)
+
+
+def evaluate_realism(
+    simulated: Path, real: Path, *, labels: Path | None = None, json: Path | None = None
+) -> None:
+    """Compares simulated frames with real ones: points, boxes, ground, traffic, light.
+
+    Args:
+        simulated: KITTI object tree that `simulate` wrote.
+        real: KITTI object tree of real frames.
+        labels: Folder of more real label files, whose objects are compared instead, with the
+            folder calib beside it.
+        json: File for the whole table.
+    """
+    check_writable(json)
+    from sightline.evaluation.realism import evaluate_realism as evaluate
+
+    deliver(evaluate(simulated, real, real_labels=labels), json)
 
 
 def reproduce_shiftconv(
@@ -131,13 +159,13 @@ def reproduce_shiftconv(
     data: Path | None = None,
     weights: str | None = None,
     weights_without: str | None = None,
-    engine: Engine = "torch",
+    engine: EngineName = "torch",
     device: Device = "cpu",
-    split: str | None = None,
+    sample_list: str | None = None,
     velodyne: Velodyne = "velodyne",
     json: Path | None = None,
 ) -> None:
-    """Prints the Shift-Convolution paper's tables, its figures beside ours on the data given.
+    """Prints the tables of Yu and Kee 2021 (Shift-Convolution), with our figures on the data given.
 
     What cannot be measured on the data, or without weights, says what it needs.
 
@@ -148,15 +176,15 @@ def reproduce_shiftconv(
         weights_without: The same network trained without Shift-Conv.
         engine: What runs the networks.
         device: Where PyTorch runs the networks.
-        split: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a text
-            file with one name a line. Default: all.
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name a line. Default: all.
         velodyne: Folder of the sweeps in an object tree.
         json: File for the whole report.
     """
     if data is None:
         raise ValueError("reproduce shiftconv measures on data; name a data set with --data")
     check_writable(json)
-    from sightline.inference.reproduce import reproduce_shiftconv as reproduce
+    from sightline.depth_completion.reproduce import reproduce_shiftconv as reproduce
 
     report = reproduce(
         data,
@@ -164,7 +192,7 @@ def reproduce_shiftconv(
         weights_without=weights_without,
         engine=engine,
         device=device,
-        sample_list=split,
+        sample_list=sample_list,
         velodyne=velodyne,
     )
     deliver(report, json)

@@ -6,6 +6,7 @@ help. What a command needs is imported inside it, so that `--help` answers at on
 
 import os
 import sys
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -17,26 +18,25 @@ from sightline.cli.evaluate import (
     evaluate_held_out,
     evaluate_objects,
     evaluate_proposals,
+    evaluate_realism,
     reproduce_shiftconv,
 )
 from sightline.cli.parser import (
     REFUSED,
-    Device,
-    Engine,
     LidarModel,
-    Method,
     OneLineParser,
     Velodyne,
     fail,
-    join_number_lists,
 )
+from sightline.cli.predict import predict_commands
 from sightline.cli.report import deliver
+from sightline.cli.tasks import list_tasks
+from sightline.export.names import Format
+from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
+from sightline.training.interruption import Interruption
 
 _INTERRUPTED = 130  # what a shell reports for a program that Ctrl-C ended
 _BROKEN_PIPE = 141  # likewise
-
-PACKAGE_RECIPES = Path(__file__).parents[1] / "recipes"
-"""Folder of the recipes that `fit --config` knows by name."""
 
 
 def check(data: Path, *, workers: int = 2) -> int:
@@ -68,27 +68,30 @@ def show(
     frame: str,
     *,
     out: Path | None = None,
-    method: Method | None = None,
+    task: str | None = None,
+    method: str | None = None,
     weights: str | None = None,
     velodyne: Velodyne = "velodyne",
 ) -> None:
-    """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth.
+    """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, a task's answer.
 
     Args:
         data: A KITTI object tree, depth completion tree or raw drive.
         frame: Name of the frame, e.g. 000008.
         out: PNG to write; by default FRAME.png in the current folder.
-        method: How the dense depth is completed without a network.
-        weights: The network: name of weights that come with Sightline (depth-best,
-            depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
+        task: Whose answer is drawn; `sightline tasks` lists them. Default: that of the weights,
+            or depth-completion.
+        method: What answers without a network.
+        weights: The network: name of weights that come with Sightline (`sightline tasks` lists
+            them) or a file (.safetensors, .ckpt). Default: the task's own.
         velodyne: Folder of the sweeps in an object tree.
     """
-    from sightline.inference.depth import choose_completer
     from sightline.inference.pictures import write_frame_picture
 
-    completer = choose_completer(method=method, weights=weights)
+    chosen = choose_task(task, weights)
+    draw = partial(chosen.picture, predictor=chosen.predictor(method=method, weights=weights))
     path = out or Path(f"{frame}.png")
-    print(write_frame_picture(data, frame, path, completer=completer, velodyne=velodyne))
+    print(write_frame_picture(data, frame, path, draw=draw, velodyne=velodyne))
 
 
 def simulate(
@@ -103,10 +106,11 @@ def simulate(
     samples_per_pixel: int | None = None,
     lidar: LidarModel | None = None,
     rolling_shutter: bool = False,
+    camera: bool = True,
+    hard: bool = False,
     velodyne: Velodyne | None = None,
     validation_frames: int | None = None,
-    preset: Literal["street-2k"] | None = None,
-    compare: Path | None = None,
+    preset: Literal["street-2k", "street-8k", "street-hard-500"] | None = None,
 ) -> None:
     """Makes street frames or drives in KITTI's format, with dense depth and exact labels.
 
@@ -125,12 +129,12 @@ def simulate(
         samples_per_pixel: 1, or 4 for finer pictures. Default: 1.
         lidar: The sensor. Default: hdl-64e.
         rolling_shutter: Lets the LiDAR move during its turn.
+        camera: Whether pictures are taken; without, all else is the same, in half the time.
+        hard: Asks for streets that are harder to tell things in, as a preset may without this.
         velodyne: velodyne for whole turns of the LiDAR, velodyne_reduced for what the camera sees.
             Default: velodyne, or the preset's.
         validation_frames: So many, the first ones, go to ImageSets/val.txt and not to train.txt.
         preset: A named data set; what is given besides replaces its settings.
-        compare: Folder of real frames in KITTI's object layout, to print their statistics beside
-            ours; without --frames or --preset, those of the frames that are in OUT already.
     """
     from sightline.simulation.command import run_simulation
 
@@ -145,88 +149,38 @@ def simulate(
         samples_per_pixel=samples_per_pixel,
         lidar=lidar,
         rolling_shutter=rolling_shutter,
+        camera=camera,
+        hard=hard or None,
         velodyne=velodyne,
         validation_frames=validation_frames,
         preset=preset,
-        compare_with=compare,
     )
     print(done)
-
-
-def predict_depth_completion(
-    data: Path,
-    out: Path,
-    *,
-    method: Method | None = None,
-    weights: str | None = None,
-    engine: Engine = "torch",
-    device: Device = "cpu",
-    uncertainty: Path | None = None,
-    split: str | None = None,
-    velodyne: Velodyne = "velodyne",
-    workers: int = 2,
-    overwrite: bool = False,
-    shard_index: int = 0,
-    num_shards: int = 1,
-) -> None:
-    """Completes the depth of every frame and writes 16-bit depth PNGs (metres times 256).
-
-    A file appears whole or not at all; an interrupted run is finished by running it again.
-
-    Args:
-        data: A KITTI object tree, depth completion tree or raw drive.
-        out: Folder for the PNGs.
-        method: How depth is completed without a network.
-        weights: The network: name of weights that come with Sightline (depth-best,
-            depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
-        engine: What runs the network.
-        device: Where PyTorch runs the network.
-        uncertainty: Folder for the network's expected errors, as PNGs in the same format.
-        split: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a text
-            file with one name a line. Default: all.
-        velodyne: Folder of the sweeps in an object tree.
-        workers: Processes; of several, each runs a network on one thread.
-        overwrite: Makes files anew that are there already.
-        shard_index: Which part of the frames to do, from 0.
-        num_shards: Number of parts, each of which can run on another machine.
-    """
-    from sightline.inference.batch import predict_depth_completion as predict
-
-    result = predict(
-        data,
-        out,
-        method=method,
-        weights=weights,
-        engine=engine,
-        device=device,
-        uncertainty=uncertainty,
-        sample_list=split,
-        velodyne=velodyne,
-        workers=workers,
-        overwrite=overwrite,
-        shard_index=shard_index,
-        num_shards=num_shards,
-    )
-    print(f"{out}: {result.written} depth maps written, {result.skipped} were there already")
 
 
 def export(
     out: Path,
     *,
     weights: str = "depth-best",
-    format: Literal["onnx", "openvino"] = "onnx",  # noqa: A002 - the flag's name
+    format: Format = "onnx",  # noqa: A002 - the flag's name
 ) -> None:
     """Writes a network as a file that runs without PyTorch, and checks that it gives the same.
 
     Args:
         out: File to write: .onnx, or .xml for OpenVINO.
-        weights: Name of weights that come with Sightline, or a file (.safetensors, .ckpt).
+        weights: Name of weights that come with Sightline (`sightline tasks` lists them), or a file
+            (.safetensors, .ckpt).
         format: Of the file.
     """
-    from sightline.inference.export_weights import export_weights
+    from sightline.data.weights_header import find_weights
+    from sightline.export.write import export_graphs
+    from sightline.inference.network import load_network
 
-    deliver(export_weights(weights, out, format), None)
-    print(out)
+    task = choose_task(None, find_weights(weights))
+    reports = export_graphs(task.graphs(load_network(task, weights)), out, format)
+    for path, report in reports.items():
+        deliver(report, None)
+        print(path)
 
 
 def demo(out: Path = Path("demo")) -> None:
@@ -237,7 +191,7 @@ def demo(out: Path = Path("demo")) -> None:
     """
     from sightline.inference.demo import run_demo
 
-    print(run_demo(out))
+    print(run_demo(out, [find_task(name).demo for name in task_names()]))
 
 
 _TRAINING = {
@@ -245,29 +199,32 @@ _TRAINING = {
     "validate": "Score a network that is being trained on its validation data.",
     "test": "Score a trained network on test data.",
 }
-_COMMANDS: dict[str, Any] = {
-    "demo": demo,
-    "check": check,
-    "show": show,
-    "simulate": simulate,
-    **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
-    "predict": {
-        "_help": "Run a task over a data set.",
-        "depth-completion": predict_depth_completion,
-    },
-    "evaluate": {
-        "_help": "Score results.",
-        "objects": evaluate_objects,
-        "proposals": evaluate_proposals,
-        "depth": evaluate_depth,
-        "held-out": evaluate_held_out,
-    },
-    "reproduce": {
-        "_help": "Print a paper's tables beside our own figures.",
-        "shiftconv": reproduce_shiftconv,
-    },
-    "export": export,
-}
+
+
+def _commands() -> dict[str, Any]:
+    """All commands; those of the tasks as the registry has them now."""
+    return {
+        "demo": demo,
+        "check": check,
+        "show": show,
+        "simulate": simulate,
+        **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
+        "tasks": list_tasks,
+        "predict": predict_commands(),
+        "evaluate": {
+            "_help": "Score results.",
+            "objects": evaluate_objects,
+            "proposals": evaluate_proposals,
+            "depth": evaluate_depth,
+            "held-out": evaluate_held_out,
+            "realism": evaluate_realism,
+        },
+        "reproduce": {
+            "_help": "Print a paper's tables beside our own figures.",
+            "shiftconv": reproduce_shiftconv,
+        },
+        "export": export,
+    }
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -280,7 +237,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _BROKEN_PIPE
     except KeyboardInterrupt as error:
         how = str(error) or "interrupted; run the same command again to finish"
-        return fail(how, _INTERRUPTED)
+        return fail(how, error.exit_status if isinstance(error, Interruption) else _INTERRUPTED)
     except (ValueError, OSError) as error:
         return fail(str(error), REFUSED)
 
@@ -293,8 +250,8 @@ def _run(arguments: list[str]) -> int:
 
             return run_training(training, rest, recipes=PACKAGE_RECIPES)
     status = jsonargparse.auto_cli(
-        _COMMANDS,
-        args=join_number_lists(arguments),
+        _commands(),
+        args=arguments,
         prog="sightline",
         version=version("sightline"),
         parser_class=OneLineParser,

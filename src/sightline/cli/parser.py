@@ -1,14 +1,12 @@
 """How the command line reads its arguments and refuses them."""
 
+import argparse
 import re
 import sys
-from functools import reduce
 from typing import Any, Literal, NoReturn
 
 import jsonargparse
 
-Method = Literal["nearest", "linear", "classical", "adaptive"]
-Engine = Literal["torch", "onnxruntime", "openvino"]
 Device = Literal["cpu", "cuda"]
 Velodyne = Literal["velodyne", "velodyne_reduced"]
 LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
@@ -16,7 +14,12 @@ LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 REFUSED = 2
 """Exit status."""
 
-_NUMBER_LISTS = ("--beams", "--ious", "--image-size")
+_NUMBER_LISTS: dict[str, tuple[type[int] | type[float], int | None]] = {
+    "--beams": (int, None),
+    "--ious": (float, None),
+    "--image-size": (int, 2),
+}
+"""Options that take several numbers: of which type, and how many where that is fixed."""
 
 
 class OneLineParser(jsonargparse.ArgumentParser):
@@ -31,6 +34,8 @@ class OneLineParser(jsonargparse.ArgumentParser):
         if settings.get("type") is bool:  # `--overwrite`, not `--overwrite true`
             del settings["type"]
             settings["action"] = jsonargparse.ActionYesNo(no_prefix="no-")
+        if dashed[0] in _NUMBER_LISTS:
+            settings["action"] = _NumberList
         return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
@@ -39,26 +44,38 @@ class OneLineParser(jsonargparse.ArgumentParser):
         sys.exit(fail(f"{message}; see sightline --help", REFUSED))
 
 
+class _NumberList(argparse.Action):
+    """Takes `--beams 64 32` and `--beams 64,32`, where jsonargparse knows `--beams=[64,32]`."""
+
+    def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - as argparse
+        super().__init__(nargs="+", metavar="NUMBER", **settings)
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,  # noqa: ANN401 - as argparse
+        option_string: str | None = None,
+    ) -> None:
+        """Sets the tuple that the words which follow the option stand for."""
+        del parser, option_string
+        option = self.option_strings[0]
+        number_type, count = _NUMBER_LISTS[option]
+        try:
+            words = [word for value in values for word in value.strip("[]").split(",")]
+            numbers = tuple(map(number_type, words))
+        except ValueError:
+            raise argparse.ArgumentError(
+                self,
+                f"expected numbers, got {' '.join(values)}; write them last or as {option}=1,2",
+            ) from None
+        if count is not None and len(numbers) != count:
+            raise argparse.ArgumentError(self, f"expected {count} numbers, got {len(numbers)}")
+        setattr(namespace, self.dest, numbers)
+
+
 def fail(message: str, status: int) -> int:
     """Writes a message in one line to standard error; gives the exit status back."""
     one_line = re.sub(r"\s+", " ", message).strip()
     print(f"sightline: {one_line}", file=sys.stderr)
     return status
-
-
-def join_number_lists(arguments: list[str]) -> list[str]:
-    """Lets `--beams 64 32` stand for the list that jsonargparse writes `--beams=[64,32]`."""
-    return reduce(_join_numbers, _NUMBER_LISTS, arguments)
-
-
-def _join_numbers(arguments: list[str], option: str) -> list[str]:
-    if option not in arguments:
-        return arguments
-    start = arguments.index(option)
-    end = start + 1
-    while end < len(arguments) and re.fullmatch(r"[0-9.]+", arguments[end]):
-        end += 1
-    if end == start + 1:
-        return arguments  # the parser says what is wrong
-    joined = f"{option}=[{','.join(arguments[start + 1 : end])}]"
-    return [*arguments[:start], joined, *arguments[end:]]

@@ -1,12 +1,12 @@
 """How the command line delivers a report: a table for people, a file for scripts."""
 
 import json
-import os
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from sightline.data.atomic import atomic_write_text
+from sightline.data.atomic import atomic_write_text, check_replaceable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -35,9 +35,15 @@ def check_writable(path: Path | None) -> None:
     """
     if path is None:
         return
+    check_replaceable(path)
     folder = next(parent for parent in path.absolute().parents if parent.exists())
-    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise ValueError(f"{path} cannot be written; name a file in a folder that you may write to")
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise ValueError(
+            f"{path} cannot be written: folder {folder}: {(error.strerror or str(error)).lower()}; "
+            "name a file in a folder that you may write to"
+        ) from error
 
 
 def deliver(report: Report, path: Path | None) -> None:
@@ -47,6 +53,8 @@ def deliver(report: Report, path: Path | None) -> None:
     console = Console()
     if not console.is_terminal:
         console = Console(width=_FILE_WIDTH)
-    console.print(report.table())
-    if path is not None:
-        atomic_write_text(path, json.dumps(report.to_json(), indent=2) + "\n")
+    try:
+        console.print(report.table())
+    finally:  # even where the reader of the table, `head` say, has seen enough
+        if path is not None:
+            atomic_write_text(path, json.dumps(report.to_json(), indent=2) + "\n")

@@ -1,11 +1,15 @@
 """Files that are either whole or not there."""
 
+import errno
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from sightline.data.aside import folder_beside
+
+_DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
 
 
 @contextmanager
@@ -22,16 +26,33 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         path: Where the file shall stand.
 
     Raises:
-        ValueError: The folder cannot be written to, or `path` is a folder or a device.
+        ValueError: The folder cannot be written to, `path` is a folder or a device, or the disk is
+            full or broken.
     """
     target = Path(os.path.realpath(path))
-    aside = _make_folder_beside(target)
-    try:
-        yield aside / target.name
-        # Only now: a file of the old content must survive everything up to here.
-        (aside / target.name).replace(target)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+    check_replaceable(target)
+    with folder_beside(target) as aside:
+        try:
+            yield aside / target.name
+            # Only now: a file of the old content must survive everything up to here.
+            (aside / target.name).replace(target)
+        except OSError as error:
+            if error.errno not in _DISK_FAULTS:
+                raise
+            raise ValueError(
+                f"{target} cannot be written: {os.strerror(error.errno).lower()}; make room or "
+                "choose another output folder"
+            ) from error
+
+
+def check_replaceable(target: Path) -> None:
+    """Refuses a place where something else than a file stands.
+
+    Raises:
+        ValueError: It is a folder, a device or a pipe.
+    """
+    if target.exists() and not target.is_file():
+        raise ValueError(f"{target} cannot be written: it is no regular file; choose another name")
 
 
 def atomic_write_bytes(path: Path | str, content: bytes) -> None:
@@ -45,18 +66,37 @@ def atomic_write_text(path: Path | str, text: str) -> None:
     atomic_write_bytes(path, text.encode())
 
 
-def _make_folder_beside(target: Path) -> Path:
-    folder = target.parent
+def atomic_create_text(path: Path | str, text: str) -> bool:
+    """Writes a text file (UTF-8) that is not there yet, whole at once.
+
+    Of several processes that do so at one time, on one machine or on several, one succeeds.
+
+    Returns:
+        Whether this call wrote it; False where there is such a file already, which stays.
+
+    Raises:
+        ValueError: As `atomic_path`.
+    """
+    target = Path(os.path.realpath(path))
+    check_replaceable(target)
+    with folder_beside(target) as aside:
+        (aside / target.name).write_bytes(text.encode())
+        try:
+            os.link(aside / target.name, target)
+        except FileExistsError:
+            return False
+        except OSError as error:
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            return _create_exclusively(target, text)
+        return True
+
+
+def _create_exclusively(target: Path, text: str) -> bool:
+    """The same on a disk without hard links (exFAT, say): for a moment the file is there empty."""
     try:
-        if target.exists() and not target.is_file():
-            raise ValueError(
-                f"{target} cannot be written: it is no regular file; choose another name"
-            )
-        folder.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=".sightline-", dir=folder))
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ValueError(
-            f"{target} cannot be written: folder {folder}: {reason}; make it writable or choose "
-            "another output folder"
-        ) from error
+        with target.open("xb") as file:
+            file.write(text.encode())
+    except FileExistsError:
+        return False
+    return True

@@ -16,10 +16,10 @@ from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 from torch import Tensor
 
 from sightline.data.rings import NUM_RINGS, ring_numbers
+from sightline.data.view import is_in_view
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.projection import project_points
 from sightline.geometry.transforms import wrap_angle
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
@@ -28,18 +28,13 @@ _NO_ALPHA = -10.0  # KITTI's mark for an unknown observation angle
 
 
 def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
-    """Which points the image shows: the cut that KITTI's reduced sweeps were made with.
-
-    Pixels from 0 to below width and height, in front of the camera.
+    """Which points KITTI's reduced sweeps would have kept; see `is_in_view`.
 
     Raises:
         ValueError: The sample has no sweep.
     """
-    points = _sweep(sample)
-    height, width = sample.image_size
-    pixels, _ = project_points(points[:, :3].double(), sample.calibration)
-    # Written so that NaN, which compares false with everything, is outside.
-    return (pixels >= 0).all(dim=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
+    image_from_lidar = sample.calibration.image_from_lidar.double().numpy()
+    return torch.from_numpy(is_in_view(_sweep(sample).numpy(), image_from_lidar, sample.image_size))
 
 
 def keep_rings(
@@ -159,8 +154,10 @@ def crop(
 ) -> CameraLidarSample:
     """The sample of a camera that sees only a part of the image [px].
 
-    Image, depth and calibration are cut, as views of the same memory; the sweep stays whole. Labels
-    are taken off: their truncation and occlusion tell of the whole image.
+    Image, depth and calibration are cut, as views of the same memory; the sweep stays whole. 2D
+    boxes are cut as well, and what shows nothing any more is no label, as in KITTI. Truncation, if
+    known, grows by the share of the box that is lost; occlusion stays, though the part may show
+    more or less of what is hidden.
 
     Raises:
         ValueError: The part does not lie within the image.
@@ -179,7 +176,9 @@ def crop(
         image_size=(height, width),
         image=None if sample.image is None else sample.image[window],
         depth=None if sample.depth is None else sample.depth[window],
-        objects=None,
+        objects=None
+        if sample.objects is None
+        else _cropped_objects(sample.objects, top, left, (height, width)),
     )
 
 
@@ -271,6 +270,19 @@ def _mirrored_calibration(calibration: Calibration, width: int) -> Calibration:
         image_from_camera=pixel_flip @ calibration.image_from_camera @ camera_flip,
         camera_from_lidar=camera_flip @ calibration.camera_from_lidar @ lidar_flip,
     )
+
+
+def _cropped_objects(
+    objects: ObjectLabels, top: int, left: int, size: tuple[int, int]
+) -> ObjectLabels:
+    moved = Boxes2D(objects.boxes2d.tensor - objects.boxes2d.tensor.new_tensor([left, top] * 2))
+    boxes2d = moved.clip(size)
+    left_over = boxes2d.area() / moved.area().clamp(min=1e-9)
+    truncation = torch.where(
+        objects.truncation >= 0, 1 - (1 - objects.truncation) * left_over, objects.truncation
+    )
+    cut = replace(objects, boxes2d=boxes2d, truncation=truncation)
+    return cut.select(boxes2d.area() > 0)
 
 
 def _mirrored_objects(objects: ObjectLabels, width: int) -> ObjectLabels:

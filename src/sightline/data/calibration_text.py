@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.plain_text import parse_numbers, read_text, shortened
+from sightline.data.problem import FileError
 
 _LIMIT = 1e9  # no focal length, baseline or mounting comes near; products stay finite
 _ROTATION_TOLERANCE = 1e-3
@@ -34,19 +35,17 @@ def read_object_matrices(path: Path | str) -> CalibrationMatrices:
     The other cameras and the IMU may be there or not; they are not looked at.
 
     Raises:
-        ValueError: One of the three is missing, has another number of values, is not numeric or
+        FileError: One of the three is missing, has another number of values, is not numeric or
             singular, or a rotation is none.
     """
     entries = _read_entries(path)
     projection = _matrix(entries, "P2", (3, 4), path)
     rectification = _matrix(entries, "R0_rect", (3, 3), path)
     mounting = _matrix(entries, "Tr_velo_to_cam", (3, 4), path)
-    _check_projection(projection, f"{path}: P2")
+    _check_projection(projection, path, "P2")
     return CalibrationMatrices(
         image_from_camera=projection,
-        camera_from_lidar=_rectified(
-            rectification, mounting, f"{path}: R0_rect", f"{path}: Tr_velo_to_cam"
-        ),
+        camera_from_lidar=_rectified(rectification, mounting, path, ("R0_rect", "Tr_velo_to_cam")),
     )
 
 
@@ -54,21 +53,21 @@ def read_raw_matrices(folder: Path | str) -> CalibrationMatrices:
     """Reads camera 2's part of `calib_cam_to_cam.txt` and all of `calib_velo_to_cam.txt`.
 
     Raises:
-        ValueError: A file lacks P_rect_02, R_rect_00, R or T, or one of them is as
+        FileError: A file lacks P_rect_02, R_rect_00, R or T, or one of them is as
             `read_object_matrices` refuses it.
     """
     cameras, lidar = Path(folder, "calib_cam_to_cam.txt"), Path(folder, "calib_velo_to_cam.txt")
     entries = _read_entries(cameras)
     projection = _matrix(entries, "P_rect_02", (3, 4), cameras)
     rectification = _matrix(entries, "R_rect_00", (3, 3), cameras)
-    _check_projection(projection, f"{cameras}: P_rect_02")
+    _check_projection(projection, cameras, "P_rect_02")
     return CalibrationMatrices(
         image_from_camera=projection,
         camera_from_lidar=_rectified(
             rectification,
             read_rigid_transform(lidar)[:3],
-            f"{cameras}: R_rect_00",
-            f"{lidar}: R",
+            cameras,
+            ("R_rect_00", f"R of {lidar.name}"),
         ),
     )
 
@@ -77,15 +76,15 @@ def read_intrinsics(path: Path | str) -> Float64[np.ndarray, "3 3"]:
     """Reads the nine numbers of an `intrinsics` file of the depth benchmark, row by row.
 
     Raises:
-        ValueError: They are not nine, or make no camera.
+        FileError: They are not nine, or make no camera.
     """
-    values = parse_numbers(read_text(path).split(), str(path), limit=_LIMIT)
+    values = parse_numbers(read_text(path).split(), path, limit=_LIMIT)
     if len(values) != 9:
-        raise ValueError(
-            f"{path} holds {len(values)} numbers, expected the 9 of a 3x3 matrix; {_REMEDY}"
+        raise FileError(
+            path, f"holds {len(values)} numbers, expected the 9 of a 3x3 matrix", _REMEDY
         )
     intrinsics = np.array(values).reshape(3, 3)
-    _check_projection(intrinsics, str(path))
+    _check_projection(intrinsics, path, "the matrix")
     return intrinsics
 
 
@@ -93,11 +92,11 @@ def read_rectified_intrinsics(path: Path | str, camera: int) -> Float64[np.ndarr
     """Reads the left 3x3 part of P_rect_0N of a `calib_cam_to_cam.txt`.
 
     Raises:
-        ValueError: It is missing, has another number of values, is not numeric or singular.
+        FileError: It is missing, has another number of values, is not numeric or singular.
     """
     name = f"P_rect_{camera:02d}"
     projection = _matrix(_read_entries(path), name, (3, 4), path)
-    _check_projection(projection, f"{path}: {name}")
+    _check_projection(projection, path, name)
     return projection[:, :3]
 
 
@@ -105,14 +104,14 @@ def read_rigid_transform(path: Path | str) -> Float64[np.ndarray, "4 4"]:
     """Reads the R and T of a `calib_velo_to_cam.txt` or `calib_imu_to_velo.txt`.
 
     Raises:
-        ValueError: One is missing, has another number of values or is not numeric, or R is no
+        FileError: One is missing, has another number of values or is not numeric, or R is no
             rotation.
     """
     entries = _read_entries(path)
     target_from_source = np.eye(4)
     target_from_source[:3, :3] = _matrix(entries, "R", (3, 3), path)
     target_from_source[:3, 3:] = _matrix(entries, "T", (3, 1), path)
-    _check_rotation(target_from_source[:3, :3], f"{path}: R")
+    _check_rotation(target_from_source[:3, :3], path, "R")
     return target_from_source
 
 
@@ -162,9 +161,11 @@ def _read_entries(path: Path | str) -> dict[str, list[str]]:
             continue
         if not colon or name in entries:
             fault = "stands there twice" if colon else "has no colon"
-            raise ValueError(
-                f"{path}:{number}: '{shortened(name, 24)}' {fault}, expected lines 'NAME: numbers' "
-                f"with each name once; {_REMEDY}"
+            raise FileError(
+                path,
+                f"line {number}: '{shortened(name, 24)}' {fault}, expected lines 'NAME: numbers' "
+                "with each name once",
+                _REMEDY,
             )
         entries[name] = values.split()
     return entries
@@ -175,51 +176,55 @@ def _matrix(
 ) -> Float64[np.ndarray, "rows columns"]:
     expected = f"{shape[0] * shape[1]} numbers ({shape[0]}x{shape[1]})"
     if name not in entries:
-        raise ValueError(
-            f"{path} lacks {name}, expected a line '{name}:' with {expected}; {_REMEDY}"
-        )
+        raise FileError(path, f"lacks {name}, expected a line '{name}:' with {expected}", _REMEDY)
     words = entries[name]
     if len(words) != shape[0] * shape[1]:
-        raise ValueError(
-            f"{path}: {name} holds {len(words)} values, expected {expected}; {_REMEDY}"
-        )
-    return np.array(parse_numbers(words, f"{path}: {name}", limit=_LIMIT)).reshape(shape)
+        raise FileError(path, f"{name} holds {len(words)} values, expected {expected}", _REMEDY)
+    return np.array(parse_numbers(words, path, f"{name}:", limit=_LIMIT)).reshape(shape)
 
 
-def _check_projection(projection: Float64[np.ndarray, "3 columns"], where: str) -> None:
+def _check_projection(
+    projection: Float64[np.ndarray, "3 columns"], path: Path | str, name: str
+) -> None:
     intrinsics = projection[:, :3]
     scale = np.abs(intrinsics).max()
     if scale == 0 or abs(np.linalg.det(intrinsics / scale)) < 1e-12:
-        raise ValueError(
-            f"{where} is singular in its left 3x3 part, so no pixel has a ray, expected focal "
-            f"lengths other than zero; {_REMEDY}"
+        raise FileError(
+            path,
+            f"{name} is singular in its left 3x3 part, so no pixel has a ray, expected focal "
+            "lengths other than zero",
+            _REMEDY,
         )
     if np.abs(intrinsics[2] - (0, 0, 1)).max() > _LAST_ROW_TOLERANCE:
-        raise ValueError(
-            f"{where} has the third row {intrinsics[2].tolist()}, expected 0 0 1 as of a "
-            f"rectified camera, or depth would not be in metres; {_REMEDY}"
+        raise FileError(
+            path,
+            f"{name} has the third row {intrinsics[2].tolist()}, expected 0 0 1 as of a rectified "
+            "camera, or depth would not be in metres",
+            _REMEDY,
         )
 
 
 def _rectified(
     rectification: Float64[np.ndarray, "3 3"],
     mounting: Float64[np.ndarray, "3 4"],
-    rectification_at: str,
-    mounting_at: str,
+    path: Path | str,
+    names: tuple[str, str],
 ) -> Float64[np.ndarray, "4 4"]:
-    _check_rotation(rectification, rectification_at)
-    _check_rotation(mounting[:, :3], mounting_at)
+    _check_rotation(rectification, path, names[0])
+    _check_rotation(mounting[:, :3], path, names[1])
     camera_from_lidar = np.eye(4)
     camera_from_lidar[:3] = rectification @ mounting
     # Two rotations just within the tolerance need not make one.
-    _check_rotation(camera_from_lidar[:3, :3], f"{rectification_at} times {mounting_at}")
+    _check_rotation(camera_from_lidar[:3, :3], path, " times ".join(names))
     return camera_from_lidar
 
 
-def _check_rotation(rotation: Float64[np.ndarray, "3 3"], where: str) -> None:
+def _check_rotation(rotation: Float64[np.ndarray, "3 3"], path: Path | str, name: str) -> None:
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise ValueError(
-            f"{where} holds no rotation: its rows are {error:.3g} off orthonormal and its "
-            f"determinant is {np.linalg.det(rotation):.3g}, expected 0 and 1; {_REMEDY}"
+        raise FileError(
+            path,
+            f"{name} holds no rotation: its rows are {error:.3g} off orthonormal and its "
+            f"determinant is {np.linalg.det(rotation):.3g}, expected 0 and 1",
+            _REMEDY,
         )

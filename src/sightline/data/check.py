@@ -1,14 +1,13 @@
 """Looks a whole data set through for what would stop a job in the middle, or spoil it unseen."""
 
 import os
-from collections import deque
-from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import islice
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from sightline.data.problem import Problem
 from sightline.data.progress import track
+from sightline.data.threads import check_workers, map_ahead
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 
 
@@ -30,10 +29,10 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
         num_workers: Threads that read; None: one a core.
 
     Raises:
-        ValueError: `num_workers` is not positive.
+        ValueError: `num_workers` is out of range.
     """
-    if num_workers is not None and num_workers < 1:
-        raise ValueError(f"workers must be at least 1, got {num_workers}")
+    workers = (os.cpu_count() or 1) if num_workers is None else num_workers
+    check_workers(workers)
     root = Path(root)
     trees = find_trees(root)
     if not trees:
@@ -47,22 +46,21 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
         )
     for tree in trees:
         yield from tree.gaps
-        answers = _answers(tree.checks, num_workers or os.cpu_count() or 1)
+        run = partial(_run, folder=tree.summary.folder)
+        answers = map_ahead(run, tree.checks, workers=workers)
         description = f"checking {tree.summary.folder.name}"
         for problems in track(answers, description=description, total=len(tree.checks)):
             yield from problems
 
 
-def _answers(checks: Iterable[Check], num_workers: int) -> Iterator[list[Problem]]:
-    """The checks' answers in order; only a few checks run ahead of whoever asks."""
-    waiting: deque[Future[list[Problem]]] = deque()
-    remaining = iter(checks)
-    with ThreadPoolExecutor(num_workers) as pool:
-        try:
-            waiting.extend(pool.submit(check) for check in islice(remaining, 4 * num_workers))
-            while waiting:
-                yield waiting.popleft().result()
-                waiting.extend(pool.submit(check) for check in islice(remaining, 1))
-        finally:
-            for future in waiting:
-                future.cancel()
+def _run(check: Check, *, folder: Path) -> list[Problem]:
+    """What the check finds; a file that breaks a reader must not keep the others from being read.
+
+    Readers refuse what they foresee by a `FileError`, which a check turns into a problem itself.
+    """
+    try:
+        return check.run()
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is told
+        said = f"{type(error).__name__}: {error}".rstrip(": ")
+        problem = f"{check.subject} cannot be checked ({said})"
+        return [Problem(path=folder, problem=problem, remedy="report this as a bug")]

@@ -18,7 +18,7 @@ def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
     """Reads a depth map in metres; 0 = no value. Exact: every step of 1/256 m is a float32.
 
     Raises:
-        ValueError: The file is no whole PNG of one channel with 16 bits.
+        FileError: The file is no whole PNG of one channel with 16 bits.
     """
     steps = read_png16(
         path,

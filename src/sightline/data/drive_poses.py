@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.calibration_text import read_rigid_transform
-from sightline.data.plain_text import parse_numbers, read_text, shortened
+from sightline.data.plain_text import REMEDY, parse_numbers, read_text, shortened
+from sightline.data.problem import FileError
 
 _EARTH_RADIUS_M = 6378137.0
 _OXTS_FIELDS = 30
@@ -22,7 +23,7 @@ def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
     """Reads `world_from_lidar` from lines of 12 numbers: the upper 3x4 part, row by row.
 
     Raises:
-        ValueError: A line holds another number of values, or no rotation.
+        FileError: A line holds another number of values, or no rotation.
     """
     poses = []
     for number, line in enumerate(read_text(path).split("\n"), start=1):
@@ -30,18 +31,21 @@ def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
         if not words:
             continue
         if len(words) != 12:
-            raise ValueError(
-                f"{path}:{number}: holds {len(words)} values, expected the 12 of a 3x4 pose; "
-                "correct the line"
+            raise FileError(
+                path,
+                f"line {number} holds {len(words)} values, expected the 12 of a 3x4 pose",
+                "correct the line",
             )
         pose = np.eye(4)
-        pose[:3] = np.reshape(parse_numbers(words, f"{path}:{number}"), (3, 4))
+        pose[:3] = np.reshape(parse_numbers(words, path, f"line {number}:"), (3, 4))
         rotation = pose[:3, :3]
         error = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise ValueError(
-                f"{path}:{number}: its left 3x3 part is no rotation, expected orthonormal rows and "
-                "determinant +1; correct the line"
+            raise FileError(
+                path,
+                f"line {number}: its left 3x3 part is no rotation, expected orthonormal rows and "
+                "determinant +1",
+                "correct the line",
             )
         poses.append(pose)
     return np.array(poses).reshape(-1, 4, 4)
@@ -51,7 +55,7 @@ def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
     """Reads lines such as "2011-09-26 13:02:25.964389445" as seconds since the first of them.
 
     Raises:
-        ValueError: A line is no date with a time.
+        FileError: A line is no date with a time.
     """
     moments: list[tuple[datetime, float]] = []
     for number, line in enumerate(read_text(path).split("\n"), start=1):
@@ -60,9 +64,11 @@ def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
         try:
             moments.append(_parse_time(line.strip()))
         except ValueError as error:
-            raise ValueError(
-                f"{path}:{number}: '{shortened(line.strip(), 40)}' is no time, expected one such "
-                "as 2011-09-26 13:02:25.964389445; extract the file again"
+            raise FileError(
+                path,
+                f"line {number}: '{shortened(line.strip(), 40)}' is no time, expected one such as "
+                "2011-09-26 13:02:25.964389445",
+                REMEDY,
             ) from error
     if not moments:
         return np.zeros(0)
@@ -85,7 +91,7 @@ def read_oxts_poses(
         imu_to_velodyne: `calib_imu_to_velo.txt`.
 
     Raises:
-        ValueError: A file does not hold 30 numbers, or a latitude is none.
+        FileError: A file does not hold 30 numbers, or a latitude is none.
     """
     lidar_from_imu = read_rigid_transform(imu_to_velodyne)
     imu_from_lidar = np.linalg.inv(lidar_from_imu)
@@ -110,15 +116,16 @@ def _parse_time(text: str) -> tuple[datetime, float]:
 
 
 def _read_oxts(path: Path) -> list[float]:
-    values = parse_numbers(read_text(path).split(), str(path))
+    values = parse_numbers(read_text(path).split(), path)
     if len(values) != _OXTS_FIELDS:
-        raise ValueError(
-            f"{path} holds {len(values)} numbers, expected the {_OXTS_FIELDS} of an OXTS reading; "
-            "extract the file again"
+        raise FileError(
+            path,
+            f"holds {len(values)} numbers, expected the {_OXTS_FIELDS} of an OXTS reading",
+            REMEDY,
         )
     if not abs(values[0]) < 90:
-        raise ValueError(
-            f"{path} has the latitude {values[0]}, expected degrees between -90 and 90"
+        raise FileError(
+            path, f"has the latitude {values[0]}, expected degrees between -90 and 90", REMEDY
         )
     return values
 

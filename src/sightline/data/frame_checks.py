@@ -1,12 +1,14 @@
 """Whether the files of one frame can be read, hold plausible values and fit each other."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float32
 
+from sightline.data.calibration_checks import check_intrinsics, check_matrices
 from sightline.data.calibration_text import (
     CalibrationMatrices,
     read_intrinsics,
@@ -19,8 +21,9 @@ from sightline.data.drive_tree import DriveFrame
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects, read_labels
 from sightline.data.object_tree import ObjectFrame
-from sightline.data.problem import Problem, problem_from_error
+from sightline.data.problem import FileError, Problem
 from sightline.data.velodyne import read_sweep
+from sightline.data.view import is_in_view
 
 _MAX_RANGE_M = 300.0  # beyond every LiDAR on the road; a sweep in millimetres is far beyond
 _OUTSIDE_SHARE = 0.1  # of the image's size, by which a box may reach over its edge
@@ -33,8 +36,11 @@ Content = TypeVar("Content")
 def check_object_frame(frame: ObjectFrame) -> list[Problem]:
     """Checks one frame of the object tree; parts that are absent are not spoken of."""
     problems: list[Problem] = []
-    size = _image_size(frame.image, problems)
+    depth_m = _read(read_depth_png, frame.depth, problems)
+    size = depth_m.shape if depth_m is not None else _image_size(frame.image, problems)
     matrices = _read(read_object_matrices, frame.calibration, problems)
+    if matrices is not None and frame.calibration is not None:
+        problems += check_matrices(matrices, size, frame.calibration)
     points = _read(read_sweep, frame.points, problems)
     objects = _read(read_labels, frame.objects, problems)
     if points is not None and frame.points is not None:
@@ -66,10 +72,12 @@ def check_depth_frame(frame: DepthFrame) -> list[Problem]:
         if path == frame.truth and not depth_m.any():
             problems.append(Problem(path=path, problem="holds no depth", remedy="extract it again"))
     if frame.camera is None:
-        _read(read_intrinsics, frame.intrinsics, problems)
+        intrinsics = _read(read_intrinsics, frame.intrinsics, problems)
     else:
-        camera = int(frame.camera[-2:])
-        _read(lambda path: read_rectified_intrinsics(path, camera), frame.intrinsics, problems)
+        read = partial(read_rectified_intrinsics, camera=int(frame.camera[-2:]))
+        intrinsics = _read(read, frame.intrinsics, problems)
+    if intrinsics is not None and frame.intrinsics is not None:
+        problems += check_intrinsics(intrinsics, size, frame.intrinsics)
     return problems
 
 
@@ -91,8 +99,8 @@ def _read(
         return None
     try:
         return reader(path)
-    except (ValueError, OSError) as error:
-        problems.append(problem_from_error(path, error))
+    except FileError as error:
+        problems.append(error.problem)
         return None
 
 
@@ -135,11 +143,7 @@ def _check_view(
     path: Path,
 ) -> list[Problem]:
     image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
-    x, y, depth = image_from_lidar[:, :3] @ points[:, :3].T + image_from_lidar[:, 3:]
-    height, width = size
-    # Multiplied out: a point in the camera's own plane has no pixel to divide for.
-    seen = (depth > 0) & (x >= 0) & (x < width * depth) & (y >= 0) & (y < height * depth)
-    if seen.any() or not len(points):
+    if is_in_view(points, image_from_lidar, size).any() or not len(points):
         return []
     return [
         Problem(

@@ -7,12 +7,20 @@ import numpy as np
 from jaxtyping import UInt8, UInt16
 
 from sightline.data.atomic import atomic_write_bytes
-from sightline.data.image_header import ImageHeader, check_complete, parse_image_header
+from sightline.data.image_header import (
+    MAX_FILE_BYTES,
+    ImageHeader,
+    check_complete,
+    parse_image_header,
+)
+from sightline.data.plain_file import read_bytes
+from sightline.data.problem import FileError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """File names that a picture may end in, the preferred first."""
 
 _JPEG_QUALITY = 95
+_REMEDY = "extract it again"
 
 
 def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
@@ -22,14 +30,16 @@ def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
     pixels as they are stored.
 
     Raises:
-        ValueError: The file is no whole PNG or JPEG, or has 16 bits per channel (a depth map).
+        FileError: The file is no whole PNG or JPEG, or has 16 bits per channel (a depth map).
     """
-    content = Path(path).read_bytes()
+    content = read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     header = parse_image_header(content, path)
     if header.bits_per_channel > 8:
-        raise ValueError(
-            f"{path} has {header.bits_per_channel} bits per channel, expected a picture of 8; it "
-            "is perhaps a depth map: name the folder of camera images"
+        raise FileError(
+            path,
+            f"has {header.bits_per_channel} bits per channel, expected a picture of 8; it is "
+            "perhaps a depth map",
+            "name the folder of camera images",
         )
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     bgr = decode_pixels(content, header, flags, path)
@@ -47,14 +57,16 @@ def read_png16(
         remedy: What errors say to do.
 
     Raises:
-        ValueError: The file is something else, cut short or damaged.
+        FileError: The file is something else, cut short or damaged.
     """
-    content = Path(path).read_bytes()
+    content = read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     header = parse_image_header(content, path)
     if (header.file_format, header.bits_per_channel, header.channels) != ("png", 16, 1):
-        raise ValueError(
-            f"{path} is a {header.file_format.upper()} of {header.channels} channels with "
-            f"{header.bits_per_channel} bits, expected {expected}; {remedy}"
+        raise FileError(
+            path,
+            f"is a {header.file_format.upper()} of {header.channels} channels with "
+            f"{header.bits_per_channel} bits, expected {expected}",
+            remedy,
         )
     return decode_pixels(content, header, cv2.IMREAD_ANYDEPTH, path).astype(np.uint16, copy=False)
 
@@ -71,7 +83,7 @@ def decode_pixels(
         source: What errors call it.
 
     Raises:
-        ValueError: The file is cut short or damaged.
+        FileError: The file is cut short or damaged.
     """
     check_complete(content, header, source)
     shape = (*header.size, 3) if flags & cv2.IMREAD_COLOR else header.size
@@ -80,7 +92,7 @@ def decode_pixels(
     except cv2.error:  # a side longer than OpenCV takes
         pixels = None
     if pixels is None or pixels.shape != shape:
-        raise ValueError(f"{source} is damaged: its pixels cannot be decoded; extract it again")
+        raise FileError(source, "is damaged: its pixels cannot be decoded", _REMEDY)
     return pixels
 
 

@@ -6,15 +6,33 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from sightline.data.plain_file import check_regular
+from sightline.data.problem import FileError
+
 MAX_PIXELS = 2**26
 """Larger pictures are refused unread: a forged header must not cost gigabytes of memory."""
 
+MAX_FILE_BYTES = 2**29
+"""So are longer files: what holds `MAX_PIXELS` of 16 bits in three channels is shorter."""
+
+_MAX_HEADER_BYTES = 2**20  # a JPEG may carry a colour profile in parts of 64 kB before its size
+_MAX_PNG_CHUNKS = 2**17
+# Decoding takes time for each pixel of each scan; cameras write one, progressive encoders ten.
+_MAX_SCANNED_PIXELS = 16 * MAX_PIXELS
+# What a byte of a file can stand for at the most: deflate's matches are of 258 bytes, two bits
+# each; Huffman codes have a bit for each block of 8x8 pixels, or of 16x16 where halved both ways.
+_PNG_BYTES_PER_BYTE = 1032
+_JPEG_PIXELS_PER_BYTE = 2048
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # by colour type; 3 is a palette of RGB
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
-# Start-of-frame markers, which hold the size: C4, C8 and CC of the range are something else.
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_JPEG_WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD8)})
+_JPEG_SCAN = b"\xff\xda"
+# Start-of-frame markers, which hold the size, of the kinds that cameras write: Huffman-coded,
+# baseline, extended and progressive. Others (lossless, arithmetic) are not taken.
+_JPEG_FRAMES = frozenset({0xC0, 0xC1, 0xC2})
+# What may stand before the frame: tables, restart interval, applications' notes and comments. A
+# decoder passes over anything else in its own way, and may find another size than is seen here.
+_JPEG_TABLES = frozenset({0xC4, 0xDB, 0xDD, *range(0xE0, 0xF0), 0xFE})
 _REMEDY = "extract or convert the file again"
 
 
@@ -34,64 +52,98 @@ def read_image_size(path: Path | str) -> tuple[int, int]:
     """Height and width [px] of a PNG or JPEG file, from its header: the pixels stay unread.
 
     Raises:
-        ValueError: The file is neither PNG nor JPEG, or is cut short within the header.
+        FileError: The file is neither PNG nor JPEG, is cut short within the header, or too short
+            for so many pixels.
     """
+    file_bytes = check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     with Path(path).open("rb") as file:
-        # A JPEG may carry a thumbnail or a colour profile of up to 64 kB each before its size.
-        return parse_image_header(file.read(2**19), path).size
+        return parse_image_header(file.read(_MAX_HEADER_BYTES), path, file_bytes=file_bytes).size
 
 
-def parse_image_header(content: bytes, source: Path | str) -> ImageHeader:
+def parse_image_header(
+    content: bytes, source: Path | str, *, file_bytes: int | None = None
+) -> ImageHeader:
     """Reads the header at the front of `content`.
 
     Args:
         content: The file, or its beginning.
         source: What errors call it.
+        file_bytes: Length of the whole file, where `content` is its beginning.
 
     Raises:
-        ValueError: `content` is no PNG or JPEG, breaks off, or announces a size of zero or of more
-            than `MAX_PIXELS`.
+        FileError: `content` is no PNG or JPEG, breaks off, or announces a size of zero, of more
+            than `MAX_PIXELS` or of more pixels than can be in a file of its length.
     """
     try:
         header = _parse(content)
     except (struct.error, IndexError) as error:
-        raise ValueError(f"{source} is cut short within its header; {_REMEDY}") from error
+        raise FileError(source, "is cut short within its header", _REMEDY) from error
     if header is None:
-        raise ValueError(f"{source} is neither a PNG nor a JPEG picture; {_REMEDY}")
+        raise FileError(source, "is neither a PNG nor a JPEG picture", _REMEDY)
     height, width = header.size
+    announced = f"announces {height}x{width} pixels (height x width)"
     if not 0 < height * width <= MAX_PIXELS:
-        raise ValueError(
-            f"{source} announces {height}x{width} pixels (height x width), expected 1 to "
-            f"{MAX_PIXELS} of them; {_REMEDY}"
+        raise FileError(source, f"{announced}, expected 1 to {MAX_PIXELS} of them", _REMEDY)
+    file_bytes = len(content) if file_bytes is None else file_bytes
+    if file_bytes < _least_bytes(header):
+        raise FileError(
+            source,
+            f"{announced}, more than its {file_bytes} bytes can hold: it is cut short",
+            _REMEDY,
         )
     return header
 
 
-def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> None:
-    """Refuses a PNG or JPEG file that is cut short or, in the case of PNG, was altered.
+def _least_bytes(header: ImageHeader) -> int:
+    """No whole file of such a picture is shorter."""
+    height, width = header.size
+    if header.file_format == "jpeg":
+        return height * width // _JPEG_PIXELS_PER_BYTE
+    return height * (width * header.channels * header.bits_per_channel // 8) // _PNG_BYTES_PER_BYTE
 
-    Decoders differ in what they make of such files: some invent the missing rows.
+
+def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> None:
+    """Refuses a PNG or JPEG file that is cut short, or a PNG that was altered.
+
+    Decoders differ in what they make of such files: some invent the missing rows. Refused as well
+    is what would keep a decoder busy for minutes.
 
     Raises:
-        ValueError: The file breaks off, or a checksum is wrong.
+        FileError: The file breaks off, a checksum is wrong, or a JPEG has far too many scans.
     """
-    if header.file_format == "jpeg":
-        if _JPEG_END not in content[-1024:]:  # some cameras write their own notes after the end
-            raise ValueError(f"{source} is cut short: its JPEG end mark is missing; {_REMEDY}")
+    if header.file_format == "png":
+        _check_png_chunks(content, source)
         return
+    if _JPEG_END not in content[-1024:]:  # some cameras write their own notes after the end
+        raise FileError(source, "is cut short: its JPEG end mark is missing", _REMEDY)
+    # Thumbnails among the notes before the picture are counted along, which makes a few.
+    num_scans = content.count(_JPEG_SCAN)
+    height, width = header.size
+    if num_scans * height * width > _MAX_SCANNED_PIXELS:
+        raise FileError(
+            source,
+            f"has {num_scans} scans of {height}x{width} pixels (height x width), expected up to "
+            f"{_MAX_SCANNED_PIXELS // (height * width)}",
+            _REMEDY,
+        )
+
+
+def _check_png_chunks(content: bytes, source: Path | str) -> None:
     view, position = memoryview(content), len(_PNG_SIGNATURE)
-    while position + 12 <= len(content):
+    for _ in range(_MAX_PNG_CHUNKS):
+        if position + 12 > len(content):
+            break
         (length,) = struct.unpack_from(">I", content, position)
         kind, end = content[position + 4 : position + 8], position + 12 + length
         if end > len(content):
             break
         (stated,) = struct.unpack_from(">I", content, end - 4)
         if zlib.crc32(view[position + 4 : end - 4]) != stated:
-            raise ValueError(f"{source} is damaged: a PNG checksum is wrong; {_REMEDY}")
+            raise FileError(source, "is damaged: a PNG checksum is wrong", _REMEDY)
         if kind == b"IEND":
             return
         position = end
-    raise ValueError(f"{source} is cut short: its PNG end mark is missing; {_REMEDY}")
+    raise FileError(source, "is cut short: its PNG end mark is missing", _REMEDY)
 
 
 def _parse(content: bytes) -> ImageHeader | None:
@@ -110,16 +162,19 @@ def _parse(content: bytes) -> ImageHeader | None:
 
 def _parse_jpeg(content: bytes) -> ImageHeader | None:
     position = len(_JPEG_START)
+    content = content[:_MAX_HEADER_BYTES]
     while content[position] == 0xFF:
         marker = content[position + 1]
-        if marker == 0xFF or marker in _JPEG_WITHOUT_LENGTH:
-            position += 1 if marker == 0xFF else 2
+        if marker == 0xFF:  # padding
+            position += 1
             continue
         if marker in _JPEG_FRAMES:
             bits, height, width, channels = struct.unpack_from(">BHHB", content, position + 4)
             return ImageHeader(
                 file_format="jpeg", size=(height, width), bits_per_channel=bits, channels=channels
             )
+        if marker not in _JPEG_TABLES:
+            return None
         (length,) = struct.unpack_from(">H", content, position + 2)
-        position += 2 + length
+        position += 2 + max(length, 2)  # the length counts itself
     return None

@@ -14,7 +14,7 @@ def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
     """Reads for each pixel 1 + the row of its object in the frame's label file; 0 = none.
 
     Raises:
-        ValueError: The file is no whole PNG of one channel with 16 bits.
+        FileError: The file is no whole PNG of one channel with 16 bits.
     """
     owners = read_png16(
         path,

@@ -20,6 +20,7 @@ from sightline.data.depth_tree import (
 )
 from sightline.data.kitti_files import read_depth, read_image
 from sightline.data.object_tree import describe_absent
+from sightline.data.problem import FileError
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import unproject_pixels
@@ -101,7 +102,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         """Reads a frame.
 
         Raises:
-            ValueError: A file of it cannot be understood, or the sizes of its maps and its image
+            FileError: A file of it cannot be understood, or the sizes of its maps and its image
                 differ; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
@@ -112,10 +113,12 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         image = read_image(frame.image) if frame.image is not None and self.load_images else None
         truth = None if frame.truth is None else read_depth(frame.truth)
         for picture, path in ((image, frame.image), (truth, frame.truth)):
-            if picture is not None and picture.shape[-2:] != sparse.shape:
-                raise ValueError(
-                    f"{path} is {picture.shape[-2]}x{picture.shape[-1]} (height x width), expected "
-                    f"{height}x{width} like {frame.sparse}; extract both again"
+            if picture is not None and path is not None and picture.shape[-2:] != sparse.shape:
+                raise FileError(
+                    path,
+                    f"is {picture.shape[-2]}x{picture.shape[-1]} (height x width), expected "
+                    f"{height}x{width} like {frame.sparse}",
+                    "extract both again",
                 )
         calibration = _read_calibration(frame)
         return CameraLidarSample(

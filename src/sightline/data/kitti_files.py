@@ -1,6 +1,6 @@
 """KITTI's files as tensors and types of the project; every reader names the file it refuses.
 
-Any bytes give a value or a ValueError. Files are written aside and renamed. What needs no PyTorch
+Any bytes give a value or a FileError. Files are written aside and renamed. What needs no PyTorch
 is read by the modules below this one: `velodyne`, `calibration_text`, `image_file`, `depth_png`.
 """
 
@@ -21,6 +21,8 @@ from sightline.data.calibration_text import (
 )
 from sightline.data.depth_png import read_depth_png
 from sightline.data.image_file import read_rgb, write_rgb
+from sightline.data.plain_text import REMEDY
+from sightline.data.problem import FileError
 from sightline.data.velodyne import read_sweep, write_sweep
 from sightline.geometry.calibration import Calibration
 
@@ -81,7 +83,7 @@ def _calibration(matrices: CalibrationMatrices, source: Path | str) -> Calibrati
             camera_from_lidar=torch.from_numpy(matrices.camera_from_lidar),
         )
     except ValueError as error:
-        raise ValueError(f"{source}: {error}") from error
+        raise FileError(source, str(error), REMEDY) from error
 
 
 def _matrices(calibration: Calibration) -> CalibrationMatrices:

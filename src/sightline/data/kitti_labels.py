@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.atomic import atomic_write_text
+from sightline.data.plain_file import read_bytes
 from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError
 
 FIELDS = (
     "class",
@@ -36,6 +38,8 @@ NO_ALPHA = -10.0
 NO_LOCATION = -1000.0
 """Written for each coordinate of an object without a 3D part."""
 
+_MAX_BYTES = 2**24  # more than 100,000 objects in one frame
+_MAX_NAME = 64  # characters of a class
 _LABEL_FIELDS = 15
 _RESULT_FIELDS = 16
 _OCCLUSION = 1  # columns of the numbers of a line
@@ -109,18 +113,18 @@ def read_labels(path: Path) -> KittiObjects:
     KITTI's own evaluation does.
 
     Raises:
-        ValueError: Names the file, line and field that is missing, not a number or not finite.
+        FileError: Names the file, line and field that is missing, not a number or not finite.
     """
-    return parse_objects(_read_bytes(path), path, with_scores=False)
+    return parse_objects(_read_bytes(path, "label"), path, with_scores=False)
 
 
 def read_results(path: Path) -> KittiObjects:
     """Reads a result file (detections with scores); an empty file is a frame without any.
 
     Raises:
-        ValueError: Names the file, line and field that is missing, not a number or not finite.
+        FileError: Names the file, line and field that is missing, not a number or not finite.
     """
-    return parse_objects(_read_bytes(path), path, with_scores=True)
+    return parse_objects(_read_bytes(path, "result"), path, with_scores=True)
 
 
 def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> KittiObjects:
@@ -137,7 +141,8 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
         with_scores: Whether lines end with a score.
 
     Raises:
-        ValueError: Names the source, line and field that is missing, not a number or not finite.
+        FileError: Names the source, line and field that is missing, not a number or not finite,
+            or the class whose name is absurdly long.
     """
     num_fields = _RESULT_FIELDS if with_scores else _LABEL_FIELDS
     names: list[bytes] = []
@@ -154,22 +159,31 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
         values = np.array([*map(_number if b"_" in data else float, tokens)])
         class_names = tuple([name.decode() for name in names])
     except ValueError:
-        raise ValueError(_first_fault(data, source, with_scores=with_scores)) from None
+        raise _first_fault(data, source, with_scores=with_scores) from None
     values = values.reshape(len(names), num_fields - 1)
+    if max(map(len, class_names), default=0) > _MAX_NAME:
+        raise _first_fault(data, source, with_scores=with_scores)
     whole = with_scores or bool((values[:, _OCCLUSION] % 1 == 0).all())
     if not (np.isfinite(values).all() and whole):
-        raise ValueError(_first_fault(data, source, with_scores=with_scores))
+        raise _first_fault(data, source, with_scores=with_scores)
     values.setflags(write=False)
+    return objects_from_rows(class_names, values)
+
+
+def objects_from_rows(
+    class_names: tuple[str, ...], rows: Float64[np.ndarray, "num_objects num_fields"]
+) -> KittiObjects:
+    """Objects of the numbers of their lines: `FIELDS` after the class, with or without a score."""
     return KittiObjects(
         class_names=class_names,
-        truncation=values[:, 0],
-        occlusion=values[:, 1],
-        alpha=values[:, 2],
-        boxes2d=values[:, 3:7],
-        dimensions_hwl=values[:, 7:10],
-        locations=values[:, 10:13],
-        rotation_y=values[:, 13],
-        scores=values[:, 14] if with_scores else None,
+        truncation=rows[:, 0],
+        occlusion=rows[:, 1],
+        alpha=rows[:, 2],
+        boxes2d=rows[:, 3:7],
+        dimensions_hwl=rows[:, 7:10],
+        locations=rows[:, 10:13],
+        rotation_y=rows[:, 13],
+        scores=rows[:, 14] if rows.shape[1] == _RESULT_FIELDS - 1 else None,
     )
 
 
@@ -204,13 +218,9 @@ def write_objects(path: Path, objects: KittiObjects, *, decimals: int | None = 2
     atomic_write_text(path, "".join(lines))
 
 
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ValueError(
-            f"{path} cannot be read ({error.strerror}): give a label or result file of KITTI's"
-        ) from error
+def _read_bytes(path: Path, kind: str) -> bytes:
+    remedy = f"give a {kind} file of KITTI's, one for each frame"
+    return read_bytes(path, max_bytes=_MAX_BYTES, remedy=remedy)
 
 
 def _lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
@@ -229,35 +239,45 @@ def _number(token: bytes) -> float:
     return float(token)
 
 
-def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> str:
+def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileError:
     """Says what is wrong with the first bad line, and what to do."""
     expected = FIELDS if with_scores else FIELDS[:_LABEL_FIELDS]
     kind = "result" if with_scores else "label"
     for number, fields in _lines(data):
-        line = f"{source}, line {number}"
+        count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
-            return (
-                f"{line} has {len(fields)} fields, but a {kind} has {len(expected)}: "
-                f"add {', '.join(expected[len(fields) :])}"
-            )
+            return FileError(source, count, f"add {', '.join(expected[len(fields) :])}")
         if len(fields) > _RESULT_FIELDS:
-            return (
-                f"{line} has {len(fields)} fields, but a {kind} has {len(expected)}: remove "
-                f"what follows {expected[-1]}"
-            )
+            return FileError(source, count, f"remove what follows {expected[-1]}")
         for name, token in zip(expected, fields, strict=False):
-            shown = f"'{shortened(token.decode(errors='replace'), 24)}'"
-            try:
-                value = _number(token) if name != "class" else 0.0 * len(token.decode())
-            except UnicodeDecodeError:
-                return f"{line}: class {shown} is not text in UTF-8: write the file as plain text"
-            except ValueError:
-                return f"{line}: {name} is {shown}, not a number: write a decimal number there"
-            if not math.isfinite(value):
-                return f"{line}: {name} is {shown}, not finite: write a decimal number there"
-            if name == "occlusion" and value % 1 and not with_scores:
-                return f"{line}: occlusion is {shown}, not a whole number: write 0, 1, 2 or 3"
+            if fault := _fault_of_field(name, token, with_scores=with_scores):
+                return FileError(source, f"line {number}: {fault[0]}", fault[1])
     raise AssertionError(f"{source} was refused, but no line of it is at fault")
+
+
+def _fault_of_field(name: str, token: bytes, *, with_scores: bool) -> tuple[str, str] | None:
+    """What is wrong and what to do; None where the field is sound."""
+    said = f"{name} is '{shortened(token.decode(errors='replace'), 24)}'"
+    if name == "class":
+        return _fault_of_class(token, said)
+    try:
+        value = _number(token)
+    except ValueError:
+        return f"{said}, not a number", "write a decimal number there"
+    if not math.isfinite(value):
+        return f"{said}, not finite", "write a decimal number there"
+    if name == "occlusion" and value % 1 and not with_scores:
+        return f"{said}, not a whole number", "write 0, 1, 2 or 3"
+    return None
+
+
+def _fault_of_class(token: bytes, said: str) -> tuple[str, str] | None:
+    try:
+        is_short = len(token.decode()) <= _MAX_NAME
+    except UnicodeDecodeError:
+        return f"{said}, not text in UTF-8", "write the file as plain text"
+    remedy = "name the class in a word"
+    return None if is_short else (f"{said}, longer than {_MAX_NAME} characters", remedy)
 
 
 def _format_line(

@@ -17,7 +17,9 @@ from sightline.data.object_tree import (
     describe_absent,
     list_object_frames,
     part_folder,
+    suggest_frames,
 )
+from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.sample import CameraLidarSample
@@ -47,7 +49,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             split: Testing has no labels: its samples' `objects` are None.
             sample_list: Which frames; see `read_sample_list`. None: all that have any file.
             velodyne: The sweeps' folder; KITTI tools keep those cut to the image's view apart.
-            parts: What samples hold. Calibrations and the sizes of images are always read.
+            parts: What samples hold. Calibrations and the sizes of images are always read; where
+                a simulation left the camera out, leave out "image": the depth maps tell the size.
 
         Raises:
             ValueError: There are no frames, the list names absent ones, or a frame lacks a part.
@@ -57,7 +60,9 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self.velodyne = velodyne
         self.parts = frozenset(parts) - ({"objects"} if split == "testing" else set())
         folder = self.root / split
-        needed: tuple[Part, ...] = ("image", "calibration")
+        has_images = (folder / part_folder("image")).is_dir()
+        sized: Part = "image" if has_images or "image" in self.parts else "depth"
+        needed: tuple[Part, ...] = (sized, "calibration")
         needed += tuple(part for part in ("points", "objects", "depth") if part in self.parts)
         found = list_object_frames(folder, needed, velodyne)
         if not found:
@@ -87,16 +92,19 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         """
         keep_opencv_to_one_thread_in_workers()
         frame = self._frames[index]
-        assert frame.image is not None, f"{frame.sample_id} passed the check without an image"
+        sized = frame.image or frame.depth
+        assert sized is not None, f"{frame.sample_id} passed the check without a picture"
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)
-        image = read_image(frame.image) if "image" in self.parts else None
-        height, width = read_image_size(frame.image) if image is None else image.shape[1:]
-        depth = None if frame.depth is None else read_depth(frame.depth)
-        if depth is not None and tuple(depth.shape) != (height, width):
-            raise ValueError(
-                f"{frame.depth} is {depth.shape[0]}x{depth.shape[1]} (height x width), expected "
-                f"{height}x{width} like {frame.image}; make both again"
+        image = read_image(frame.image) if frame.image and "image" in self.parts else None
+        height, width = read_image_size(sized) if image is None else image.shape[1:]
+        depth = read_depth(frame.depth) if frame.depth and "depth" in self.parts else None
+        if frame.depth is not None and depth is not None and depth.shape != (height, width):
+            raise FileError(
+                frame.depth,
+                f"is {depth.shape[0]}x{depth.shape[1]} (height x width), expected {height}x{width} "
+                f"like {sized}",
+                "make both again",
             )
         return CameraLidarSample(
             sample_id=frame.sample_id,
@@ -121,6 +129,11 @@ def _check_whole(
     velodyne: Velodyne,
 ) -> None:
     absent = [frame_id for frame_id in wanted if frame_id not in found]
+    if len(absent) == len(wanted):
+        raise ValueError(
+            f"{folder} has no frame {describe_absent(absent)}: "
+            f"{suggest_frames(absent[0], tuple(found))}; name others or another folder"
+        )
     gaps = [("every part", absent)] if absent else []
     for part in needed:
         lacking = [

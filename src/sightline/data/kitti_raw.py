@@ -10,6 +10,7 @@ from sightline.data.drive_tree import DriveFiles, list_drive
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.object_tree import describe_absent
+from sightline.data.problem import FileError
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.sample import CameraLidarSample
 
@@ -82,11 +83,12 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         keep_opencv_to_one_thread_in_workers()
         frame = self._frames[index]
         image = None if frame.image is None else read_image(frame.image)
-        if image is not None and tuple(image.shape[1:]) != self._image_size:
-            raise ValueError(
-                f"{frame.image} is {image.shape[1]}x{image.shape[2]} (height x width), expected "
-                f"{self._image_size[0]}x{self._image_size[1]} like the drive's first image; "
-                "extract the drive again"
+        if frame.image and image is not None and image.shape[1:] != self._image_size:
+            raise FileError(
+                frame.image,
+                f"is {image.shape[1]}x{image.shape[2]} (height x width), expected "
+                f"{self._image_size[0]}x{self._image_size[1]} like the drive's first image",
+                "extract the drive again",
             )
         return CameraLidarSample(
             sample_id=frame.sample_id,
@@ -120,10 +122,11 @@ def _times(files: DriveFiles) -> tuple[float, ...] | None:
     else:  # KITTI has a time for every number, also where a frame was lost
         lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
         if not 0 <= min(lines) <= max(lines) < len(times):
-            raise ValueError(
-                f"{files.timestamps} holds {len(times)} times, expected one for each of the "
-                f"{len(sample_ids)} frames, or for each number up to the last; extract the drive "
-                "again"
+            raise FileError(
+                files.timestamps,
+                f"holds {len(times)} times, expected one for each of the {len(sample_ids)} frames, "
+                "or for each number up to the last",
+                "extract the drive again",
             )
     return tuple((times[lines] - times[lines[0]]).tolist())
 
@@ -132,9 +135,10 @@ def _poses(files: DriveFiles, poses: Path | str) -> torch.Tensor:
     if poses != "oxts":
         read = read_poses(poses)
         if len(read) != len(files.frames):
-            raise ValueError(
-                f"{poses} holds {len(read)} poses, expected one for each of the "
-                f"{len(files.frames)} frames; name the poses of this drive"
+            raise FileError(
+                poses,
+                f"holds {len(read)} poses, expected one for each of the {len(files.frames)} frames",
+                "name the poses of this drive",
             )
         return torch.from_numpy(read)
     if files.oxts is None or files.calibration is None:

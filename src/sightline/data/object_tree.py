@@ -1,5 +1,6 @@
 """Which files an object data set has: KITTI's folder tree, listed without reading them."""
 
+import difflib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ _SUFFIXES: dict[Part, tuple[str, ...]] = {
     "objects": (".txt",),
     "depth": (".png",),
 }
+_COMPARED = 10_000  # of so many frames the names are compared with one that was misspelt
 _NAMED = 5  # so many frames an error lists by name
 
 
@@ -87,3 +89,16 @@ def describe_absent(frame_ids: Sequence[str]) -> str:
     named = ", ".join(map(shortened, frame_ids[:_NAMED]))
     more = len(frame_ids) - _NAMED
     return f"{named} and {more} more" if more > 0 else named
+
+
+def suggest_frames(frame_id: str, known: Sequence[str]) -> str:
+    """What somebody may have meant who asked for a frame that is not there."""
+    number = int(frame_id) if frame_id.isascii() and frame_id.isdecimal() else None
+    same = [
+        each
+        for each in known
+        if number is not None and each.isascii() and each.isdecimal() and int(each) == number
+    ]
+    close = same or difflib.get_close_matches(frame_id, known[:_COMPARED], n=3)
+    meant = f"perhaps {' or '.join(map(shortened, close))} is meant; " if close else ""
+    return f"{meant}there are {len(known):,}, from {shortened(known[0])} to {shortened(known[-1])}"

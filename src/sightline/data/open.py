@@ -16,7 +16,13 @@ from sightline.data.drive_tree import list_drive
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.object_tree import Part, Velodyne, describe_absent, list_object_frames
+from sightline.data.object_tree import (
+    Part,
+    Velodyne,
+    describe_absent,
+    list_object_frames,
+    suggest_frames,
+)
 from sightline.data.sample_list import read_sample_list
 from sightline.structures.sample import CameraLidarSample
 
@@ -52,8 +58,8 @@ class NamedSubset(Dataset[CameraLidarSample]):
         absent = [name for name in sample_ids if name not in positions]
         if absent:
             raise ValueError(
-                f"the list names {len(absent)} frames that the data lacks "
-                f"({describe_absent(absent)}); take them off the list or name another folder"
+                f"the data lacks {len(absent)} of the frames asked for, {describe_absent(absent)}: "
+                f"{suggest_frames(absent[0], dataset.sample_ids)}; name others or another folder"
             )
         self.dataset = dataset
         self.sample_ids = tuple(sample_ids)

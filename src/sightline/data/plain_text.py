@@ -4,37 +4,40 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from sightline.data.plain_file import read_bytes
+from sightline.data.problem import FileError
+
 _MAX_BYTES = 2**26
+REMEDY = "correct it or extract the file again"
 
 
 def read_text(path: Path | str) -> str:
     """The text of a file in UTF-8, with or without a byte order mark.
 
     Raises:
-        ValueError: It is not UTF-8, or larger than any calibration, pose or split file.
+        FileError: It cannot be read, is not UTF-8, or larger than any calibration, pose or split
+            file.
     """
-    with Path(path).open("rb") as file:
-        content = file.read(_MAX_BYTES + 1)
-    if len(content) > _MAX_BYTES:
-        raise ValueError(f"{path} is larger than {_MAX_BYTES} bytes, expected a short text file")
+    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=REMEDY)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(
-            f"{path} is no text: byte {error.start} is not UTF-8; extract the file again"
-        ) from error
+        raise FileError(path, f"is no text: byte {error.start} is not UTF-8", REMEDY) from error
 
 
-def parse_numbers(words: Sequence[str], where: str, *, limit: float = 1e12) -> list[float]:
+def parse_numbers(
+    words: Sequence[str], path: Path | str, place: str = "", *, limit: float = 1e12
+) -> list[float]:
     """The words as finite numbers of plausible size.
 
     Args:
         words: One number each, in plain or exponent notation.
-        where: What errors say first: the file, and the line or name in it.
+        path: The file that they are of, for errors.
+        place: The line or name in it, for errors.
         limit: The largest magnitude that is believed.
 
     Raises:
-        ValueError: A word is no number, not finite or beyond the limit.
+        FileError: A word is no number, not finite or beyond the limit.
     """
     numbers = []
     for position, word in enumerate(words, start=1):
@@ -44,9 +47,11 @@ def parse_numbers(words: Sequence[str], where: str, *, limit: float = 1e12) -> l
         except ValueError:
             number = math.nan
         if not abs(number) <= limit:
-            raise ValueError(
-                f"{where}: value {position} is '{shortened(word, 24)}', expected a finite number "
-                f"of magnitude up to {limit:g}; correct it or extract the file again"
+            raise FileError(
+                path,
+                f"{place} value {position} is '{shortened(word, 24)}', expected a finite number of "
+                f"magnitude up to {limit:g}".lstrip(),
+                REMEDY,
             )
         numbers.append(number)
     return numbers

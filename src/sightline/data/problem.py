@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-_REMEDY = "extract or write it again"
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Problem:
@@ -12,17 +10,30 @@ class Problem:
 
     path: Path
     problem: str
+    """What is wrong, after the path: "holds 17 bytes, expected .."."""
     remedy: str
+    """What to do."""
 
     def __str__(self) -> str:
-        """The file, what is wrong with it and what to do."""
-        return " ".join(f"{self.path}: {self.problem}; {self.remedy}".split())
+        """The file, what is wrong with it and what to do, in characters that any screen shows."""
+        line = " ".join(f"{self.path}: {self.problem}; {self.remedy}".split())
+        # A name may hold bytes of another encoding, which no terminal and no log file takes.
+        return line if line.isprintable() else ascii(line)[1:-1]
 
 
-def problem_from_error(path: Path, error: Exception) -> Problem:
-    """The problem that a reader's error tells of: "PATH what; remedy"."""
-    text = str(error).removeprefix(str(path)).lstrip(":, ")
-    problem, semicolon, remedy = text.rpartition("; ")
-    if not semicolon:
-        problem, remedy = text, _REMEDY
-    return Problem(path=path, problem=problem, remedy=remedy)
+class FileError(ValueError):
+    """A file cannot be used, for the reason and with the remedy that its fields hold."""
+
+    def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
+        """Says what is wrong with which file, and what to do; as `Problem`'s fields."""
+        super().__init__(path, problem, remedy)  # all three: so it survives pickling
+
+    @property
+    def problem(self) -> Problem:
+        """The same as a line of a longer report."""
+        path, problem, remedy = self.args
+        return Problem(path=Path(path), problem=problem, remedy=remedy)
+
+    def __str__(self) -> str:
+        """The problem's line."""
+        return str(self.problem)

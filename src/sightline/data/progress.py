@@ -26,6 +26,19 @@ class _RateColumn(ProgressColumn):
         return Text("" if speed is None else f"{speed:.1f}/s", style="progress.data.speed")
 
 
+def progress_bars(console: Console) -> Progress:
+    """Bars with counts, rates and the time left, which go away at the end."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        _RateColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+
+
 def track(
     iterable: Iterable[Item], *, description: str, total: int | None = None
 ) -> Iterator[Item]:
@@ -45,15 +58,7 @@ def track(
         return
     if total is None and isinstance(iterable, Sized):
         total = len(iterable)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _RateColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-    ) as progress:
+    with progress_bars(console) as progress:
         task = progress.add_task(description, total=total)
         for item in iterable:
             yield item

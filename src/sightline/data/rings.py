@@ -3,11 +3,15 @@
 import itertools
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Float64, Int64
 
 NUM_RINGS = 64
 """Lasers of KITTI's sensor (Velodyne HDL-64E), numbered from the top: 0 to 63."""
 
+_SENSORS = (16, 32, 64, 128)  # lasers
+_SPARE = 1.06  # a ring that begins twice, straight ahead, is counted twice
+_FEWEST = 8  # fewer rings are a sweep in another order
+_WIDEST_STEP_DEG = 0.7  # between two rings of 64; those of 32 lie 1.3 apart or so
 _SEAM_DEG = 30.0  # inside a ring the azimuth never falls back so far
 _TOP_DOWN_SLACK_DEG = 8.0  # a ring on a near object seems higher: lasers sit above the origin
 
@@ -18,48 +22,102 @@ def ring_numbers(
     """Numbers the rings of a sweep (x, y, z first [m], LiDAR frame) in KITTI's order, from the top.
 
     KITTI's files hold one ring after the other, the highest first, each from straight ahead
-    counter-clockwise. A whole sweep therefore passes straight ahead 63 times. Of a sweep cut to
-    what the camera sees a ring leaves two parts: ahead to the left edge, right edge to ahead. There
-    the azimuth jumps back, from the left edge to the right one, and there the number goes up.
+    counter-clockwise. A whole sweep therefore passes straight ahead once less than it has rings: 63
+    times in KITTI. Of a sweep cut to what the camera sees a ring leaves two parts: ahead to the
+    left edge, right edge to ahead. There the azimuth jumps back, from the left edge to the right
+    one, and there the number goes up.
 
     So a cut sweep is numbered as the held-out-rings tables are, not by laser: a number holds one
     laser's returns right of straight ahead and the next laser's left of it. It starts at 0 (the
     top laser is in the camera's view of every KITTI frame), and a point's number is its laser's on
     the left and one more on the right, as long as the lasers above have returns near both edges.
-    For numbers by laser, number the whole sweep first and cut then.
+    Where all lasers are in view the last one's right half has a number of its own. For numbers by
+    laser, number the whole sweep first and cut then.
 
     Raises:
         ValueError: The points are not in KITTI's order.
     """
-    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0], dtype=np.float64))
-    is_whole = bool((points[:, 0] < 0).any())
-    from_ahead = azimuth % 360 if is_whole else azimuth
-    starts = np.diff(from_ahead, prepend=from_ahead[:1]) < (-180 if is_whole else -_SEAM_DEG)
-    rings = np.cumsum(starts, dtype=np.int64)
+    is_whole = _is_whole(points)
+    rings = _count_starts(points, is_whole=is_whole)
     num_rings = int(rings[-1]) + 1 if len(rings) else 0
-    if num_rings > NUM_RINGS or (is_whole and num_rings < NUM_RINGS):
+    fewest, most = (_FEWEST, int(_SPARE * _SENSORS[-1])) if is_whole else (0, NUM_RINGS + 1)
+    if not fewest <= num_rings <= most:
         raise ValueError(
             f"the azimuth of the sweep starts again {num_rings - 1} times, where KITTI's order has "
             f"{NUM_RINGS - 1} in a whole sweep and no more in a part of one: give the points in "
             "the order of KITTI's own files"
         )
-    _check_top_down(points, rings, num_rings)
+    _check_top_down(_elevations_deg(points, rings))
     return rings
 
 
-def _check_top_down(
-    points: Float[np.ndarray, "num_points fields"],
-    rings: Int64[np.ndarray, " num_points"],
-    num_rings: int,
+def count_beams(points: Float[np.ndarray, "num_points fields"]) -> int:
+    """How many lasers the sensor of a sweep in KITTI's order has: 16, 32, 64 or 128.
+
+    A whole sweep tells by its rings, of which some may have no return at all: those that look into
+    the sky. Of a sweep cut to the camera's view the rings say nothing, and it is taken for
+    KITTI's; `check_spacing` tells whether it can be.
+    """
+    if not _is_whole(points):
+        return NUM_RINGS
+    num_rings = int(_count_starts(points, is_whole=True)[-1]) + 1
+    return next((count for count in _SENSORS if num_rings <= _SPARE * count), _SENSORS[-1])
+
+
+def check_spacing(
+    points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> None:
+    """Refuses a part of a sweep whose rings lie too far apart for a sensor of 64 beams.
+
+    Args:
+        points: In KITTI's order; rings may have been left out.
+        rings: Their numbers.
+
+    Raises:
+        ValueError: They are those of another sensor.
+    """
+    numbers = np.unique(rings)
+    elevations = _elevations_deg(points, rings)
+    steps = (elevations[:-1] - elevations[1:]) / np.diff(numbers)
+    if len(steps) and np.median(steps) > _WIDEST_STEP_DEG:
+        raise ValueError(
+            f"the rings of the sweep lie {np.median(steps):.1f} degrees apart, too far for the 64 "
+            "beams that a sweep cut to the image is taken to have: give the whole sweeps, whose "
+            "beams are counted"
+        )
+
+
+def _is_whole(points: Float[np.ndarray, "num_points fields"]) -> bool:
+    return bool((points[:, 0] < 0).any())
+
+
+def _count_starts(
+    points: Float[np.ndarray, "num_points fields"], *, is_whole: bool
+) -> Int64[np.ndarray, " num_points"]:
+    """For each point how often the azimuth has started again."""
+    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0], dtype=np.float64))
+    from_ahead = azimuth % 360 if is_whole else azimuth
+    starts = np.diff(from_ahead, prepend=from_ahead[:1]) < (-180 if is_whole else -_SEAM_DEG)
+    return np.cumsum(starts, dtype=np.int64)
+
+
+def _elevations_deg(
+    points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
+) -> Float64[np.ndarray, " num_rings"]:
+    """The median of each ring that has points."""
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
-    ends = np.searchsorted(rings, np.arange(num_rings + 1))
+    ends = np.searchsorted(rings, [*np.unique(rings), np.iinfo(np.int64).max])
     medians = [np.median(elevation[start:end]) for start, end in itertools.pairwise(ends)]
-    lowest = itertools.accumulate(medians, min)
-    for ring, (above, below) in enumerate(zip(lowest, medians[1:], strict=False), start=1):
-        if below > above + _TOP_DOWN_SLACK_DEG:
-            raise ValueError(
-                f"ring {ring} of the sweep lies {below - above:.1f} degrees above an earlier one, "
-                "but KITTI's order has the highest ring first: give the points in the order of "
-                "KITTI's own files"
-            )
+    return np.array(medians, dtype=np.float64)
+
+
+def _check_top_down(elevations_deg: Float64[np.ndarray, " num_rings"]) -> None:
+    above = np.minimum.accumulate(elevations_deg)[:-1]
+    rise = elevations_deg[1:] - above
+    if len(rise) and rise.max() > _TOP_DOWN_SLACK_DEG:
+        first = int(np.argmax(rise > _TOP_DOWN_SLACK_DEG))
+        raise ValueError(
+            f"ring {first + 1} of the sweep lies {rise[first]:.1f} degrees above an earlier one, "
+            "but KITTI's order has the highest ring first: give the points in the order of "
+            "KITTI's own files"
+        )

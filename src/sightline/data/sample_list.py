@@ -1,4 +1,4 @@
-"""Lists of frames: which of them make up a split."""
+"""Lists of samples: which frames of a data set are meant."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sightline.data.plain_text import read_text, shortened
 
-_PACKAGED = Path(__file__).with_name("splits")
+_PACKAGED = Path(__file__).with_name("sample_lists")
 
 
 def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) -> tuple[str, ...]:

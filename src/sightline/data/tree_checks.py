@@ -4,7 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
+from sightline.data.calibration_checks import check_matrices
 from sightline.data.calibration_text import read_raw_matrices
 from sightline.data.depth_tree import (
     DepthFrame,
@@ -17,11 +19,20 @@ from sightline.data.depth_tree import (
 from sightline.data.drive_tree import DriveFrame, list_drive
 from sightline.data.frame_checks import check_depth_frame, check_drive_frame, check_object_frame
 from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_object_frames, part_folder
-from sightline.data.problem import Problem, problem_from_error
+from sightline.data.problem import FileError, Problem
 
 _REMEDY = "extract the archive again"
 
-Check = Callable[[], list[Problem]]
+Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Check:
+    """The examination of one frame, or of what all frames share."""
+
+    subject: str
+    """What is examined, e.g. "frame 000042"."""
+    run: Callable[[], list[Problem]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -94,17 +105,20 @@ def _object_tree(folder: Path) -> Tree | None:
     suffixes: dict[Part, str] = {"image": ".png", "points": ".bin", "calibration": ".txt"}
     if folder.name != "testing":
         suffixes["objects"] = ".txt"
+    if (folder / "depth").is_dir() and not (folder / "image_2").is_dir():
+        suffixes = {"depth": ".png", **suffixes}  # simulated without the camera
+        del suffixes["image"]
     # Some keep only the sweeps cut to the image's view; where both are, both are looked at.
     reduced = (folder / "velodyne_reduced").is_dir()
     velodyne: Velodyne = (
         "velodyne_reduced" if reduced and not (folder / "velodyne").is_dir() else "velodyne"
     )
     frames = list(list_object_frames(folder, suffixes, velodyne).values())
-    checks: list[Check] = [partial(check_object_frame, frame) for frame in frames]
+    checks = _frame_checks(check_object_frame, frames)
     if reduced and velodyne == "velodyne":
         points: tuple[Part, ...] = ("points",)
         others = list_object_frames(folder, points, "velodyne_reduced").values()
-        checks += [partial(check_object_frame, frame) for frame in others]
+        checks += _frame_checks(check_object_frame, list(others))
     expected = [
         _ExpectedPart(attribute=part, folder=folder / part_folder(part, velodyne), suffix=suffix)
         for part, suffix in suffixes.items()
@@ -119,7 +133,7 @@ def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
         for attribute, name in (("sparse", "velodyne_raw"), ("truth", "groundtruth"))
     ]
     frames = list_drive_frames(root, split, root, ("image_02", "image_03"))
-    checks = [partial(check_depth_frame, frame) for frame in frames]
+    checks = _frame_checks(check_depth_frame, frames)
     return _tree(root / split, "depth frames", frames, expected, checks)
 
 
@@ -132,7 +146,7 @@ def _selection_tree(root: Path, folder: Path, split: SelectedSplit) -> Tree | No
         for attribute, name in names.items()
     ]
     frames = list_selected_frames(root, split)
-    checks = [partial(check_depth_frame, frame) for frame in frames]
+    checks = _frame_checks(check_depth_frame, frames)
     return _tree(folder, "depth frames", frames, expected, checks)
 
 
@@ -147,9 +161,18 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
             ("points", files.points_folder, ".bin"),
         )
     ]
-    checks: list[Check] = [partial(_check_raw_calibration, folder, files.calibration)]
-    checks += [partial(check_drive_frame, frame) for frame in files.frames]
+    read_calibration = partial(_check_raw_calibration, folder, files.calibration)
+    checks = [Check(subject="the calibration", run=read_calibration)]
+    checks += _frame_checks(check_drive_frame, files.frames)
     return _tree(folder, "raw frames", files.frames, expected, checks)
+
+
+def _frame_checks(
+    examine: Callable[[Frame], list[Problem]], frames: Sequence[Frame]
+) -> list[Check]:
+    return [
+        Check(subject=f"frame {frame.sample_id}", run=partial(examine, frame)) for frame in frames
+    ]
 
 
 def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
@@ -157,10 +180,9 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         path = drive / "calib_cam_to_cam.txt"
         return [Problem(path=path, problem="is missing, here and one folder up", remedy=_REMEDY)]
     try:
-        read_raw_matrices(folder)
-    except (ValueError, OSError) as error:
-        return [problem_from_error(folder, error)]
-    return []
+        return check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
+    except FileError as error:
+        return [error.problem]
 
 
 def _tree(

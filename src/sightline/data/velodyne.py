@@ -6,8 +6,12 @@ import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.atomic import atomic_write_bytes
+from sightline.data.plain_file import read_bytes
+from sightline.data.problem import FileError
 
 _POINT_BYTES = 16
+_MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest LiDAR on the road
+_REMEDY = "extract the velodyne archive again"
 
 
 def read_sweep(
@@ -21,24 +25,28 @@ def read_sweep(
             where no echo came back, instead of refusing the file.
 
     Raises:
-        ValueError: The file is cut short, or holds NaN or infinite values.
+        FileError: The file cannot be read, is cut short, far longer than any sweep, or holds NaN or
+            infinite values.
     """
-    content = np.fromfile(path, dtype=np.uint8)
-    if content.size % _POINT_BYTES:
-        raise ValueError(
-            f"{path} holds {content.size} bytes, expected a multiple of {_POINT_BYTES} (float32 "
-            "x, y, z, reflectance); it is probably cut short: extract the velodyne archive again"
+    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
+    if len(content) % _POINT_BYTES:
+        raise FileError(
+            path,
+            f"holds {len(content)} bytes, expected a multiple of {_POINT_BYTES} (float32 x, y, z, "
+            "reflectance); it is probably cut short",
+            _REMEDY,
         )
-    points = content.view("<f4").reshape(-1, 4).astype(np.float32, copy=False)
+    points = np.frombuffer(content, "<f4").reshape(-1, 4).astype(np.float32)
     finite = np.isfinite(points).all(axis=1)
     if finite.all():
         return points
     if drop_non_finite:
         return points[finite]
-    raise ValueError(
-        f"{path} holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first "
-        f"is point {np.argmin(finite)} of {len(points)} (from 0); remove them or extract the "
-        "velodyne archive again"
+    raise FileError(
+        path,
+        f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first is point "
+        f"{np.argmin(finite)} of {len(points)} (from 0)",
+        f"remove them or {_REMEDY}",
     )
 
 

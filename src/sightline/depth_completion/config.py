@@ -1,4 +1,4 @@
-"""Settings of the depth completion networks. The defaults are the seed's system as we read it."""
+"""Settings of the depth completion networks. The defaults are Yu and Kee's as we read it."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -7,9 +7,20 @@ TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
 
 
+# Settings that cost time or memory but no weights; those of a file come from anywhere.
+_LONGEST_SHIFT_PX = 1024
+_MOST_SCALES = 8
+_MOST_PROPAGATION_STEPS = 64
+
+
 def _check_at_least(name: str, value: int, smallest: int) -> None:
     if value < smallest:
         raise ValueError(f"{name} must be at least {smallest}, got {value}")
+
+
+def _check_at_most(name: str, value: int, largest: int) -> None:
+    if value > largest:
+        raise ValueError(f"{name} must be at most {largest}, got {value}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +46,7 @@ class ShiftConvConfig:
                 f"shift_conv.shifts_px must hold one shift or more of at least 1 pixel, "
                 f"got {self.shifts_px}"
             )
+        _check_at_most("shift_conv.shifts_px", max(self.shifts_px), _LONGEST_SHIFT_PX)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +76,7 @@ class TrunkConfig:
             raise ValueError(
                 f"trunk.channels must hold one positive number a scale, got {self.channels}"
             )
+        _check_at_most("the number of trunk.channels", len(self.channels), _MOST_SCALES)
         if any(count % self.reduction for count in self.channels):
             raise ValueError(
                 f"trunk.channels must be multiples of trunk.reduction {self.reduction}, "
@@ -121,6 +134,7 @@ class DepthCompletionConfig:
         _check_at_least("stem_channels", self.stem_channels, 1)
         _check_at_least("refinement_channels", self.refinement_channels, 0)
         _check_at_least("propagation_steps", self.propagation_steps, 0)
+        _check_at_most("propagation_steps", self.propagation_steps, _MOST_PROPAGATION_STEPS)
         if self.trunk_stride % self.refinement_stride:
             raise ValueError(
                 f"refinement_stride must be at most trunk_stride {self.trunk_stride}, "

@@ -1,18 +1,14 @@
 """What the networks train on and are scored on, made of samples."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import torch
 
-from sightline.data.augmentation import (
-    add_outliers,
-    crop,
-    drop_camera,
-    jitter_color,
-    rotate_extrinsics,
-)
+from sightline.data.augmentation import crop, jitter_color
+from sightline.data.faults import FalseEchoes, NoCamera, draw_turned_lidar
+from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.methods import complete_depth
 from sightline.evaluation.held_out import (
     BEAMS,
@@ -22,7 +18,6 @@ from sightline.evaluation.held_out import (
     split_rings,
 )
 from sightline.geometry.projection import sparse_depth_map
-from sightline.structures.batch import CameraLidarBatch
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
 
@@ -32,38 +27,18 @@ TruthKind = Literal["depth", "held_out", "both"]
 sweep must be in KITTI's order). `both`: held-out returns where there are, the depth map elsewhere.
 """
 
-_HIGHEST = {  # of the settings that are numbers
-    "farthest_m": 256,
-    "guessed_share": 1,
-    "yaw_error_deg": 90,
-    "outliers": 1,
-    "camera_dropout": 1,
-}
 _SIZE_STEP = 32  # validation crops are multiples of it, so that any network of ours can take them
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExampleConfig:
-    """How examples are made of samples; all but `truth` and `filled` is for training only."""
+def _check_up_to(name: str, value: float, highest: int) -> None:
+    if not 0 <= value <= highest:
+        raise ValueError(f"{name} must be from 0 to {highest}, got {value}")
 
-    truth: TruthKind = "depth"
-    """Where the true depth comes from."""
-    filled: bool = False
-    """Whether examples hold the adaptive completion, for networks that start from one."""
-    farthest_m: float = 90.0
-    """Truth beyond is left out, in validation too: no sweep reaches there, and KITTI's own truth
-    ends before."""
-    guessed_share: float = 1.0
-    """Share of the truth that is kept where the adaptive completion only guesses, such as above the
-    highest beam; needs `filled`. Errors there are so large that they would drown all others."""
-    crop_size: tuple[int, int] | None = None
-    """Height and width [px] cut out; None: the benchmark's 352 x 1216."""
-    random_crop: bool = True
-    """Whether the place of the crop is drawn; otherwise it is the bottom centre."""
-    beams: tuple[int, ...] = (64,)
-    """Densities to draw from, in beams of 64; name one twice to draw it twice as often."""
-    mirror: bool = False
-    """Whether every second example is seen in a mirror."""
+
+@dataclass(frozen=True, kw_only=True)
+class AugmentationConfig:
+    """What training alone does to its examples: faults of the sensors, other views of the scene."""
+
     yaw_error_deg: float = 0.0
     """Standard deviation of an error of the LiDAR's mount; half of it in pitch and roll."""
     outliers: float = 0.0
@@ -72,16 +47,42 @@ class ExampleConfig:
     """Share of examples without a camera."""
     color_jitter: bool = False
     """Whether brightness, contrast, gamma and saturation of the image are drawn."""
+    mirror: bool = False
+    """Whether every second example is seen in a mirror."""
+    random_crop: bool = True
+    """Whether the place of the crop is drawn; otherwise it is the bottom centre."""
+    guessed_share: float = 1.0
+    """Share of the truth that is kept where the adaptive completion only guesses, such as above the
+    highest beam; needs `filled`. Errors there are so large that they would drown all others."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in _HIGHEST and not 0 <= value <= _HIGHEST[field.name]:
-                raise ValueError(
-                    f"{field.name} must be from 0 to {_HIGHEST[field.name]}, got {value}"
-                )
-        if self.guessed_share < 1 and not self.filled:
+        _check_up_to("yaw_error_deg", self.yaw_error_deg, 90)
+        for name in ("outliers", "camera_dropout", "guessed_share"):
+            _check_up_to(name, getattr(self, name), 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExampleConfig:
+    """What an example holds, for training and for scoring alike, and what training does to it."""
+
+    truth: TruthKind = "depth"
+    """Where the true depth comes from."""
+    filled: bool = False
+    """Whether examples hold the adaptive completion, for networks that start from one."""
+    farthest_m: float = 90.0
+    """Truth beyond is left out: no sweep reaches there, and KITTI's own truth ends before."""
+    crop_size: tuple[int, int] | None = None
+    """Height and width [px] cut out; None: the benchmark's 352 x 1216."""
+    beams: tuple[int, ...] = (64,)
+    """Densities to draw from, in beams of 64; name one twice to draw it twice as often."""
+    augmentation: AugmentationConfig = AugmentationConfig()
+    """For training only."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges, and what belongs together."""
+        _check_up_to("farthest_m", self.farthest_m, 256)
+        if self.augmentation.guessed_share < 1 and not self.filled:
             raise ValueError("guessed_share goes by the adaptive completion: set filled too")
         if not self.beams or not set(self.beams) <= set(BEAMS):
             raise ValueError(
@@ -100,7 +101,7 @@ class DepthExamples(SamplePreparation):
 
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
-    ) -> CameraLidarBatch:
+    ) -> DepthBatch:
         """See `make_example`."""
         return make_example(sample, self.settings, rng, training=training)
 
@@ -111,7 +112,7 @@ def make_example(
     rng: np.random.Generator,
     *,
     training: bool,
-) -> CameraLidarBatch:
+) -> DepthBatch:
     """A batch of one: image, sparse depth as the network may see it, and the truth.
 
     For validation nothing is perturbed and the crop is the bottom centre; the density is drawn all
@@ -122,7 +123,7 @@ def make_example(
     """
     given = _given(sample, config, rng, training=training)
     if training:
-        given = _perturbed(given, config, rng)
+        given = _perturbed(given, config.augmentation, rng)
     assert given.points is not None, "_given has checked"
     assert given.depth is not None, "_given has set it"
     sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
@@ -136,15 +137,16 @@ def make_example(
     if config.filled:  # of the whole width: a crop has too few rings to measure their spacing
         filled = complete_depth(sparse_m, "adaptive")
         maps["filled_depth_m"] = filled.depth_m[None]
-        if training and config.guessed_share < 1:
-            is_kept = torch.from_numpy(rng.random(given.image_size) < config.guessed_share)
+        if training and config.augmentation.guessed_share < 1:
+            kept_share = config.augmentation.guessed_share
+            is_kept = torch.from_numpy(rng.random(given.image_size) < kept_share)
             maps["depth_m"] = torch.where(filled.valid | is_kept, truth_m, 0.0)[None]
     top, left, height, width = _window(given.image_size, config, rng, training=training)
     cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
-    if training and config.mirror and rng.random() < 0.5:
+    if training and config.augmentation.mirror and rng.random() < 0.5:
         cut = {name: item.flip(-1) for name, item in cut.items()}
     stacked = {name: item[None].contiguous() for name, item in cut.items()}
-    return CameraLidarBatch(sample_ids=(sample.sample_id,), **stacked)
+    return DepthBatch(sample_ids=(sample.sample_id,), **stacked)
 
 
 def _given(
@@ -199,19 +201,17 @@ def _bottom_centre(sample: CameraLidarSample, size: tuple[int, int]) -> CameraLi
 
 
 def _perturbed(
-    sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator
+    sample: CameraLidarSample, config: AugmentationConfig, rng: np.random.Generator
 ) -> CameraLidarSample:
     """The sample as worse sensors would have taken it; its truth stays as it is."""
     if config.yaw_error_deg:
-        errors = config.yaw_error_deg * np.array((1, 0.5, 0.5)) * rng.normal(size=3)
-        yaw_deg, pitch_deg, roll_deg = map(float, errors)
-        sample = rotate_extrinsics(sample, yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg)
+        sample = draw_turned_lidar(config.yaw_error_deg, rng)(sample, rng)
     if config.outliers:
-        sample = add_outliers(sample, share=float(rng.uniform(0, config.outliers)), rng=rng)
+        sample = FalseEchoes(share=float(rng.uniform(0, config.outliers)))(sample, rng)
     if config.color_jitter and sample.image is not None:
         sample = jitter_color(sample, rng=rng)
     if rng.random() < config.camera_dropout:
-        sample = drop_camera(sample)
+        sample = NoCamera()(sample, rng)
     return sample
 
 
@@ -227,7 +227,7 @@ def _window(
             f"crop_size is {height}x{width} (height x width), but the sample has only "
             f"{size[0]}x{size[1]} to cut from; name a smaller one"
         )
-    if training and config.random_crop:
+    if training and config.augmentation.random_crop:
         return (
             int(rng.integers(size[0] - height + 1)),
             int(rng.integers(size[1] - width + 1)),

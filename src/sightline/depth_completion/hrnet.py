@@ -76,7 +76,7 @@ class Exchange(nn.Module):
 
 
 class HighResolutionTrunk(nn.Module):
-    """The seed's HRNet with fewer layers: section 3.2, Fig. 9.
+    """The HRNet with fewer layers of Yu and Kee 2021: section 3.2, Fig. 9.
 
     Bottlenecks at every scale, fewer at the smallest, then an exchange; several times. At the end
     all maps are brought to the largest size and one convolution reads them together.

@@ -17,7 +17,7 @@ EmdKind = Literal["tiles", "global"]
 
 @dataclass(frozen=True, kw_only=True)
 class DepthLossConfig:
-    """The seed's losses (section 4.1) and two more. A term of weight 0 is not calculated."""
+    """The losses of Yu and Kee 2021, section 4.1, and two more. A weight of 0 leaves one out."""
 
     mse: float = 1.0
     """Weight of the mean squared error of the depth."""
@@ -31,7 +31,7 @@ class DepthLossConfig:
     """Weight of the Laplace likelihood that calibrates the uncertainty."""
     emd_kind: EmdKind = "tiles"
     """tiles: within each tile, so that depth stays near its place; global: whole images, the
-    letter of the seed, which does not see where a depth is."""
+    letter of the paper, which does not see where a depth is."""
     emd_tile_px: int = 64
     """Side of a tile; every other step all tiles lie half a side further up and left."""
     unit_m: float = 85.0

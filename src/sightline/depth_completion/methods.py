@@ -1,6 +1,6 @@
 """The completion methods by name."""
 
-from typing import Literal, assert_never
+from typing import assert_never
 
 import numpy as np
 from jaxtyping import Float32
@@ -9,10 +9,8 @@ from torch import Tensor
 from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.classical import classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth
+from sightline.depth_completion.method_names import Method
 from sightline.structures.predictions import DepthMap
-
-Method = Literal["nearest", "linear", "classical", "adaptive"]
-"""Names of the methods; each function says what it does, and what it calls valid."""
 
 
 def complete_depth(

@@ -28,7 +28,10 @@ class DepthCompletionOutput(NamedTuple):
 
 
 class DepthCompletionNet(nn.Module):
-    """The seed's system, Fig. 8, and what its settings make of it.
+    """The system of Yu and Kee 2021, Fig. 8, and what its settings make of it.
+
+    "3D LiDAR Depth Completion Based on Shift-Convolution Using Adjacent Pixel Information"; this
+    folder cites its sections, equations and figures.
 
     The Shift-Convolution branch spreads the sparse depth to the E-Point; image, sparse depth,
     E-Point and a classical completion go through one convolution each and meet in the trunk.

@@ -4,15 +4,15 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.model import DepthCompletionOutput
-from sightline.structures.batch import CameraLidarBatch
 from sightline.visualization.depth import colorize_depth, colorize_error
 
 _POINT_PX = 3  # single measurements are drawn so large
 
 
 def training_picture(
-    batch: CameraLidarBatch, output: DepthCompletionOutput
+    batch: DepthBatch, output: DepthCompletionOutput
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The first sample of a batch, one map below the other.
 

@@ -16,7 +16,7 @@ _GROWTH_PX = 3  # one step of the repeated variants reaches the eight neighbours
 
 @dataclass(frozen=True, kw_only=True)
 class ExpansionConfig:
-    """How ground truth is expanded: a maximum filter, then a median filter (seed, section 2.2)."""
+    """How ground truth is expanded: maximum, then median filter (Yu and Kee 2021, section 2.2)."""
 
     variant: Variant = "repeated"
     """repeated: 3x3 maxima on empty pixels until none is left; near_wins: the same with minima,
@@ -44,7 +44,7 @@ def expand_depth(
 ) -> Float[Tensor, "batch 1 height width"]:
     """Fills the gaps of depth maps [m; 0 = none] with what lies around them, then smooths.
 
-    The seed names the two filters, not their sizes. In the repeated variants a measured pixel keeps
+    The paper names the filters, not their sizes. In the repeated variants a measured pixel keeps
     its depth; an empty one gets the largest (near_wins: the smallest) of the measured depths that
     are nearest to it, by max(|rows|, |columns|). A map without any depth stays empty; any other
     has no gap left. The literal variant may leave gaps, which its median takes for depth 0.

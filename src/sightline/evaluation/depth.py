@@ -4,18 +4,15 @@ The rules are in `sightline.evaluation.depth_scores`. The score of a set is the 
 scores, each image counting alike, however many pixels of it have ground truth.
 """
 
-import itertools
 import re
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sightline.data.depth_png import read_depth_png
 from sightline.data.object_tree import describe_absent
 from sightline.data.progress import track
+from sightline.data.threads import map_ahead
 from sightline.evaluation.depth_scores import (
     DepthScores,
     mean_scores,
@@ -36,7 +33,12 @@ _ROWS = (
     "sqRel",
     "coverage",
 )
-_QUEUED_PER_WORKER = 4
+
+
+class _Pair(NamedTuple):
+    name: str
+    prediction: Path
+    truth: Path
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -117,19 +119,18 @@ def evaluate_depth(
         ValueError: Names the file that is missing, no 16-bit depth PNG, of another size than its
             ground truth, or without any ground truth.
     """
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
     if predictions.is_file() and truth.is_file():
-        pairs, unused = [(truth.stem, predictions, truth)], 0
+        pairs, unused = [_Pair(truth.stem, predictions, truth)], 0
     else:
         pairs, unused = _match(predictions, truth)
-    images = _score_files(pairs, workers)
+    # Threads: decoding and numpy release the lock.
+    images = map_ahead(_score_file, pairs, workers=workers)
     if progress:
         images = track(images, description="scoring", total=len(pairs))
     return DepthReport(images=tuple(images), unused_predictions=unused)
 
 
-def _match(predictions: Path, truth: Path) -> tuple[list[tuple[str, Path, Path]], int]:
+def _match(predictions: Path, truth: Path) -> tuple[list[_Pair], int]:
     """Name, prediction and ground truth of each image; and the number of other predictions."""
     predicted, true = _depth_files(predictions), _depth_files(truth)
     missing = sorted(true.keys() - predicted.keys())
@@ -139,7 +140,7 @@ def _match(predictions: Path, truth: Path) -> tuple[list[tuple[str, Path, Path]]
             f"ground truth in {truth} ({describe_absent(missing)}): predict them, or score against "
             "a folder that has only the ground truth wanted"
         )
-    pairs = [(name, predicted[name], true[name]) for name in sorted(true)]
+    pairs = [_Pair(name, predicted[name], true[name]) for name in sorted(true)]
     return pairs, len(predicted) - len(true)
 
 
@@ -171,23 +172,8 @@ def _frame_name(name: str) -> str:
     return re.sub(r"_(?:groundtruth_depth|velodyne_raw)_(\d+_image_0\d)$", r"_image_\1", name)
 
 
-def _score_files(pairs: list[tuple[str, Path, Path]], workers: int) -> Iterator[ImageReport]:
-    """Scores in order, a few images ahead; threads, as decoding and numpy release the lock."""
-    remaining = iter(pairs)
-    waiting: deque[Future[ImageReport]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            for pair in itertools.islice(remaining, _QUEUED_PER_WORKER * workers):
-                waiting.append(pool.submit(_score_file, *pair))
-            while waiting:
-                yield waiting.popleft().result()
-                for pair in itertools.islice(remaining, 1):
-                    waiting.append(pool.submit(_score_file, *pair))
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def _score_file(name: str, prediction: Path, truth: Path) -> ImageReport:
+def _score_file(pair: _Pair) -> ImageReport:
+    name, prediction, truth = pair
     prediction_m, truth_m = read_depth_png(prediction), read_depth_png(truth)
     try:
         return ImageReport(

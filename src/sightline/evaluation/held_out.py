@@ -5,6 +5,9 @@ The protocol of all our tables on raw frames. Rings are numbered as
 and KITTI's reduced ones score alike. Every eighth ring, from number 4, is never given to any
 method: its returns are the truth. A method sees, of the other rings, all ("64 beams"), every
 second ("32"), every fourth ("16") or every eighth ("8"); the truth is the same for all.
+
+Of another sensor than KITTI's, whole sweeps tell how many beams it has. Its rings are numbered
+by laser, before the cut, and the densities are all of its beams, half of them and so on.
 """
 
 import statistics
@@ -23,7 +26,7 @@ from torch import Tensor
 
 from sightline.data.augmentation import crop, keep_rings, points_in_view
 from sightline.data.progress import track
-from sightline.data.rings import NUM_RINGS, ring_numbers
+from sightline.data.rings import NUM_RINGS, check_spacing, count_beams, ring_numbers
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
@@ -35,6 +38,7 @@ BEAMS = (64, 32, 16, 8)
 """Densities of the tables."""
 CROP_SIZE = (352, 1216)
 """Height and width of the bottom-centre crop, as in the depth benchmark's own selection."""
+_LARGEST_CROPPED = (376, 1242)  # KITTI's largest images: of others the crop would miss the scene
 
 HELD_OUT_EVERY = 8
 FIRST_HELD_OUT = 4
@@ -61,25 +65,30 @@ class HeldOutFrame:
     truth_m: Float32[Tensor, "height width"]
     """Depths of the held-out returns that the camera sees; 0 = none."""
     first_held_out: int = FIRST_HELD_OUT
+    sensor_beams: int = NUM_RINGS
+    """How many the sensor has that took the sweep."""
 
     def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
         """The sample as a sensor of so many beams would have taken it.
 
         Args:
-            beams: How many of 64.
+            beams: How many of the sensor's.
             start: How many of the rings that are not held out to pass over at the top, for a
                 sensor that looks a little lower than the tables' one.
 
         Raises:
-            ValueError: 64 is no multiple of `beams`.
+            ValueError: The sensor's number is no multiple of `beams`.
         """
-        if beams < 1 or NUM_RINGS % beams:
+        if beams < 1 or self.sensor_beams % beams:
+            choices = ", ".join(map(str, densities(self.sensor_beams)))
             raise ValueError(
-                f"beams must divide {NUM_RINGS} evenly (64, 32, 16, 8, ..), got {beams}"
+                f"beams must divide the sensor's {self.sensor_beams} evenly ({choices}, ..), got "
+                f"{beams}"
             )
-        rings = torch.arange(NUM_RINGS)
+        rings = torch.arange(self.sensor_beams + 1)  # of a cut sweep the last one may be in halves
         given = rings[~_is_held_out(rings, self.first_held_out)]
-        return keep_rings(self.sample, self.rings, given[start :: NUM_RINGS // beams].tolist())
+        step = self.sensor_beams // beams
+        return keep_rings(self.sample, self.rings, given[start::step].tolist())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -103,11 +112,17 @@ class HeldOutReport:
     """Mean over the frames, one for each density."""
     frames: tuple[tuple[str, tuple[HeldOutScore, ...]], ...]
     """Sample id and its scores, one for each density."""
+    sensor_beams: int = NUM_RINGS
+    """How many the sensor of all frames has."""
+    image_sizes: tuple[tuple[int, int], ...] = (CROP_SIZE,)
+    """Height and width of what was scored, each once."""
 
     def to_json(self) -> dict[str, object]:
         """What the report file holds."""
         return {
             "frames": len(self.frames),
+            "sensor_beams": self.sensor_beams,
+            "image_sizes": [list(size) for size in self.image_sizes],
             "beams": {str(score.beams): _to_json(score) for score in self.scores},
             "per_frame": {
                 sample_id: {str(score.beams): _to_json(score) for score in scores}
@@ -119,7 +134,12 @@ class HeldOutReport:
         """One row for each density."""
         from rich.table import Table
 
-        title = f"depth on held-out rings, mean of {len(self.frames):,} frames"
+        sizes = ", ".join(f"{width}x{height}" for height, width in self.image_sizes[:3])
+        more = ", .." if len(self.image_sizes) > 3 else ""
+        title = (
+            f"depth on held-out rings, mean of {len(self.frames):,} frames: a sensor of "
+            f"{self.sensor_beams} beams, images of {sizes}{more}"
+        )
         table = Table(title=title, title_justify="left")
         for column in ("beams", "RMSE mm", "MAE mm", "coverage", "time ms"):
             table.add_column(column, justify="right", no_wrap=True)
@@ -138,7 +158,7 @@ def evaluate_held_out(
     samples: Iterable[CameraLidarSample],
     complete: Complete,
     *,
-    beams: Sequence[int] = BEAMS,
+    beams: Sequence[int] | None = None,
     total: int | None = None,
 ) -> HeldOutReport:
     """Scores a method on the held-out rings of samples that have points.
@@ -149,31 +169,49 @@ def evaluate_held_out(
     Args:
         samples: Frames with a sweep in KITTI's order.
         complete: The method. It gets a cropped sample with the rings it may see, without truth.
-        beams: Densities to score.
+        beams: Densities to score. None: all of the sensor's beams, half of them, a quarter and an
+            eighth.
         total: Number of samples, for the progress bar, where `samples` does not know it.
 
     Raises:
-        ValueError: A frame has no points, or no held-out return in view; or the method gives a map
-            of another size, a depth that is not finite, or no depth at all.
+        ValueError: A frame has no points, no held-out return in view, or was taken by another
+            sensor than the ones before; a density does not part the sensor's beams evenly; or the
+            method gives a map of another size, a depth that is not finite, or no depth at all.
     """
-    if not beams:
+    if beams is not None and not beams:
         raise ValueError("beams is empty; name at least one density, e.g. 64")
-    frames = []
+    frames: list[tuple[str, tuple[HeldOutScore, ...]]] = []
+    sizes: dict[tuple[int, int], None] = {}
+    sensor_beams = 0
     for sample in track(samples, description="scoring", total=total):
         frame = split_rings(sample)
-        scores = tuple(_score_frame(frame, complete, number) for number in beams)
+        sensor_beams = sensor_beams or frame.sensor_beams
+        _check_sensor(frame, sensor_beams)
+        wanted = densities(sensor_beams) if beams is None else beams
+        scores = tuple(_score_frame(frame, complete, number) for number in wanted)
         frames.append((sample.sample_id, scores))
+        sizes[frame.sample.image_size] = None
     if not frames:
         raise ValueError("there is no frame to score; name a folder or a list that holds some")
     by_density = zip(*(scores for _, scores in frames), strict=True)
-    return HeldOutReport(scores=tuple(map(_mean_score, by_density)), frames=tuple(frames))
+    return HeldOutReport(
+        scores=tuple(map(_mean_score, by_density)),
+        frames=tuple(frames),
+        sensor_beams=sensor_beams,
+        image_sizes=tuple(sizes),
+    )
+
+
+def densities(sensor_beams: int) -> tuple[int, ...]:
+    """Those of the tables, for a sensor of so many beams: all, half, a quarter, an eighth."""
+    return tuple(sensor_beams * beams // NUM_RINGS for beams in BEAMS)
 
 
 def split_rings(sample: CameraLidarSample, *, first_held_out: int = FIRST_HELD_OUT) -> HeldOutFrame:
     """Parts a frame: held-out rings to truth, the others to the sample that methods get.
 
-    Both are cropped to `CROP_SIZE` at the bottom centre; a smaller image is kept whole. Labels and
-    depth are taken off the sample.
+    Both are cropped to `CROP_SIZE` at the bottom centre; an image that is smaller, or larger than
+    KITTI's, is kept whole. Labels and depth are taken off the sample.
 
     Args:
         sample: The frame.
@@ -188,9 +226,14 @@ def split_rings(sample: CameraLidarSample, *, first_held_out: int = FIRST_HELD_O
             f"sample {sample.sample_id} has no points, but held-out rings need a sweep; leave the "
             "sample out"
         )
-    points = sample.points[points_in_view(sample)]
+    is_in_view = points_in_view(sample)
+    points = sample.points[is_in_view]
+    sensor_beams = count_beams(sample.points.numpy())
     try:
-        rings = torch.from_numpy(ring_numbers(points.numpy()))
+        if sensor_beams == NUM_RINGS:  # numbered after the cut: as sweeps that come cut
+            rings = torch.from_numpy(ring_numbers(points.numpy()))
+        else:
+            rings = torch.from_numpy(ring_numbers(sample.points.numpy()))[is_in_view]
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
     held_out = _is_held_out(rings, first_held_out)
@@ -211,7 +254,24 @@ def split_rings(sample: CameraLidarSample, *, first_held_out: int = FIRST_HELD_O
         rings=rings[~held_out],
         truth_m=truth,
         first_held_out=first_held_out,
+        sensor_beams=sensor_beams,
     )
+
+
+def _check_sensor(frame: HeldOutFrame, expected_beams: int) -> None:
+    place = f"sample {frame.sample.sample_id}"
+    if frame.sensor_beams != expected_beams:
+        raise ValueError(
+            f"{place} was taken by a sensor of {frame.sensor_beams} beams, the frames before it "
+            f"by one of {expected_beams}; score the sensors one by one"
+        )
+    if frame.sensor_beams == NUM_RINGS:
+        points = frame.sample.points
+        assert points is not None, "split_rings leaves points"
+        try:
+            check_spacing(points.numpy(), frame.rings.numpy())
+        except ValueError as error:
+            raise ValueError(f"{place}: {error}") from error
 
 
 def _is_held_out(rings: Int64[Tensor, " count"], first: int) -> Bool[Tensor, " count"]:
@@ -228,8 +288,10 @@ def _is_visible(
 
 
 def _crop(image_size: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Top, left, height and width of the bottom-centre crop."""
-    height, width = min(image_size[0], CROP_SIZE[0]), min(image_size[1], CROP_SIZE[1])
+    """Top, left, height and width of the bottom-centre crop, or of the whole image."""
+    height, width = image_size
+    if height <= _LARGEST_CROPPED[0] and width <= _LARGEST_CROPPED[1]:
+        height, width = min(height, CROP_SIZE[0]), min(width, CROP_SIZE[1])
     return image_size[0] - height, (image_size[1] - width) // 2, height, width
 
 

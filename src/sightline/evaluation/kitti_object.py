@@ -3,12 +3,11 @@
 2D boxes, orientation, bird's-eye view and 3D; Car, Pedestrian, Cyclist; easy, moderate, hard.
 """
 
-import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from sightline.data.kitti_labels import KittiObjects, read_labels, read_results
+from sightline.data.problem import FileError
 from sightline.data.progress import track
 from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
@@ -17,15 +16,15 @@ from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
 
 _FRAMES_AT_A_TIME = 64
-
-Item = TypeVar("Item")
+_MAX_PAIRS = 2_000_000  # of a result and a label in one frame; KITTI's fullest has some thousands
+_MAX_RESAMPLES = 100_000  # the interval's ends then stand to a tenth of their last digit
 
 
 def evaluate_objects(
     results_dir: Path,
     labels_dir: Path,
     *,
-    split: Path | str | None = None,
+    sample_list: Path | str | None = None,
     overlaps: MinimumOverlaps = STRICT,
     bootstrap: int = 0,
     seed: int = 0,
@@ -38,23 +37,28 @@ def evaluate_objects(
     Args:
         results_dir: One file a frame, 16 fields a line; empty where nothing was found.
         labels_dir: One file a frame, 15 fields a line.
-        split: Text file with the frames to evaluate, one a line, or the name of a list as
-            `read_sample_list` takes it; None: all frames that have labels.
+        sample_list: The frames to evaluate; see `read_sample_list`. None: all that have labels.
         overlaps: What a match must exceed, by class and metric.
-        bootstrap: Resamples of the frames for `AP_all_points`; 0 leaves it out.
+        bootstrap: Resamples of the frames for `AP_all_points`, up to 100,000; 0 leaves it out.
         seed: Of the resamples.
         progress: Whether to show how far it is.
 
     Raises:
         ValueError: If a frame lacks its file (KITTI's program would skip it, which flatters the
-            recall), or a file is at fault; the message names it and says what to do.
+            recall), a file is at fault, or a frame has far too many objects; the message names it
+            and says what to do.
     """
     if bootstrap < 0:
         raise ValueError(f"bootstrap must not be negative, got {bootstrap}: give 0 to leave it out")
+    if bootstrap > _MAX_RESAMPLES:
+        raise ValueError(
+            f"bootstrap must be at most {_MAX_RESAMPLES:,}, got {bootstrap}: more resamples take "
+            "time and make the interval no better"
+        )
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     minima = overlaps.as_array()
-    frames = read_frames(results_dir, labels_dir, split, progress=progress)
+    frames = read_frames(results_dir, labels_dir, sample_list, progress=progress)
     parts: list[MatchingData] = []
     for batch in _batches(frames):
         detections, labels = zip(*batch, strict=True)
@@ -63,36 +67,46 @@ def evaluate_objects(
 
 
 def read_frames(
-    results_dir: Path, labels_dir: Path, split: Path | str | None, *, progress: bool
+    results_dir: Path, labels_dir: Path, sample_list: Path | str | None, *, progress: bool
 ) -> Iterator[tuple[KittiObjects, KittiObjects]]:
     """Reads results and labels frame by frame; the missing files are found before the first.
 
     Raises:
-        ValueError: If a frame lacks a file, or a file is at fault.
+        ValueError: If a frame lacks a file, a file is at fault, or a frame has more results times
+            labels than can be matched in reasonable time.
     """
-    names = _frame_names(labels_dir, split)
+    names = _frame_names(labels_dir, sample_list)
     _require_files(
         labels_dir,
         names,
         "label",
-        "extract the labels again, or leave the frames out of the split file",
+        "extract the labels again, or leave the frames out of the list",
     )
     _require_files(
         results_dir,
         names,
         "result",
-        "write an empty one where nothing was found, or name the frames to score in a split file",
+        "write an empty one where nothing was found, or name a list of the frames to score",
     )
     shown: Iterable[str] = track(names, description="reading results") if progress else names
-    return (
-        (read_results(results_dir / f"{name}.txt"), read_labels(labels_dir / f"{name}.txt"))
-        for name in shown
-    )
+    return (_read_frame(results_dir / f"{name}.txt", labels_dir / f"{name}.txt") for name in shown)
 
 
-def _frame_names(labels_dir: Path, split: Path | str | None) -> Sequence[str]:
-    if split is not None:
-        return read_sample_list(split, labels_dir.absolute().parent.parent)
+def _read_frame(results: Path, labels: Path) -> tuple[KittiObjects, KittiObjects]:
+    found, labelled = read_results(results), read_labels(labels)
+    if len(found) * len(labelled) > _MAX_PAIRS:
+        raise FileError(
+            results,
+            f"holds {len(found):,} results for the {len(labelled):,} labels of {labels}, more than "
+            f"{_MAX_PAIRS:,} pairs",
+            "write one file for each frame, and only its best results",
+        )
+    return found, labelled
+
+
+def _frame_names(labels_dir: Path, sample_list: Path | str | None) -> Sequence[str]:
+    if sample_list is not None:
+        return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))
     if not names:
         raise ValueError(f"{labels_dir} has no label files (*.txt); give KITTI's folder label_2")
@@ -111,7 +125,17 @@ def _require_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -
         )
 
 
-def _batches(items: Iterable[Item]) -> Iterator[list[Item]]:
-    iterator = iter(items)
-    while batch := list(itertools.islice(iterator, _FRAMES_AT_A_TIME)):
+def _batches(
+    frames: Iterable[tuple[KittiObjects, KittiObjects]],
+) -> Iterator[list[tuple[KittiObjects, KittiObjects]]]:
+    """Some frames at a time, fewer where they are full."""
+    batch: list[tuple[KittiObjects, KittiObjects]] = []
+    num_pairs = 0
+    for found, labels in frames:
+        batch.append((found, labels))
+        num_pairs += len(found) * len(labels)
+        if len(batch) == _FRAMES_AT_A_TIME or num_pairs > _MAX_PAIRS:
+            yield batch
+            batch, num_pairs = [], 0
+    if batch:
         yield batch

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,13 @@ from torchmetrics import Metric
 
 from sightline.data.kitti_labels import KittiObjects, parse_objects
 from sightline.evaluation.kitti_object_pairs import MatchingData, find_pairs
-from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
+from sightline.evaluation.kitti_object_rules import (
+    CLASSES,
+    DIFFICULTIES,
+    METRICS,
+    STRICT,
+    MinimumOverlaps,
+)
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
 
@@ -72,10 +79,18 @@ class KittiObjectMetric(Metric):
             getattr(self, name).append(torch.from_numpy(getattr(data, name)).to(self.device))
 
     def compute(self) -> dict[str, Tensor]:
-        """AP over 40 recall positions, in percent, by names such as `Car/3d/moderate`."""
-        return {
-            f"{entry.class_name}/{entry.metric}/{entry.difficulty}": torch.tensor(entry.ap_r40)
+        """AP over 40 recall positions, in percent, by names such as `Car/3d/moderate`.
+
+        Every class, metric and difficulty has one, 0 where nothing was detected: a checkpoint that
+        goes by one of them finds it after the first epoch too.
+        """
+        found = {
+            (entry.class_name, entry.metric, entry.difficulty): entry.ap_r40
             for entry in self._score().entries
+        }
+        return {
+            "/".join(names): torch.tensor(found.get(names, 0.0), dtype=torch.float64)
+            for names in product(CLASSES, METRICS, DIFFICULTIES)
         }
 
     def report(self) -> ObjectReport:

@@ -31,7 +31,7 @@ def evaluate_proposals(
     results_dir: Path,
     labels_dir: Path,
     *,
-    split: Path | str | None = None,
+    sample_list: Path | str | None = None,
     ious: Sequence[float] = (0.5, 0.7),
     max_proposals: int | None = None,
     progress: bool = False,
@@ -45,7 +45,7 @@ def evaluate_proposals(
     Args:
         results_dir: One file a frame, as for `evaluate_objects`; the class of a proposal counts.
         labels_dir: One file a frame.
-        split: The frames, as for `evaluate_objects`.
+        sample_list: The frames, as for `evaluate_objects`.
         ious: Overlaps from which an object is found, above 0 and up to 1.
         max_proposals: Only so many of a frame, those of the highest score (the first on ties).
         progress: Whether to show how far it is.
@@ -59,7 +59,7 @@ def evaluate_proposals(
         raise ValueError(f"max_proposals must be positive, got {max_proposals}: None takes all")
     is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
     parts: list[_Truths] = []
-    for proposals, labels in read_frames(results_dir, labels_dir, split, progress=progress):
+    for proposals, labels in read_frames(results_dir, labels_dir, sample_list, progress=progress):
         boxes, codes = _best_proposals(proposals, max_proposals)
         is_evaluated |= find_evaluated(boxes, codes)
         parts.append(_find_truths(len(parts), labels, boxes, codes))

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor, nn
@@ -13,11 +13,9 @@ from torch import Tensor, nn
 from sightline.export.extra import import_extra
 from sightline.export.metadata import ExportMetadata
 from sightline.export.named_tensors import check_inputs, named_outputs
+from sightline.export.names import EngineName, Precision
 from sightline.export.onnx import export_onnx, read_onnx_metadata
 from sightline.export.openvino import read_openvino_metadata, shared_core
-
-EngineName = Literal["torch", "onnxruntime", "openvino"]
-Precision = Literal["float32", "bfloat16"]
 
 _SIZES_KEPT = 4  # a compiled network holds its weights and buffers
 

@@ -61,10 +61,17 @@ class ParityReport:
         }
 
     def table(self) -> "Table":
-        """One row for each engine, input and output."""
+        """One row for each engine, input and output, and the largest difference below."""
         from rich.table import Table
 
-        table = Table(title=f"difference to PyTorch, {self.unit}", title_justify="left")
+        worst = self.worst
+        table = Table(
+            title=f"difference to PyTorch, {self.unit}",
+            title_justify="left",
+            caption=f"largest: {worst.max_difference:.2g} {self.unit}, {worst.engine}, "
+            f"{worst.output} at {worst.case}",
+            caption_justify="left",
+        )
         for column in ("engine", "input", "output"):
             table.add_column(column, no_wrap=True)
         for column in ("max", "mean"):

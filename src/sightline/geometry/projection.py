@@ -85,7 +85,7 @@ def dhi_image(
     *,
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M,
 ) -> Float32[Tensor, "3 height width"]:
-    """The sweep as an image of depth, height and intensity in [0, 255]: gated fusion, Eq. 1-4.
+    """The sweep as an image of depth, height and intensity in [0, 255]: Kim et al. 2018, Eq. 1-4.
 
     Channels fall from 255 to 0 with the distance x over 80 m, the height over 6 m and the
     reflectance over 0.7. Pixels without a point are 0 in all channels; the nearest of several

@@ -1,1 +1,1 @@
-"""What users call: predictors over samples and jobs over data sets."""
+"""Runs any task, knows none: networks loaded, data sets answered, frames drawn, the demo."""

@@ -1,24 +1,30 @@
 """Pictures of frames, as files."""
 
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
 
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
-from sightline.inference.depth import Completer
-from sightline.visualization.sheet import frame_sheet
+from sightline.structures.sample import CameraLidarSample
+
+DrawSample = Callable[[CameraLidarSample], UInt8[np.ndarray, "height width 3"]]
+"""Draws a sample and a task's answer to it."""
 
 
 def write_frame_picture(
-    data: Path, frame: str, out: Path, *, completer: Completer, velodyne: Velodyne = "velodyne"
+    data: Path, frame: str, out: Path, *, draw: DrawSample, velodyne: Velodyne = "velodyne"
 ) -> Path:
-    """Draws all there is to see of one frame, its depth completed, to a PNG.
+    """Draws one frame to a PNG.
 
     Args:
         data: Folder of the data set; see `open_dataset`.
         frame: Name of the frame.
         out: The PNG.
-        completer: Makes the dense depth.
+        draw: Makes the picture.
         velodyne: The sweeps' folder in an object tree.
 
     Returns:
@@ -27,7 +33,5 @@ def write_frame_picture(
     Raises:
         ValueError: The data lacks the frame, a file of it is at fault, or `out` cannot be written.
     """
-    sample = open_dataset(data, sample_list=(frame,), velodyne=velodyne)[0]
-    dense = completer(sample) if sample.points is not None else None
-    write_rgb(out, frame_sheet(sample, dense, dense_name=completer.name))
+    write_rgb(out, draw(open_dataset(data, sample_list=(frame,), velodyne=velodyne)[0]))
     return out

@@ -1,6 +1,6 @@
 """The camera: a picture of a scene, with dense depth and the owner of each pixel."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -37,6 +37,8 @@ _BRIGHTEST: Final = 3.0
 class CameraConfig:
     """How the camera is mounted and how well its pictures are computed."""
 
+    picture: bool = True
+    """Whether there is an image, or only the truth behind it."""
     samples_per_pixel: int = 1
     """1, with more where the picture has edges, or 4."""
     ambient_stride: int = 3
@@ -62,8 +64,8 @@ class CameraConfig:
 class CameraFrame:
     """What the camera sees at one moment, and the truth behind it."""
 
-    image: UInt8[np.ndarray, "height width 3"]
-    """RGB."""
+    image: UInt8[np.ndarray, "height width 3"] | None
+    """RGB; None without `CameraConfig.picture`."""
     depth_m: Float32[np.ndarray, "height width"]
     """Along the optical axis, at the centre of each pixel; 0 = sky."""
     owners: Int32[np.ndarray, "height width"]
@@ -88,6 +90,9 @@ def render_camera(
     world = lit_world(scene, raycaster or Raycaster(scene.mesh))
     view = camera_view(calibration, scene.ego, config.lidar_height_m)
     centers = pixel_samples(world, view, image_size, (0.0, 0.0))
+    truth = _truth(centers, scene.owners)
+    if not config.picture:
+        return truth
     if config.samples_per_pixel == 1:
         samples = with_edge_samples(world, view, centers, scene.owners)
         radiance = _radiance(world, samples, view, scene.light, config)
@@ -97,15 +102,17 @@ def render_camera(
             samples = pixel_samples(world, view, image_size, offset)
             radiance += _radiance(world, samples, view, scene.light, config)
         radiance /= np.float32(len(_OFFSETS_OF_FOUR))
+    image = sensor_image(radiance, scene.light.exposure, rng=rng, config=config.sensor)
+    return replace(truth, image=image)
+
+
+def _truth(centers: Samples, owners_of_faces: Int32[np.ndarray, " num_faces"]) -> CameraFrame:
     found = centers.hits.faces >= 0
     owners = np.full(len(found), SKY, np.int32)
-    owners[found] = scene.owners[centers.hits.faces[found]]
+    owners[found] = owners_of_faces[centers.hits.faces[found]]
     depth_m = np.where(found, centers.hits.distances, np.float32(0))
-    return CameraFrame(
-        image=sensor_image(radiance, scene.light.exposure, rng=rng, config=config.sensor),
-        depth_m=depth_m.reshape(image_size),
-        owners=owners.reshape(image_size),
-    )
+    size = centers.image_size
+    return CameraFrame(image=None, depth_m=depth_m.reshape(size), owners=owners.reshape(size))
 
 
 def _radiance(

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.pixels import unproject_pixels
 from sightline.ops.compiled import compiled
 from sightline.simulation.antialiasing import edge_pixels, lenders
 from sightline.simulation.foliage import cast_through_foliage
-from sightline.simulation.pixels import unproject_pixels
 from sightline.simulation.raycast import Hits
 from sightline.simulation.scene import Pose, world_from_footprint
 from sightline.simulation.shading import SUN_QUARTERS, LitWorld

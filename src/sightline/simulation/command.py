@@ -8,7 +8,6 @@ from sightline.simulation.generate import simulate
 from sightline.simulation.lidar import LidarModel
 from sightline.simulation.presets import PRESETS, Preset, PresetName
 from sightline.simulation.simulator import SimulationConfig
-from sightline.simulation.statistics import compare
 
 _FRAMES: Final = 100
 
@@ -27,26 +26,23 @@ def run_simulation(
     samples_per_pixel: int | None = None,
     lidar: LidarModel | None = None,
     rolling_shutter: bool | None = None,
+    camera: bool | None = None,
+    hard: bool | None = None,
     velodyne: Velodyne | None = None,
     validation_frames: int | None = None,
     preset: PresetName | None = None,
-    compare_with: Path | None = None,
 ) -> str:
     """Makes a simulated data set, or finishes or extends one; see `generate.simulate`.
 
-    What is None is the preset's, or the default's; where only a comparison is asked for, nothing is
-    made. `image_size` is width and height, as KITTI's
+    What is None is the preset's, or the default's. `image_size` is width and height, as KITTI's
     users write it; everywhere else in this project it is height and width.
 
     Returns:
-        What was done, for a person, and the table of `statistics.compare` where asked for.
+        What was done, for a person.
 
     Raises:
-        ValueError: The arguments make no sense, or as `generate.simulate` and
-            `statistics.compare` say.
+        ValueError: The arguments make no sense, or as `generate.simulate` says.
     """
-    if frames is None and preset is None and compare_with is not None:
-        return compare(out, compare_with).table()
     base = Preset(frames=_FRAMES) if preset is None else PRESETS[preset]
     default = base.config
     config = SimulationConfig(
@@ -57,12 +53,9 @@ def run_simulation(
         samples_per_pixel=_given(samples_per_pixel, default.samples_per_pixel),
         lidar=_given(lidar, default.lidar),
         rolling_shutter=_given(rolling_shutter, default.rolling_shutter),
+        camera=_given(camera, default.camera),
+        hard=_given(hard, default.hard),
     )
-    if compare_with is not None and config.sequence_length > 1:
-        raise ValueError(
-            "drives are not compared with real frames; leave out the comparison, or make single "
-            "frames with a sequence_length of 1"
-        )
     result = simulate(
         out,
         frames=_given(frames, base.frames),
@@ -71,10 +64,7 @@ def run_simulation(
         velodyne=_given(velodyne, base.velodyne),
         validation_frames=_given(validation_frames, base.validation_frames),
     )
-    done = f"{out}: {result.written} frames simulated, {result.skipped} were there already"
-    if compare_with is None:
-        return done
-    return f"{done}\n{compare(out, compare_with).table()}"
+    return f"{out}: {result.written} frames simulated, {result.skipped} were there already"
 
 
 def _given(value: Value | None, default: Value) -> Value:

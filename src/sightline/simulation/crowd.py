@@ -10,7 +10,14 @@ from sightline.simulation.fleet import ModelSource
 from sightline.simulation.layout import Layout, StreetKind
 from sightline.simulation.lots import Lot, footprint_corners, footprint_of
 from sightline.simulation.meshes.models import ActorModel
-from sightline.simulation.motion import STANDING, AlongRoad, Still, Track, Travel
+from sightline.simulation.motion import (
+    STANDING,
+    AlongRoad,
+    Still,
+    Track,
+    Travel,
+    on_wheels,
+)
 from sightline.simulation.occupancy import Occupancy
 from sightline.simulation.scene import Actor, Pose
 
@@ -18,14 +25,28 @@ FASTEST_EGO_MPS: Final = 14.0
 EGO_SIZE_LW: Final = (4.4, 1.9)
 """Length and width [m] of the car that carries the sensors."""
 BACK_M: Final = -45.0
-AHEAD_M: Final = 95.0
+AHEAD_M: Final = 125.0
 """Stations between which a street is peopled."""
 _MOMENT_S: Final = 0.25
 """Between the moments at which nobody may stand in anybody else."""
-_VEHICLES: Final = ("Car", "Van")
+_EGO_ROOM_M: Final = 1.4
+"""Before and behind it nobody stands."""
+_WHEELS_OF_EGO_LW: Final = (2.7, 1.55)
+_WHEELS: Final = {
+    **dict.fromkeys(("Car", "Van", "Truck", "Misc"), (0.6, 0.85)),
+    "Tram": (0.7, 0.6),
+    "Cyclist": (0.6, 0.0),
+}
+"""How far apart wheels are, as shares of length and width; who has none stands upright."""
+_VEHICLES: Final = ("Car", "Van", "Misc")
 """Of which KITTI labels few far away; lorries and trams are seen from afar."""
-_KEPT_AT_M: Final = ((20.0, 45.0, 60.0, 78.0), (1.0, 0.52, 0.30, 0.08))
+_KEPT_AT_M: Final = ((20.0, 45.0, 60.0, 78.0), (1.0, 0.53, 0.42, 0.23))
 """Share of cars that are kept at distances [m]: annotators labelled few of the far ones."""
+_SPREAD: Final = 1.7
+"""Of the share of parking places taken: the less, the more rows are full or empty."""
+_JAM_MPS: Final = (0.4, 2.5)
+_HARD_BUSYNESS: Final = 1.6
+_HARD_RARITY: Final = 0.4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,8 +59,10 @@ class Customs:
     """Lorries among them."""
     van_share: float
     speed_mps: tuple[float, float]
-    parked_share: tuple[float, float]
-    """Range of the share of parking places taken."""
+    jam_share: float
+    """Streets whose traffic hardly moves."""
+    parked_share: float
+    """Mean share of parking places taken; most rows are nearly full or nearly empty."""
     walkers: tuple[float, float]
     """Probability of any pedestrians, and their mean number then."""
     cyclists: float
@@ -48,24 +71,24 @@ class Customs:
 
 CUSTOMS: Final = {
     StreetKind.RESIDENTIAL: Customs(
-        vehicles_per_km=9.5, heavy_share=0.014, van_share=0.074, speed_mps=(3.0, 9.0),
-        parked_share=(0.13, 0.62), walkers=(0.30, 3.2), cyclists=0.29,
+        vehicles_per_km=9.5, heavy_share=0.014, van_share=0.056, speed_mps=(3.0, 9.0),
+        jam_share=0.02, parked_share=0.33, walkers=(0.30, 3.2), cyclists=0.29,
     ),
     StreetKind.CITY: Customs(
-        vehicles_per_km=13.7, heavy_share=0.030, van_share=0.081, speed_mps=(4.0, 12.0),
-        parked_share=(0.18, 0.66), walkers=(0.50, 5.0), cyclists=0.49,
+        vehicles_per_km=13.7, heavy_share=0.030, van_share=0.062, speed_mps=(4.0, 12.0),
+        jam_share=0.08, parked_share=0.33, walkers=(0.50, 5.0), cyclists=0.49,
     ),
     StreetKind.AVENUE: Customs(
-        vehicles_per_km=17.4, heavy_share=0.048, van_share=0.081, speed_mps=(7.0, 14.0),
-        parked_share=(0.18, 0.53), walkers=(0.20, 2.8), cyclists=0.35,
+        vehicles_per_km=17.4, heavy_share=0.048, van_share=0.062, speed_mps=(7.0, 14.0),
+        jam_share=0.08, parked_share=0.33, walkers=(0.20, 2.8), cyclists=0.35,
     ),
     StreetKind.COUNTRY: Customs(
-        vehicles_per_km=41.5, heavy_share=0.048, van_share=0.074, speed_mps=(9.0, 14.0),
-        parked_share=(0.0, 0.0), walkers=(0.01, 1.3), cyclists=0.08,
+        vehicles_per_km=41.5, heavy_share=0.048, van_share=0.056, speed_mps=(9.0, 14.0),
+        jam_share=0.04, parked_share=0.0, walkers=(0.01, 1.3), cyclists=0.08,
     ),
     StreetKind.SQUARE: Customs(
-        vehicles_per_km=19.9, heavy_share=0.0, van_share=0.2, speed_mps=(1.0, 3.0),
-        parked_share=(0.0, 0.0), walkers=(0.75, 8.4), cyclists=0.88,
+        vehicles_per_km=19.9, heavy_share=0.0, van_share=0.16, speed_mps=(1.0, 3.0),
+        jam_share=0.0, parked_share=0.0, walkers=(0.75, 8.4), cyclists=0.88,
     ),
 }  # fmt: skip
 
@@ -74,14 +97,26 @@ class Crowd:
     """The road users of a street so far, and the rates at which more are drawn."""
 
     def __init__(
-        self, rng: np.random.Generator, layout: Layout, models: ModelSource, duration_s: float
+        self,
+        rng: np.random.Generator,
+        layout: Layout,
+        models: ModelSource,
+        duration_s: float,
+        *,
+        hard: bool = False,
     ) -> None:
         self.rng = rng
         self.layout = layout
         self.models = models
         self.customs = CUSTOMS[layout.kind]
         self.times = np.arange(0.0, duration_s + _MOMENT_S, _MOMENT_S)
-        self.busyness = float(rng.gamma(2.0) / 2.0)
+        self.hard = hard
+        self.busyness = float(rng.gamma(2.0) / 2.0) * (_HARD_BUSYNESS if hard else 1.0)
+        self.is_jammed = bool(rng.random() < self.customs.jam_share * self.busyness)
+        mean = self.customs.parked_share
+        self.fullness = float(rng.beta(_SPREAD * mean, _SPREAD * (1 - mean))) if mean > 0 else 0.0
+        if hard:
+            self.fullness = self.fullness**0.5
         self.actors: list[Actor] = []
         self.ego_travel = STANDING if layout.main_waits else self.draw_travel(0.12)
         self.ego = AlongRoad(
@@ -91,9 +126,11 @@ class Crowd:
             offset=layout.ego_lane.offset,
             direction=1,
             travel=self.ego_travel,
+            wheels_lw=_WHEELS_OF_EGO_LW,
         )
-        self._taken = Occupancy(len(self.times))
-        self._taken.try_add(self.ego.poses(self.times), *EGO_SIZE_LW)
+        self.taken = Occupancy(len(self.times))
+        length, width = EGO_SIZE_LW
+        self.taken.take(self.ego.poses(self.times), length + 2 * _EGO_ROOM_M, width)
 
     def block(self, lots: Sequence[Lot]) -> None:
         """Takes the ground that buildings cover."""
@@ -103,40 +140,46 @@ class Crowd:
                 continue
             x, y = footprint_corners(footprint).mean(axis=0).tolist()
             still = Still(pose=Pose(x=x, y=y, z=0.0, yaw=footprint.yaw))
-            self._taken.take(still.poses(self.times), footprint.width, footprint.depth)
+            self.taken.take(still.poses(self.times), footprint.width, footprint.depth)
 
     def draw_travel(self, standing_share: float) -> Travel:
         """A speed as is usual here, or standing with some probability."""
         if self.rng.random() < standing_share:
             return STANDING
-        speed = float(self.rng.uniform(*self.customs.speed_mps))
+        speed = float(self.rng.uniform(*(_JAM_MPS if self.is_jammed else self.customs.speed_mps)))
         sway = float(self.rng.uniform(0.0, min(0.12 * speed, FASTEST_EGO_MPS - speed)))
         phase = float(self.rng.uniform(0, 2 * np.pi))
         return Travel(speed_mps=speed, sway_mps=sway, phase=phase)
 
-    def draw_vehicle(self, heavy_share: float, van_share: float) -> ActorModel:
-        """A lorry or a van with these probabilities, else a car."""
-        chance = self.rng.random()
-        name = "Car"
-        if chance < heavy_share:
-            name = "Truck"
-        elif chance < heavy_share + van_share:
-            name = "Van"
-        return self.models.draw(self.rng, name, 0.0)
+    def draw_vehicle(
+        self, heavy_share: float, van_share: float, misc_share: float = 0.0
+    ) -> ActorModel:
+        """A lorry, a van or a trailer and the like with these probabilities, else a car."""
+        shares = (heavy_share, van_share, misc_share)
+        row = int(np.searchsorted(np.cumsum(shares), self.rng.random(), side="right"))
+        return self.models.draw(self.rng, ("Truck", "Van", "Misc", "Car")[row], 0.0)
 
-    def add(self, model: ActorModel, track: Track, margin: float) -> bool:
+    def draw_rarity(self) -> float:
+        """How soon a row of cars thins towards the distance, to be given to `add`: 0 never."""
+        return float(self.rng.random()) * (_HARD_RARITY if self.hard else 1.0)
+
+    def add(self, model: ActorModel, track: Track, margin: float, rarity: float = 0.0) -> bool:
         """Adds a road user unless somebody or a wall is in the way within `margin` [m].
 
-        Cars and vans far away are left out now and then.
+        Cars and vans far away are left out now and then, more so in a row of great `rarity`.
         """
         if model.class_name in _VEHICLES:
             x, y = track.poses(np.zeros(1))[0, :2]
             kept = float(np.interp(np.hypot(x, y), *_KEPT_AT_M))
             # A van is larger and so labelled from farther away.
-            if self.rng.random() > (kept if model.class_name == "Car" else kept**0.5):
+            chance = (rarity + float(self.rng.random())) / 2 if rarity > 0 else 0.0
+            if chance > (kept if model.class_name == "Car" else kept**0.5):
                 return False
         length, width, _ = model.size_lwh
-        if not self._taken.try_add(track.poses(self.times), length, width, margin):
+        if model.class_name in _WHEELS:
+            along, across = _WHEELS[model.class_name]
+            track = on_wheels(track, self.layout.terrain, (along * length, across * width))
+        if not self.taken.try_add(track.poses(self.times), length, width, margin):
             return False
         self.actors.append(
             Actor(

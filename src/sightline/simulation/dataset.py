@@ -7,8 +7,8 @@ import torch
 from torch.utils.data import Dataset
 
 from sightline.data.object_labels import labels_from_kitti
+from sightline.data.pixels import seen_by_camera
 from sightline.geometry.calibration import Calibration
-from sightline.simulation.pixels import seen_by_camera
 from sightline.simulation.simulator import (
     SimulatedFrame,
     SimulationConfig,
@@ -21,6 +21,7 @@ from sightline.structures.sample import CameraLidarSample
 
 def sample_of(frame: SimulatedFrame) -> CameraLidarSample:
     """The frame as a sample with labels, dense true depth, pose and time; its sweep is whole."""
+    image = None if frame.image is None else np.ascontiguousarray(frame.image.transpose(2, 0, 1))
     calibration = Calibration(
         image_from_camera=torch.from_numpy(frame.calibration.image_from_camera),
         camera_from_lidar=torch.from_numpy(frame.calibration.camera_from_lidar),
@@ -29,7 +30,7 @@ def sample_of(frame: SimulatedFrame) -> CameraLidarSample:
         sample_id=frame.sample_id,
         calibration=calibration,
         image_size=frame.image_size,
-        image=torch.from_numpy(np.ascontiguousarray(frame.image.transpose(2, 0, 1))),
+        image=None if image is None else torch.from_numpy(image),
         points=torch.from_numpy(frame.points),
         objects=labels_from_kitti(frame.objects, calibration),
         depth=torch.from_numpy(frame.depth_m),

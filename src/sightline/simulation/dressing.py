@@ -3,28 +3,50 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 
-from sightline.simulation.layout import Ground, Layout, Plots, Road, Side, StreetKind
+from sightline.simulation.layout import (
+    Ground,
+    Layout,
+    Parking,
+    Plots,
+    Road,
+    Side,
+    StreetKind,
+)
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch, stamped
-from sightline.simulation.meshes.furniture import Item, add_boxes_along, add_posts, item_model
+from sightline.simulation.meshes.furniture import (
+    Item,
+    add_boxes_along,
+    add_posts,
+    item_footprint,
+    item_model,
+)
 from sightline.simulation.meshes.markings import stop_lines
 from sightline.simulation.meshes.plots import ground_places
 from sightline.simulation.meshes.primitives import Finish
 from sightline.simulation.meshes.trees import Plants, Species, set_out
+from sightline.simulation.occupancy import Occupancy
 from sightline.simulation.scene import Mesh
 
 _KERB_CLEARANCE: Final = 0.55
 _FAR: Final = 115.0
-_ROOM_M: Final = 1.1
-"""Between things along a street."""
+_ROOM_M: Final = 0.25
+"""Around things along a street."""
+_TRUNK_M: Final = 0.5
+_SITE_SHARE: Final = 0.12
+"""Streets with a building site."""
+_TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))
+"""Range of the factors of painted things' colours."""
+_ALONG: Final = (Item.PARKING_SIGN, Item.NO_PARKING_SIGN, Item.BICYCLE, Item.POSTER)
+"""What faces along the street instead of the street."""
 _ROW_TREES: Final = (Species.PLANE, Species.LIME, Species.CHERRY, Species.BIRCH, Species.POPLAR)
 
 
-def dress(rng: np.random.Generator, layout: Layout) -> list[Mesh]:
-    """All furniture and rows of trees of a street."""
-    dresser = _Dresser(rng, layout)
+def dress(rng: np.random.Generator, layout: Layout, taken: Occupancy) -> list[Mesh]:
+    """All furniture and rows of trees of a street, where no road user ever is and no wall."""
+    dresser = _Dresser(rng, layout, taken)
     if layout.junction is not None:  # lights and signs of priority come before all else
         dresser.junction()
     for road in layout.roads:
@@ -38,15 +60,18 @@ def dress(rng: np.random.Generator, layout: Layout) -> list[Mesh]:
     if layout.kind is StreetKind.SQUARE:
         dresser.square()
     dresser.signs()
+    if rng.random() < _SITE_SHARE:
+        dresser.building_site(layout.main.left if rng.random() < 0.5 else layout.main.right)
     return dresser.meshes()
 
 
 class _Dresser:
     """Collects places of things and makes their meshes at the end."""
 
-    def __init__(self, rng: np.random.Generator, layout: Layout) -> None:
+    def __init__(self, rng: np.random.Generator, layout: Layout, taken: Occupancy) -> None:
         self._rng = rng
         self._layout = layout
+        self._taken = taken
         self._places: dict[Item, list[np.ndarray]] = {}
         self._parts: list[Mesh] = []
         self._batch = QuadBatch()
@@ -58,7 +83,9 @@ class _Dresser:
         copies = []
         for item, rows in self._places.items():
             table = np.concatenate(rows)
-            copies.append(stamped(item_model(item), table[:, :3], table[:, 3]))
+            tints = self._rng.uniform(*_TINTS, (len(table), 3))
+            model, paint = item_model(item), (Material.CAR_PAINT,)
+            copies.append(stamped(model, table[:, :3], table[:, 3], tints=tints, tinted=paint))
         return [*self._parts, *copies, self._batch.mesh()]
 
     def put(
@@ -69,22 +96,29 @@ class _Dresser:
         offset: float,
         level: float,
         turn: float,
-    ) -> None:
+    ) -> Float64[np.ndarray, " num_set"]:
         """Sets things at stations of a road, turned against its heading by `turn`.
 
-        Those that would stand in something set out before are left out.
+        Those that would stand in something set out before, in the way of somebody or in a wall
+        are left out. Returns the stations of the others.
         """
-        if len(stations) == 0:
-            return
         places = ground_places(self._layout, road, stations, offset, level)
-        earlier = [row[:, :2] for found in self._places.values() for row in found]
-        if earlier:
-            apart = np.linalg.norm(places[:, None, :2] - np.concatenate(earlier)[None], axis=-1)
-            free = apart.min(axis=1) > _ROOM_M
-            stations, places = stations[free], places[free]
-        yaws = road.line.yaw(stations) + turn
-        rows = np.concatenate((places, yaws[:, None]), axis=1)
-        self._places.setdefault(item, []).append(rows)
+        rows = np.concatenate((places, (road.line.yaw(stations) + turn)[:, None]), axis=1)
+        free = self._settle(rows, *item_footprint(item))
+        self._places.setdefault(item, []).append(rows[free])
+        kept: Float64[np.ndarray, " num_set"] = stations[free]
+        return kept
+
+    def _settle(
+        self, rows: Float64[np.ndarray, "count 4"], length: float, width: float
+    ) -> Bool[np.ndarray, " count"]:
+        """Takes the ground of things that stand at x, y, z and yaw; which of them were free."""
+        still = [np.tile(row, (self._taken.num_moments, 1)) for row in rows]
+        free = [self._taken.is_free(poses, length, width, _ROOM_M) for poses in still]
+        for poses, is_free in zip(still, free, strict=True):
+            if is_free:
+                self._taken.take(poses, length, width)
+        return np.array(free, dtype=bool)
 
     def free_stations(
         self, road: Road, side: Side, stations: Float[np.ndarray, " count"], margin: float
@@ -109,14 +143,18 @@ class _Dresser:
             distance = side.outer + 1.2
         else:
             distance = side.edge + 0.9
-        pitch = float(rng.uniform(7.0, 14.0))
+        pitch = float(rng.uniform(6.5, 12.0))
         first = road.first + float(rng.uniform(0, pitch))
         stations = self.free_stations(road, side, np.arange(first, road.last, pitch), 1.0)
         stations = stations[rng.random(len(stations)) < 0.9]
         stations = stations + rng.uniform(-0.6, 0.6, len(stations))
         places = ground_places(self._layout, road, stations, side.sign * distance, side.level)
-        usual = {Species.CHERRY: 5.0, Species.BIRCH: 9.0, Species.POPLAR: 14.0}.get(self._tree, 9.5)
-        heights = usual * rng.uniform(0.8, 1.15) * rng.uniform(0.88, 1.1, len(stations))
+        rows = np.concatenate((places, np.zeros((len(places), 1))), axis=1)
+        places = places[self._settle(rows, _TRUNK_M, _TRUNK_M)]
+        usual = {Species.CHERRY: 5.5, Species.BIRCH: 10.0, Species.POPLAR: 14.0}.get(
+            self._tree, 11.5
+        )
+        heights = usual * rng.uniform(0.8, 1.15) * rng.uniform(0.88, 1.1, len(places))
         self._parts += set_out(rng, self._tree, Plants(places=places, heights=heights, spread=1.0))
 
     def lamps(self, road: Road, side: Side) -> None:
@@ -133,35 +171,73 @@ class _Dresser:
         self.put(self._lamp, road, stations, side.sign * distance, side.level, turn)
 
     def small_things(self, road: Road, side: Side) -> None:
-        """Bollards, bins, cabinets and the like at the kerb or against the plots."""
+        """Bollards, bins, boards and the like at the kerb or against the plots."""
         rng = self._rng
-        inner, outer = side.edge + 0.45, side.outer - 0.3
-        facing = -side.sign * np.pi / 2
         at_kerb = (
             (Item.BOLLARD, 0.15), (Item.BIN, 0.35), (Item.PARKING_SIGN, 0.35),
-            (Item.NO_PARKING_SIGN, 0.3), (Item.BICYCLE_STAND, 0.15),
+            (Item.NO_PARKING_SIGN, 0.3), (Item.BICYCLE_STAND, 0.2), (Item.POSTER, 0.1),
+            (Item.HYDRANT, 0.15),
         )  # fmt: skip
         at_plots: tuple[tuple[Item, float], ...] = (
             (Item.CABINET, 0.5), (Item.LETTER_BOX, 0.15), (Item.WHEELED_BIN, 0.45),
             (Item.BENCH, 0.15), (Item.SHELTER, 0.08), (Item.ADVERT_COLUMN, 0.06),
+            (Item.BICYCLE, 0.25), (Item.PILLAR, 0.2), (Item.GRIT_BOX, 0.1),
+            (Item.BOTTLE_BANK, 0.06),
         )  # fmt: skip
         if self._layout.kind in (StreetKind.CITY, StreetKind.SQUARE):
-            at_plots = (*at_plots, (Item.PLANTER, 0.5))
-        for things, distance in ((at_kerb, inner), (at_plots, outer)):
+            at_plots = (*at_plots, (Item.PLANTER, 0.5), (Item.SANDWICH_BOARD, 0.4))
+        for things, is_at_kerb in ((at_kerb, True), (at_plots, False)):
             for item, chance in things:
                 if rng.random() >= chance:
                     continue
-                count = int(rng.integers(1, 4))
-                stations = rng.uniform(-10.0, 70.0, count)
+                stations = rng.uniform(-10.0, 70.0, int(rng.integers(1, 4)))
                 if item is Item.BOLLARD:
                     stations = stations[0] + 1.6 * np.arange(int(rng.integers(4, 14)))
                 elif item is Item.WHEELED_BIN:
                     stations = (stations[:, None] + 0.65 * np.arange(3)).ravel()
-                is_sign = item in (Item.PARKING_SIGN, Item.NO_PARKING_SIGN)
-                turn = (0.0 if side.sign > 0 else np.pi) if is_sign else facing
-                reach = distance - (0.6 if item in (Item.SHELTER, Item.ADVERT_COLUMN) else 0.0)
+                turn = -side.sign * np.pi / 2
+                if item in _ALONG:
+                    turn = 0.0 if side.sign > 0 else np.pi
+                deep = item_footprint(item)[1 if item in _ALONG else 0] / 2
+                distance = side.edge + 0.4 + deep if is_at_kerb else side.outer - 0.15 - deep
                 free = self.free_stations(road, side, stations, 1.0)
-                self.put(item, road, free, side.sign * reach, side.level, turn)
+                kept = self.put(item, road, free, side.sign * distance, side.level, turn)
+                if item is Item.BICYCLE_STAND:
+                    self._bicycles(road, side, kept, distance)
+
+    def _bicycles(
+        self, road: Road, side: Side, stands: Float[np.ndarray, " count"], distance: float
+    ) -> None:
+        """Bicycles at most hoops of stands, with either wheel to the road."""
+        hoops = (stands[:, None] + 0.8 * (np.arange(4) - 1.5) + 0.22).ravel()
+        hoops = hoops[self._rng.random(len(hoops)) < 0.7]
+        places = ground_places(self._layout, road, hoops, side.sign * distance, side.level)
+        turns = np.where(self._rng.random(len(hoops)) < 0.5, 0.5, -0.5) * np.pi
+        turns += road.line.yaw(hoops) + self._rng.normal(0, 0.06, len(hoops))
+        rows = np.concatenate((places, turns[:, None]), axis=1)
+        self._places.setdefault(Item.BICYCLE, []).append(rows)
+
+    def building_site(self, side: Side) -> None:
+        """Barriers and cones along the kerb, and what a site needs behind them."""
+        rng, main = self._rng, self._layout.main
+        start = float(rng.uniform(4.0, 45.0))
+        stop = start + float(rng.uniform(8.0, 22.0))
+        facing = -side.sign * np.pi / 2
+
+        def set_out(item: Item, stations: Float[np.ndarray, " count"], distance: float) -> None:
+            level = side.level if distance > side.edge else 0.0
+            free = self.free_stations(main, side, stations, 1.0)
+            self.put(item, main, free, side.sign * distance, level, facing)
+
+        middle = np.array([(start + stop) / 2 + rng.uniform(-2.0, 2.0)])
+        if side.plots in (Plots.BLOCKS, Plots.TERRACES) and side.setback < 2.0:
+            set_out(Item.SCAFFOLD, middle, side.outer + side.setback - 0.6)
+        elif side.plots in (Plots.PARK, Plots.FIELD, Plots.HALLS):
+            set_out(Item.SITE_CABIN, middle, side.outer + 1.8)
+        if side.parking is Parking.PARALLEL:
+            set_out(Item.SKIP, np.array([start + 3.0]), side.edge - 1.0)
+        set_out(Item.BARRIER, np.arange(start, stop, 2.05), side.edge + 0.45)
+        set_out(Item.CONE, np.arange(start - 12.0, start, 3.0), side.edge - 0.25)
 
     def country_side(self, road: Road, side: Side) -> None:
         """Delineators, and now and then a guard rail or a line of poles."""
@@ -196,12 +272,17 @@ class _Dresser:
         rng, main = self._rng, self._layout.main
         for side in main.sides:
             width = side.outer - side.edge
-            for item, chance in ((Item.BENCH, 0.7), (Item.PLANTER, 0.6), (Item.BICYCLE_STAND, 0.4)):
+            for item, chance in (
+                (Item.BENCH, 0.7), (Item.PLANTER, 0.6), (Item.BICYCLE_STAND, 0.4),
+                (Item.PARASOL, 0.3),
+            ):  # fmt: skip
                 if rng.random() < chance and width > 4.0:
                     stations = np.arange(rng.uniform(-5, 8), 70.0, rng.uniform(9.0, 18.0))
                     turn = -side.sign * np.pi / 2
-                    distance = side.edge + 0.6
-                    self.put(item, main, stations, side.sign * distance, 0.0, turn)
+                    distance = side.edge + (2.4 if item is Item.PARASOL else 0.6)
+                    kept = self.put(item, main, stations, side.sign * distance, 0.0, turn)
+                    if item is Item.BICYCLE_STAND:
+                        self._bicycles(main, side, kept, distance)
 
     def signs(self) -> None:
         """Signs beside the main road."""
@@ -224,6 +305,12 @@ class _Dresser:
                 spot = self.free_stations(main, side, rng.uniform(20.0, 80.0, 1), 3.0)
                 distance = -(side.edge + 2.2)
                 self.put(Item.DIRECTION_SIGN, main, spot, distance, side.level, np.pi)
+        for side in main.sides:
+            if side.setback > 3.5 and rng.random() < 0.12:
+                spot = self.free_stations(main, side, rng.uniform(15.0, 80.0, 1), 3.0)
+                distance = side.sign * (side.outer + 2.4)
+                turn = np.pi + side.sign * float(rng.uniform(0.1, 0.7))
+                self.put(Item.BILLBOARD, main, spot, distance, side.level, turn)
 
     def junction(self) -> None:
         """Lights or signs of priority at each stop line, and a street's name at a corner."""

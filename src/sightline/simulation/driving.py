@@ -19,6 +19,12 @@ from sightline.simulation.scene import Pose
 
 _ONCOMING_FACTOR: Final = 1.4
 """Traffic towards the ego is denser than that ahead of it, which keeps its distance."""
+_PARKED_VANS: Final = 0.042
+_PARKED_MISC: Final = 0.05
+_QUEUE_FACTOR: Final = 0.8
+"""Queues on the crossing road are shorter than those on the main one."""
+_JAMMED_LANES: Final = 0.6
+"""Share of the lanes that are full where traffic hardly moves."""
 
 
 def drive_lanes(crowd: Crowd) -> None:
@@ -53,6 +59,10 @@ def _fill_lane(
     gap = 2.0 if travel is STANDING else stopping_distance_m(travel.speed_mps)
     density = crowd.customs.vehicles_per_km / 1000 * crowd.busyness * float(rng.gamma(2.0) / 2)
     density *= 3.0 if waits else _ONCOMING_FACTOR if lane.direction < 0 else 1.0
+    queues = waits or (crowd.is_jammed and goes and rng.random() < _JAMMED_LANES)
+    closed_up = float(rng.uniform(0.35, 0.97)) if queues else 0.0
+    closed_up *= 1.0 if road is crowd.layout.main else _QUEUE_FACTOR
+    rarity = crowd.draw_rarity()
     first, last = max(first, BACK_M), min(last, AHEAD_M + 20.0)
     position = last if lane.direction > 0 else first
     position -= lane.direction * (2.0 if waits else float(rng.exponential(1 / density)))
@@ -73,9 +83,9 @@ def _fill_lane(
             and station + length / 2 < last
             and _keeps_off_ego(crowd, road, lane, station, length, gap)
         ):
-            crowd.add(model, track, 0.2)
+            crowd.add(model, track, 0.2, rarity)
         # The room between two cars is what is kept anyway and, mostly, some more.
-        more = float(rng.exponential(1.0 if waits and rng.random() < 0.7 else 1 / density))
+        more = float(rng.exponential(1.0 if rng.random() < closed_up else 1 / density))
         position = station - lane.direction * (length / 2 + gap + more)
 
 
@@ -88,7 +98,7 @@ def _keeps_off_ego(
 
 
 def _drive_tram(crowd: Crowd, road: Road, lane: Lane, first: float, last: float) -> None:
-    if crowd.rng.random() > 0.35:
+    if crowd.rng.random() > 0.46:
         return
     model = crowd.models.draw(crowd.rng, "Tram", 0.0)
     track = AlongRoad(
@@ -106,21 +116,28 @@ def park(crowd: Crowd, road: Road, side: Side) -> None:
     """A row of parked cars along a kerb, as full as chance has it."""
     if side.parking is Parking.NONE:
         return
-    share = float(crowd.rng.uniform(*crowd.customs.parked_share))
+    share = float(np.clip(crowd.fullness + crowd.rng.normal(0, 0.12), 0.02, 1.0))
     if road is not crowd.layout.main:
         share *= 0.6
+    rarity = crowd.draw_rarity()
     for start, stop in parking_stretches(crowd.layout, road, side):
         first, last = max(start, BACK_M), min(stop, AHEAD_M)
         if side.parking is Parking.PARALLEL:
-            _park_parallel(crowd, road, side, first, last, share)
+            _park_parallel(crowd, road, side, (first, last), share, rarity)
         else:
-            _park_across(crowd, road, side, first, last, share)
+            _park_across(crowd, road, side, (first, last), share, rarity)
 
 
 def _park_parallel(
-    crowd: Crowd, road: Road, side: Side, first: float, last: float, share: float
+    crowd: Crowd,
+    road: Road,
+    side: Side,
+    stretch: tuple[float, float],
+    share: float,
+    rarity: float,
 ) -> None:
     rng = crowd.rng
+    first, last = stretch
     usual = 1 if side.sign < 0 or len({lane.direction for lane in road.lanes}) == 1 else -1
     middle = side.edge - PARKING_DEPTH_M[Parking.PARALLEL] / 2
     position = first + float(rng.uniform(0.0, 5.0))
@@ -128,7 +145,7 @@ def _park_parallel(
         if rng.random() > share:
             position += bay_pitch(Parking.PARALLEL)
             continue
-        model = crowd.draw_vehicle(0.006, 0.055)
+        model = crowd.draw_vehicle(0.006, _PARKED_VANS, _PARKED_MISC)
         direction = usual if rng.random() < (0.96 if side.sign < 0 else 0.8) else -usual
         track = AlongRoad(
             terrain=crowd.layout.terrain,
@@ -137,18 +154,24 @@ def _park_parallel(
             offset=side.sign * (middle + float(rng.normal(0, 0.08))),
             direction=direction,
             travel=STANDING,
-            turn=float(rng.normal(0, 0.02)),
+            turn=_askew(rng),
         )
         if position + model.size_lwh[0] < last:
-            crowd.add(model, track, 0.15)
-        position += model.size_lwh[0] + float(rng.uniform(0.7, 1.8))
+            crowd.add(model, track, 0.15, rarity)
+        position += model.size_lwh[0] + float(rng.uniform(0.4, 1.3))
 
 
 def _park_across(
-    crowd: Crowd, road: Road, side: Side, first: float, last: float, share: float
+    crowd: Crowd,
+    road: Road,
+    side: Side,
+    stretch: tuple[float, float],
+    share: float,
+    rarity: float,
 ) -> None:
     """Cars in marked places, nose to the kerb or to the lane."""
     rng = crowd.rng
+    first, last = stretch
     depth = side.edge - side.lane_edge
     drift = -side.sign * bay_lean(side.parking) * depth
     pitch = bay_pitch(side.parking)
@@ -156,7 +179,7 @@ def _park_across(
     for start in np.arange(first, last - pitch, pitch):
         if rng.random() > share:
             continue
-        model = crowd.draw_vehicle(0.0, 0.055)
+        model = crowd.draw_vehicle(0.0, _PARKED_VANS, _PARKED_MISC)
         backwards = side.parking is Parking.PERPENDICULAR and rng.random() < 0.3
         track = AlongRoad(
             terrain=crowd.layout.terrain,
@@ -165,19 +188,25 @@ def _park_across(
             offset=side.sign * ((side.edge + side.lane_edge) / 2 + float(rng.normal(0, 0.12))),
             direction=1,
             travel=STANDING,
-            turn=heading + (np.pi if backwards else 0.0) + float(rng.normal(0, 0.02)),
+            turn=heading + (np.pi if backwards else 0.0) + _askew(rng),
         )
-        crowd.add(model, track, 0.1)
+        crowd.add(model, track, 0.1, rarity)
 
 
 def fill_bays(crowd: Crowd, bays: Sequence[Bay]) -> None:
     """Cars in driveways and forecourts."""
     rng = crowd.rng
-    share = float(rng.uniform(0.05, 0.35))
+    rarity = crowd.draw_rarity()
     for bay in bays:
+        share = bay.taken**0.5 if crowd.hard else bay.taken
         if rng.random() > share or np.hypot(bay.x, bay.y) > AHEAD_M:
             continue
-        model = crowd.draw_vehicle(0.0, 0.055)
+        model = crowd.draw_vehicle(0.0, _PARKED_VANS, _PARKED_MISC)
         height = float(crowd.layout.terrain.height(np.array([bay.x, bay.y]))) + bay.level
-        yaw = bay.yaw + float(rng.normal(0, 0.03))
-        crowd.add(model, Still(pose=Pose(x=bay.x, y=bay.y, z=height, yaw=yaw)), 0.2)
+        yaw = bay.yaw + _askew(rng)
+        crowd.add(model, Still(pose=Pose(x=bay.x, y=bay.y, z=height, yaw=yaw)), 0.2, rarity)
+
+
+def _askew(rng: np.random.Generator) -> float:
+    """By how much a parked car is turned out of its row [rad]: mostly little."""
+    return float(rng.normal(0, 0.09 if rng.random() < 0.15 else 0.02))

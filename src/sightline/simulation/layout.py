@@ -4,9 +4,6 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-import numpy as np
-from jaxtyping import Float64
-
 from sightline.simulation.layout_line import CenterLine, Terrain
 
 KERB_HEIGHT_M: Final = 0.12
@@ -59,6 +56,7 @@ class Plots(Enum):
     PARK = "park"
     FOREST = "forest"
     FIELD = "field"
+    CAR_PARK = "car park"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -102,6 +100,8 @@ class Side:
     has_tree_row: bool = False
     gaps: tuple[tuple[float, float], ...] = ()
     """Stations between which a crossing road opens this side."""
+    ramps: tuple[float, ...] = ()
+    """Stations where the kerb is lowered for driveways."""
 
     @property
     def outer(self) -> float:
@@ -136,6 +136,8 @@ class Road:
     left: Side
     right: Side
     has_kerbs: bool
+    crown_m: float = 0.0
+    """How far the middle of the carriageway lies above its edges, for rain to run off."""
 
     @property
     def sides(self) -> tuple[Side, Side]:
@@ -178,15 +180,3 @@ class Layout:
     def roads(self) -> tuple[Road, ...]:
         """All roads."""
         return (self.main,) if self.junction is None else (self.main, self.junction.cross)
-
-
-def surface_level(road: Road, station: float, offset: float) -> float:
-    """Height [m] of carriageway or bands above the terrain beside a road.
-
-    Kerbs are ramps of 0.3 m for who walks over them.
-    """
-    side = road.left if offset >= 0 else road.right
-    if any(start <= station <= stop for start, stop in side.gaps):
-        return 0.0
-    over: Float64[np.ndarray, ""] = np.clip((abs(offset) - side.edge + 0.15) / 0.3, 0.0, 1.0)
-    return side.level * float(over)

@@ -41,7 +41,11 @@ _KIND_SHARES: Final = {
 
 
 def draw_layout(
-    rng: np.random.Generator, kind: StreetKind | None = None, extra_length_m: float = 0.0
+    rng: np.random.Generator,
+    kind: StreetKind | None = None,
+    extra_length_m: float = 0.0,
+    *,
+    hard: bool = False,
 ) -> Layout:
     """Draws a street of a kind, or of a kind as often met as in KITTI's drives.
 
@@ -49,13 +53,16 @@ def draw_layout(
         rng: Where all randomness comes from.
         kind: What kind of street.
         extra_length_m: How far the ego will drive; the street is built that much longer.
+        hard: Whether cars park and junctions are wherever they may be.
     """
     if kind is None:
         kinds = list(_KIND_SHARES)
         kind = kinds[int(rng.choice(len(kinds), p=list(_KIND_SHARES.values())))]
-    road = _draw_section(rng, kind)
+    road = _draw_section(rng, kind, hard=hard)
     last = AHEAD_M + extra_length_m
-    crossing = kind is not StreetKind.SQUARE and rng.random() < _junction_share(kind)
+    crossing = kind is not StreetKind.SQUARE and rng.random() < _junction_share(kind) * (
+        1.4 if hard else 1.0
+    )
     station = float(rng.uniform(14.0, 75.0)) if crossing else None
     ego_lane = _draw_ego_lane(rng, road)
     line = _draw_line(rng, kind, last, station, ego_lane.offset)
@@ -66,7 +73,7 @@ def draw_layout(
     waits = junction is not None and junction.station > 22.0 and rng.random() < 0.25
     return Layout(
         kind=kind,
-        terrain=draw_terrain(rng),
+        terrain=draw_terrain(rng, hard=hard),
         main=road,
         junction=junction,
         ego_lane=ego_lane,
@@ -90,11 +97,11 @@ def _draw_line(
 ) -> CenterLine:
     """Straight, curved one way or winding; straight where it is crossed."""
     stations = station_grid(-BEHIND_M - 30.0, last + 30.0)
-    sharpest = 0.010 if kind in (StreetKind.RESIDENTIAL, StreetKind.COUNTRY) else 0.005
+    sharpest = 0.012 if kind in (StreetKind.RESIDENTIAL, StreetKind.COUNTRY) else 0.007
     if junction is not None:
-        sharpest = 0.003
+        sharpest *= 0.5
     curvature = float(rng.uniform(-sharpest, sharpest))
-    form = rng.choice(3, p=(0.4, 0.35, 0.25))
+    form = rng.choice(3, p=(0.3, 0.4, 0.3))
     if form == 0:
         curvatures = np.zeros(len(stations))
     elif form == 1:
@@ -119,21 +126,28 @@ def _draw_ego_lane(rng: np.random.Generator, road: Road) -> Lane:
 
 _PLOT_SHARES: Final = {
     StreetKind.RESIDENTIAL: {
-        Plots.HOUSES: 0.45,
-        Plots.TERRACES: 0.25,
+        Plots.HOUSES: 0.42,
+        Plots.TERRACES: 0.24,
         Plots.APARTMENTS: 0.18,
-        Plots.PARK: 0.12,
+        Plots.PARK: 0.13,
+        Plots.CAR_PARK: 0.03,
     },
-    StreetKind.CITY: {Plots.BLOCKS: 0.85, Plots.APARTMENTS: 0.1, Plots.PARK: 0.05},
+    StreetKind.CITY: {
+        Plots.BLOCKS: 0.82,
+        Plots.APARTMENTS: 0.1,
+        Plots.PARK: 0.05,
+        Plots.CAR_PARK: 0.03,
+    },
     StreetKind.AVENUE: {
         Plots.APARTMENTS: 0.2,
         Plots.BLOCKS: 0.12,
         Plots.HALLS: 0.23,
-        Plots.PARK: 0.23,
-        Plots.FIELD: 0.12,
+        Plots.PARK: 0.21,
+        Plots.FIELD: 0.10,
+        Plots.CAR_PARK: 0.04,
         Plots.HOUSES: 0.1,
     },
-    StreetKind.COUNTRY: {Plots.FIELD: 0.55, Plots.FOREST: 0.4, Plots.HOUSES: 0.05},
+    StreetKind.COUNTRY: {Plots.FIELD: 0.4, Plots.FOREST: 0.55, Plots.HOUSES: 0.05},
     StreetKind.SQUARE: {Plots.BLOCKS: 0.9, Plots.PARK: 0.1},
 }
 _SETBACKS: Final = {
@@ -145,23 +159,34 @@ _SETBACKS: Final = {
     Plots.PARK: (3.0, 6.0),
     Plots.FOREST: (1.5, 4.0),
     Plots.FIELD: (10.0, 20.0),
+    Plots.CAR_PARK: (18.5, 19.5),
 }
 
 
-def _draw_section(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool = False) -> Road:
+def _draw_section(
+    rng: np.random.Generator, kind: StreetKind, *, is_plain: bool = False, hard: bool = False
+) -> Road:
     """Lanes and sides of a road, a plain one without trams or one-way lane; its line is to come."""
     lanes = _draw_lanes(rng, kind, is_plain=is_plain)
     left_edge = max(lane.offset + lane.width / 2 for lane in lanes)
     right_edge = -min(lane.offset - lane.width / 2 for lane in lanes)
+    left = _draw_side(rng, kind, 1, left_edge, hard=hard)
+    right = _draw_side(rng, kind, -1, right_edge, hard=hard)
+    fall = 0.0 if kind is StreetKind.SQUARE else float(rng.uniform(*_FALLS))
     return Road(
         line=straight_line(np.zeros(2), 0.0, 0.0, 1.0),
         first=0.0,
         last=1.0,
         lanes=lanes,
-        left=_draw_side(rng, kind, 1, left_edge),
-        right=_draw_side(rng, kind, -1, right_edge),
+        left=left,
+        right=right,
         has_kerbs=kind not in (StreetKind.COUNTRY, StreetKind.SQUARE),
+        crown_m=fall * min(left.edge, right.edge),
     )
+
+
+_FALLS: Final = (0.012, 0.03)
+"""How steeply carriageways fall to their edges, on the mean."""
 
 
 def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -> tuple[Lane, ...]:
@@ -201,10 +226,12 @@ _LANE_WIDTHS: Final = {
 }
 
 
-def _draw_side(rng: np.random.Generator, kind: StreetKind, sign: int, lane_edge: float) -> Side:
+def _draw_side(
+    rng: np.random.Generator, kind: StreetKind, sign: int, lane_edge: float, *, hard: bool
+) -> Side:
     shares = _PLOT_SHARES[kind]
     plots = list(shares)[int(rng.choice(len(shares), p=list(shares.values())))]
-    parking = _draw_parking(rng, kind)
+    parking = _draw_parking(rng, kind, hard=hard)
     edge = lane_edge + PARKING_DEPTH_M[parking]
     bands = []
     start = edge
@@ -212,7 +239,7 @@ def _draw_side(rng: np.random.Generator, kind: StreetKind, sign: int, lane_edge:
         bands.append(Band(ground=ground, inner=start, outer=start + width))
         start += width
     has_verge = bands[0].ground is Ground.VERGE
-    rows = {StreetKind.CITY: 0.25, StreetKind.COUNTRY: 0.2, StreetKind.SQUARE: 0.3}
+    rows = {StreetKind.CITY: 0.3, StreetKind.COUNTRY: 0.3, StreetKind.AVENUE: 0.55}
     return Side(
         sign=sign,
         lane_edge=lane_edge,
@@ -222,21 +249,21 @@ def _draw_side(rng: np.random.Generator, kind: StreetKind, sign: int, lane_edge:
         bands=tuple(bands),
         plots=plots,
         setback=float(rng.uniform(*_SETBACKS[plots])),
-        has_tree_row=bool(rng.random() < (0.65 if has_verge else rows.get(kind, 0.2))),
+        has_tree_row=bool(rng.random() < (0.8 if has_verge else rows.get(kind, 0.35))),
     )
 
 
-def _draw_parking(rng: np.random.Generator, kind: StreetKind) -> Parking:
+def _draw_parking(rng: np.random.Generator, kind: StreetKind, *, hard: bool) -> Parking:
     parallel, angled = {
-        StreetKind.RESIDENTIAL: (0.72, 0.08),
-        StreetKind.CITY: (0.5, 0.12),
-        StreetKind.AVENUE: (0.2, 0.08),
+        StreetKind.RESIDENTIAL: (0.70, 0.10),
+        StreetKind.CITY: (0.5, 0.14),
+        StreetKind.AVENUE: (0.2, 0.10),
     }.get(kind, (0.0, 0.0))
-    chance = rng.random()
+    chance = float(rng.random()) * (0.7 if hard else 1.0)
     if chance < parallel:
         return Parking.PARALLEL
     if chance < parallel + angled:
-        return Parking.ANGLED if rng.random() < 0.5 else Parking.PERPENDICULAR
+        return Parking.ANGLED if rng.random() < 0.75 else Parking.PERPENDICULAR
     return Parking.NONE
 
 

@@ -81,7 +81,7 @@ def curved_line(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Terrain:
-    """Gently waving ground, level at the world's origin."""
+    """Hills and bumps as sums of waves; height 0 at the world's origin."""
 
     wave_vectors: Float64[np.ndarray, "num_waves 2"]
     """[rad/m]."""
@@ -91,19 +91,31 @@ class Terrain:
 
     def height(self, places: Float[np.ndarray, "*shape 2"]) -> Float64[np.ndarray, "*shape"]:
         """Height [m] of the ground at world x, y."""
-        angles = places @ self.wave_vectors.T
-        waves = np.sin(angles + self.phases) - np.sin(self.phases) - angles * np.cos(self.phases)
+        waves = np.sin(places @ self.wave_vectors.T + self.phases) - np.sin(self.phases)
         return np.asarray(waves @ self.amplitudes)
 
 
-def draw_terrain(rng: np.random.Generator) -> Terrain:
-    """Ground that bends by at most 1 mm within 2.5 m, so that flat pieces of it fit."""
-    lengths = rng.uniform((80.0, 130.0, 250.0), (110.0, 200.0, 400.0))
-    directions = rng.uniform(0, 2 * np.pi, 3)
+_WAVES_M: Final = ((300.0, 600.0), (150.0, 280.0), (80.0, 130.0), (24.0, 60.0), (14.0, 30.0))
+_STEEPEST: Final = (0.016, 0.013, 0.005, 0.007, 0.007)
+"""Lengths of hills and bumps, and how steep those of an average street are at the most."""
+_NUM_HILLS: Final = 3
+_HILLIEST: Final = 3.0
+
+
+def draw_terrain(rng: np.random.Generator, *, hard: bool = False) -> Terrain:
+    """Ground that waves as under KITTI's streets: mostly little, now and then much.
+
+    It bends by at most 4 mm within 2.5 m, so that flat pieces of it fit. Where it is `hard`, hills
+    are as high as they get elsewhere now and then.
+    """
+    lengths = rng.uniform(*np.transpose(_WAVES_M))
+    directions = rng.uniform(0, 2 * np.pi, len(lengths))
     numbers = 2 * np.pi / lengths
-    steepness = rng.uniform(0.0, (0.003, 0.004, 0.006))
+    hilliness = min(float(rng.exponential(1.0)) + (1.5 if hard else 0.0), _HILLIEST)
+    scale = np.where(np.arange(len(lengths)) < _NUM_HILLS, hilliness, 1.0)
+    steepness = scale * rng.uniform(0.0, _STEEPEST)
     return Terrain(
         wave_vectors=numbers[:, None] * np.stack((np.cos(directions), np.sin(directions)), axis=1),
-        phases=rng.uniform(0, 2 * np.pi, 3),
+        phases=rng.uniform(0, 2 * np.pi, len(lengths)),
         amplitudes=steepness / numbers,
     )

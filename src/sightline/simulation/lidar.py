@@ -1,7 +1,7 @@
 """Spinning LiDARs: which lasers they have, and the sweep that one takes of a scene."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final, Literal, NamedTuple
 
@@ -19,29 +19,31 @@ from sightline.simulation.vectors import dot, row_of
 
 _MID_GREY = 0.25  # albedo (linear) of the sample that `Surface.lidar_reflectance` speaks of
 _COLOR_RANGE = (0.35, 1.8)  # how far a dark or bright colour moves the reflectance at 905 nm
-_RETRO_REFLECTANCE = 12.0  # of signs and plates, which send the light back where it came from
-# Paint and polished metal send most of the light elsewhere; fitted to the points on KITTI's cars.
-_GLEAMING_ECHO = 0.021  # share of the echo that such a surface gives
-_GLEAMING_LOSS = 0.28  # share of returns from it that are lost however near
-_STEEPNESS = 2.0  # of the chance that an echo is found, around the detectable one
+# Paint, lamps and panes send most of the light elsewhere, the more the more they are slanted;
+# fitted to the points and readings on KITTI's cars.
+_GLEAMING_ECHO = 0.10  # share of the echo that such a surface gives
+_GLEAMING_COSINE_POWER = 0.5  # of that echo
+_THROUGH_GLASS = 0.1  # share of the light that passes a pane twice
+_STEEPNESS = 10.0  # of the chance that an echo is found, around the detectable one
 # Where returns thin out whatever they hit, fitted to the depths in KITTI's images.
 _REACH_M = 74.0
 _REACH_SPREAD_M = 6.0
 _BEHIND_GLASS_M = 1e-3
 _TURN_S = 0.1
 
-# Fitted to the reflectances of KITTI's files, over all and by range. The sensor's own correction
-# evens out surfaces and slants, and leaves nothing of weak echoes.
-_GAIN = 0.63
-_REFLECTANCE_POWER = 0.33
-_COSINE_POWER = 0.1
-_FADING = 0.22  # subtracted at 40 m
+# Fitted to the reflectances of KITTI's files: over all, by range, from shot to shot and on cars.
+# The sensor reads about the logarithm of what comes back and evens out slants of rough surfaces.
+_READING = 0.60  # of a white wall that is near
+_READING_PER_E = 0.15  # for e times the light
+_COSINE_POWER, _GLEAMING_READING_POWER = 0.23, 2.0
+_FADING = 0.24  # subtracted at 40 m
 _FADING_POWER = 2.0
-_SPECKLE = 0.28  # standard deviation of a reading, as a share of it
-_BLANK = 0.12  # share of returns that report 0 whatever they hit
+_SPECKLE = 0.028  # mean deviation of a reading
+_FAINTEST = (0.06, 0.09)  # what reads less, between these by chance, is reported as 0
 
 # By material.
 _REFLECTANCE = np.array([SURFACES[material].lidar_reflectance for material in Material])
+_SPREAD = np.array([SURFACES[material].lidar_spread for material in Material])
 _TRANSMISSION = np.array([SURFACES[material].lidar_transmission for material in Material])
 # Bare metal beside streets is zinc and paint, dull enough for KITTI's poles to return well.
 _GLEAMS = np.array([SURFACES[item].mirror > 0 and item is not Material.METAL for item in Material])
@@ -55,6 +57,10 @@ class Laser:
     """Of its beam."""
     offset_m: float = 0.0
     """How far above the sensor's origin the beam crosses the axis."""
+    range_bias_m: float = 0.0
+    """Added to all its ranges."""
+    reading_bias: float = 0.0
+    """Added to the reflectances that it reads."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,8 +88,8 @@ class LidarConfig:
     """How far its axis leans forward; points are given in a level frame all the same."""
     min_range_m: float = 1.5
     max_range_m: float = 80.0
-    range_noise_m: float = 0.013
-    """Standard deviation along the ray."""
+    range_noise_m: float = 0.01
+    """Standard deviation along the ray, around the laser's bias."""
     drop_out: float = 0.01
     """Share of returns lost whatever they hit."""
     detectable_echo: float = 0.006
@@ -110,12 +116,39 @@ def _fan(top_deg: float, bottom_deg: float, count: int, offset_m: float = 0.0) -
     return tuple(Laser(elevation_deg=elevation, offset_m=offset_m) for elevation in elevations)
 
 
+def _with_biases(
+    lasers: Sequence[Laser], ranges_mm: Sequence[int], readings_percent: Sequence[int]
+) -> tuple[Laser, ...]:
+    return tuple(
+        replace(laser, range_bias_m=range_mm / 1000, reading_bias=percent / 100)
+        for laser, range_mm, percent in zip(lasers, ranges_mm, readings_percent, strict=True)
+    )
+
+
+# Of KITTI's lasers, from the top. Ranges: against planes through walls, where the lower ones see
+# too few; readings: against the lasers above and below on the same surface.
+# fmt: off
+_RANGE_BIASES_MM = (
+    25, -14, 37, 4, 5, -20, 49, -11, -21, 12, 19, -10, 30, 26, -8, -15, 30, -7, 50, 13, 0, -18, -33,
+    -21, 19, -5, 3, -45, 30, 20, 1, 0, -6, -30, -3, -52, -33, -48, *(0,) * 26,
+)
+_READING_BIASES_PERCENT = (
+    2, -1, -3, -3, -3, -2, 1, -1, 2, -3, 0, 2, 3, 0, -1, -2, -1, -1, 2, -1, 3, -6, 1, 4,
+    -1, 1, 2, 3, 3, -4, 4, 5, 0, -1, 2, -8, -14, 1, 8, 7, -2, 2, -12, 2, 2, 2, 3, -1,
+    -4, 4, 6, -11, 3, -3, -5, 2, 3, 7, -6, -6, -7, 2, 5, 2,
+)
+# fmt: on
+
 LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
     # KITTI's own, measured in its sweeps: two blocks of lasers, the upper one closer together, and
     # the car's roof, rails and aerial below them.
     "hdl-64e": LidarConfig(
-        lasers=(*_fan(2.0, -8.6, 32, 0.19), *_fan(-8.95, -25.0, 32, 0.11)),
+        lasers=_with_biases(
+            (*_fan(2.0, -8.6, 32, 0.19), *_fan(-8.95, -25.0, 32, 0.11)),
+            _RANGE_BIASES_MM,
+            _READING_BIASES_PERCENT,
+        ),
         azimuth_step_deg=360 / 2150,
         lean_deg=0.6,
         blind_sectors=(
@@ -145,8 +178,9 @@ def take_sweep(
 
     Points come in the order of KITTI's files: ring by ring from the top, each from straight ahead
     counter-clockwise. An echo grows with the reflectance of the surface and the cosine of
-    incidence and falls with the square of the range; weak ones are lost by chance, most from what
-    gleams. Glass lets most of the light through: it returns from what stands behind, or not at all.
+    incidence and falls with the square of the range; weak ones are lost, most from what gleams,
+    and those a little stronger are found but read as 0. Glass lets most of the light through: it
+    returns from what stands behind, weaker, or not at all.
 
     Args:
         scene: The street, which stands still during the turn.
@@ -162,22 +196,24 @@ def take_sweep(
     else:
         world_from_lidar = world_from_footprint(scene.ego, config.height_m)[None]
     origins, directions = _in_world(firings, world_from_lidar)
-    hits = _cast_through_glass(scene, raycaster, origins, directions, rng)
+    hits, behind_glass = _cast_through_glass(scene, raycaster, origins, directions, rng)
     met = np.flatnonzero((hits.faces >= 0) & (hits.distances < config.max_range_m))
     ranges = hits.distances[met].astype(np.float64)
     reflectance, cosine = _surface_answers(scene, hits.faces[met], directions[met])
+    reflectance[behind_glass[met]] *= _THROUGH_GLASS
     gleams = _GLEAMS[scene.mesh.materials[hits.faces[met]]]
-    echo = np.where(gleams, _GLEAMING_ECHO, 1.0) * reflectance * cosine / (ranges / 40.0) ** 2
+    share = np.where(gleams, _GLEAMING_ECHO * cosine**_GLEAMING_COSINE_POWER, cosine)
+    echo = share * reflectance / (ranges / 40.0) ** 2
     found = (1 - config.drop_out) * -np.expm1(-((echo / config.detectable_echo) ** _STEEPNESS))
-    found *= np.where(gleams, 1 - _GLEAMING_LOSS, 1.0)
     found /= 1 + np.exp((ranges - _REACH_M) / _REACH_SPREAD_M)
     kept = (rng.random(len(met)) < found) & (ranges > config.min_range_m)
-    noisy = ranges + rng.normal(0.0, config.range_noise_m, len(met))
-    intensity = _intensity(reflectance, cosine, ranges, rng)
-    places = firings.directions[met] * noisy[:, None]
+    slant = cosine ** np.where(gleams, _GLEAMING_READING_POWER, _COSINE_POWER)
+    readings = _readings(reflectance * slant, ranges, firings.reading_biases[met], rng)
+    noise = firings.range_biases_m[met] + rng.normal(0.0, config.range_noise_m, len(met))
+    places = firings.directions[met] * (ranges + noise)[:, None]
     places[:, 2] += firings.offsets_m[met]
     # KITTI's files hold whole millimetres and hundredths.
-    points = np.column_stack((places.round(3), intensity.round(2))).astype(np.float32)
+    points = np.column_stack((places.round(3), readings.round(2))).astype(np.float32)
     sweep: Float32[np.ndarray, "num_points 4"] = points[kept]
     return sweep
 
@@ -191,21 +227,22 @@ class _Firings(NamedTuple):
     """Where they start, above the origin."""
     azimuths: Float64[np.ndarray, " num_rays"]
     """In [0, 2 pi)."""
+    range_biases_m: Float64[np.ndarray, " num_rays"]
+    reading_biases: Float64[np.ndarray, " num_rays"]
 
 
 @lru_cache(maxsize=1)  # the same for all frames; nobody writes to them
 def _firings(config: LidarConfig) -> _Firings:
     steps = np.deg2rad(np.arange(config.azimuth_step_deg / 2, 360.0, config.azimuth_step_deg))
-    elevations = np.deg2rad([laser.elevation_deg for laser in config.lasers])
-    elevation = np.repeat(elevations, len(steps))
-    azimuth = np.tile(steps, len(elevations))
-    offset = np.repeat([laser.offset_m for laser in config.lasers], len(steps))
+    laser = np.repeat(np.arange(len(config.lasers)), len(steps))
+    elevation = np.deg2rad([one.elevation_deg for one in config.lasers])[laser]
+    azimuth = np.tile(steps, len(config.lasers))
     free = np.ones(len(azimuth), dtype=bool)
     for sector in config.blind_sectors:
         start, end = np.deg2rad(sector.azimuth_deg)
         hidden = (azimuth >= start) & (azimuth < end) & (elevation < np.deg2rad(sector.below_deg))
         free &= ~hidden
-    elevation, azimuth = elevation[free], azimuth[free]
+    elevation, azimuth, laser = elevation[free], azimuth[free], laser[free]
     directions = np.stack(
         (
             np.cos(elevation) * np.cos(azimuth),
@@ -217,7 +254,13 @@ def _firings(config: LidarConfig) -> _Firings:
     lean = np.deg2rad(config.lean_deg)
     cos, sin = np.cos(lean), np.sin(lean)
     leaning = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-    return _Firings(directions @ leaning.T, offset[free], azimuth)
+    return _Firings(
+        directions=directions @ leaning.T,
+        offsets_m=np.array([one.offset_m for one in config.lasers])[laser],
+        azimuths=azimuth,
+        range_biases_m=np.array([one.range_bias_m for one in config.lasers])[laser],
+        reading_biases=np.array([one.reading_bias for one in config.lasers])[laser],
+    )
 
 
 def _in_world(
@@ -252,8 +295,8 @@ def _cast_through_glass(
     origins: Float32[np.ndarray, "num_rays 3"],
     directions: Float32[np.ndarray, "num_rays 3"],
     rng: np.random.Generator,
-) -> Hits:
-    """First hits, where some rays pass one pane and find what is behind it; distances in all."""
+) -> tuple[Hits, Bool[np.ndarray, " num_rays"]]:
+    """First hits, where some rays pass one pane and find what is behind it, and which do."""
     hits = cast_through_foliage(raycaster, mesh_tables(scene.mesh), Rays(origins, directions))
     passed = np.flatnonzero(_passes(scene, hits.faces, rng))
     advance = hits.distances[passed] + np.float32(_BEHIND_GLASS_M)
@@ -266,7 +309,9 @@ def _cast_through_glass(
     faces[passed] = np.where(lost, -1, behind.faces)
     distances[passed] = np.where(lost, np.inf, behind.distances + advance)
     barycentric[passed] = behind.barycentric
-    return Hits(faces, distances.astype(np.float32), barycentric)
+    behind_glass = np.zeros(len(faces), dtype=bool)
+    behind_glass[passed] = True
+    return Hits(faces, distances.astype(np.float32), barycentric), behind_glass
 
 
 def _passes(
@@ -282,11 +327,20 @@ def _surface_answers(
     directions: Float32[np.ndarray, "num_hits 3"],
 ) -> tuple[Float64[np.ndarray, " num_hits"], Float64[np.ndarray, " num_hits"]]:
     """Reflectance of the surface in its colour, and the cosine of incidence."""
-    materials = scene.mesh.materials[faces]
-    brightness = scene.mesh.colors[faces].mean(axis=1) / _MID_GREY
-    reflectance = _REFLECTANCE[materials] * np.clip(0.5 + 0.5 * brightness, *_COLOR_RANGE)
-    reflectance[materials == Material.RETRO_REFLECTOR] = _RETRO_REFLECTANCE
+    materials, colors = scene.mesh.materials[faces], scene.mesh.colors[faces]
+    reflectance = _REFLECTANCE[materials] * np.exp(_SPREAD[materials] * (_pigments(colors) - 0.5))
+    reflectance *= np.clip(0.5 + 0.5 * colors.mean(axis=1) / _MID_GREY, *_COLOR_RANGE)
     return reflectance, _cosines(mesh_tables(scene.mesh), faces, directions)
+
+
+def _pigments(
+    colors: Float32[np.ndarray, "num_hits 3"],
+) -> Float64[np.ndarray, " num_hits"]:
+    """Evenly from 0 to 1 as by chance, but the same wherever the very same colour is."""
+    bits = colors.view(np.uint32) * np.array((2654435761, 2246822519, 3266489917), np.uint32)
+    mixed = np.bitwise_xor.reduce(bits ^ (bits >> np.uint32(15)), axis=1) * np.uint32(668265263)
+    pigments: Float64[np.ndarray, " num_hits"] = (mixed >> np.uint32(8)) / 2.0**24
+    return pigments
 
 
 @compiled
@@ -302,17 +356,16 @@ def _cosines(
     return cosines
 
 
-def _intensity(
-    reflectance: Float64[np.ndarray, " num_hits"],
-    cosine: Float64[np.ndarray, " num_hits"],
+def _readings(
+    returned: Float64[np.ndarray, " num_hits"],
     ranges: Float64[np.ndarray, " num_hits"],
+    biases: Float64[np.ndarray, " num_hits"],
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, " num_hits"]:
-    """What the sensor reports."""
-    level = _GAIN * reflectance**_REFLECTANCE_POWER * cosine**_COSINE_POWER
-    fading = _FADING * (ranges / 40.0) ** _FADING_POWER
-    reported: Float64[np.ndarray, " num_hits"] = (
-        level * rng.normal(1.0, _SPECKLE, len(ranges)) - fading
-    )
-    reported[rng.random(len(ranges)) < _BLANK] = 0.0
-    return reported.clip(0.0, 0.99)
+    """What the sensor reports of the share of light that a white wall would return."""
+    reading = _READING + _READING_PER_E * np.log(np.maximum(returned, 1e-9)) + biases
+    reading -= _FADING * (ranges / 40.0) ** _FADING_POWER
+    reading += rng.laplace(0.0, _SPECKLE, len(ranges))
+    reported: Float64[np.ndarray, " num_hits"] = reading.clip(0.0, 0.99)
+    reported[reading < rng.uniform(*_FAINTEST, len(ranges))] = 0.0
+    return reported

@@ -1,6 +1,7 @@
 """The plots beside a street: which buildings stand where, and where cars stand off the road."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
@@ -68,6 +69,8 @@ class Bay:
     yaw: float
     level: float
     """Above the terrain [m]."""
+    taken: float
+    """How likely a car stands there."""
 
 
 def draw_lots(rng: np.random.Generator, layout: Layout) -> tuple[Lot, ...]:
@@ -96,37 +99,82 @@ def footprint_of(lot: Lot) -> Footprint | None:
     return Footprint(corner=(float(corner[0]), float(corner[1])), yaw=yaw, width=width, depth=depth)
 
 
+def with_lowered_kerbs(layout: Layout, lots: Sequence[Lot]) -> Layout:
+    """The layout with ramps in its kerbs where the driveways of lots begin."""
+
+    def lowered(road: Road) -> Road:
+        left, right = (
+            replace(
+                side,
+                ramps=tuple(
+                    lot.driveway
+                    for lot in lots
+                    if lot.side is side and lot.driveway is not None and road.has_kerbs
+                ),
+            )
+            for side in road.sides
+        )
+        return replace(road, left=left, right=right)
+
+    junction = layout.junction
+    if junction is not None:
+        junction = replace(junction, cross=lowered(junction.cross))
+    return replace(layout, main=lowered(layout.main), junction=junction)
+
+
 def bays_of(rng: np.random.Generator, lots: tuple[Lot, ...]) -> tuple[Bay, ...]:
-    """Places for cars in driveways and forecourts, in no order of preference."""
+    """Places for cars in driveways, forecourts and car parks, in no order of preference."""
     bays = []
     for lot in lots:
-        if lot.driveway is None or lot.building is None:
-            continue
-        side = lot.side
-        if lot.plots is Plots.HALLS:
-            room = lot.front - side.outer
-            if room < 8.0:
-                continue
-            stations = np.arange(lot.building[0] + 1.5, lot.building[0] + lot.building[1], 2.7)
-            stations = stations[np.abs(stations - lot.driveway) > 3.5]
-            distance = lot.front - 3.6
-        else:
-            if lot.front - side.outer < 5.4:
-                continue
-            stations = np.array([lot.driveway])
-            distance = side.outer + 2.9
-        places = lot.road.line.place(stations, np.array(side.sign * distance))
-        headings = lot.road.line.yaw(stations) + side.sign * np.pi / 2
+        stations, distances = _bay_grid(rng, lot)
+        # Yards are full or empty, driveways are mostly empty.
+        taken = float(rng.uniform(0.05, 0.25) if len(stations) < 2 else rng.beta(0.5, 1.6))
+        places = lot.road.line.place(stations, lot.side.sign * distances)
+        headings = lot.road.line.yaw(stations) + lot.side.sign * np.pi / 2
         for place, inwards in zip(places, headings.tolist(), strict=True):
             yaw = inwards if rng.random() < 0.6 else inwards + np.pi
-            bays.append(Bay(x=float(place[0]), y=float(place[1]), yaw=yaw, level=side.level))
+            x, y = place.tolist()
+            bays.append(Bay(x=x, y=y, yaw=yaw, level=lot.side.level, taken=taken))
     return tuple(bays)
+
+
+def _bay_grid(
+    rng: np.random.Generator, lot: Lot
+) -> tuple[Float64[np.ndarray, " count"], Float64[np.ndarray, " count"]]:
+    """Station and distance from the centre line of each place on a lot."""
+    room = lot.front - lot.side.outer
+    distances: tuple[float, ...] = ()
+    stations = np.zeros(0)
+    if lot.plots is Plots.CAR_PARK:
+        stations, distances = car_park_rows(lot), tuple(lot.side.outer + np.array(CAR_ROWS_M))
+        stations = (stations[1:] + stations[:-1]) / 2
+    elif lot.driveway is None or lot.building is None:
+        pass
+    elif lot.plots is Plots.HALLS and room > 8.0:
+        stations = np.arange(lot.building[0] + 1.5, lot.building[0] + lot.building[1], 2.7)
+        stations = stations[np.abs(stations - lot.driveway) > 3.5]
+        distances = (lot.front - 3.6,)
+    elif lot.plots is not Plots.HALLS and room > 5.4:
+        # Now and then a car stands across the pavement, about to leave.
+        out = float(rng.uniform(0.8, 2.2)) if rng.random() < 0.15 else 0.0
+        stations, distances = np.array([lot.driveway]), (lot.side.outer + 2.9 - out,)
+    grid = np.meshgrid(stations, np.array(distances))
+    return grid[0].ravel(), grid[1].ravel()
+
+
+CAR_ROWS_M: Final = (4.0, 14.6)
+"""Middles of the two rows of a car park, beyond the pavement; one drives between them."""
+
+
+def car_park_rows(lot: Lot) -> Float64[np.ndarray, " count"]:
+    """Stations of the lines between the places of a car park."""
+    return np.arange(lot.start + 3.0, min(lot.stop - 3.0, 80.0), 2.6)
 
 
 def _lots_along(
     rng: np.random.Generator, road: Road, side: Side, first: float, last: float
 ) -> list[Lot]:
-    if side.plots in (Plots.PARK, Plots.FOREST, Plots.FIELD):
+    if side.plots in (Plots.PARK, Plots.FOREST, Plots.FIELD, Plots.CAR_PARK):
         boundary = _draw_open_boundary(rng, side.plots)
         return [
             Lot(

@@ -39,7 +39,11 @@ class Surface:
     """How a material answers light and laser."""
 
     lidar_reflectance: float
-    """Share of the laser's light that comes back at normal incidence from a mid-grey sample."""
+    """Of a mid-grey sample at normal incidence for the laser's light, against a white wall; what
+    sends the light back where it came from has more than 1."""
+    lidar_spread: float = 1.5
+    """Natural logarithm of the brightest over the darkest of samples that look alike to the eye,
+    since pigments differ at 905 nm; goes by the very colour, so it is 0 where few are used."""
     lidar_transmission: float = 0.0
     """Probability that the beam passes on or is lost instead of returning."""
     mirror: float = 0.0
@@ -61,17 +65,33 @@ SURFACES: dict[Material, Surface] = {
     Material.BRICK: Surface(lidar_reflectance=0.35),
     Material.ROOF_TILE: Surface(lidar_reflectance=0.25),
     Material.CAR_PAINT: Surface(
-        lidar_reflectance=0.35, mirror=0.045, highlight=0.9, highlight_power=90.0
+        lidar_reflectance=0.05,
+        lidar_spread=6.0,
+        mirror=0.045,
+        highlight=0.9,
+        highlight_power=90.0,
     ),
     Material.GLASS: Surface(
-        lidar_reflectance=0.05, lidar_transmission=0.9, mirror=0.08, highlight=0.9
+        lidar_reflectance=0.006,
+        lidar_spread=0.0,
+        lidar_transmission=0.9,
+        mirror=0.08,
+        highlight=0.9,
     ),
-    Material.RUBBER: Surface(lidar_reflectance=0.05, highlight=0.03, highlight_power=12.0),
-    Material.PLASTIC: Surface(lidar_reflectance=0.12, highlight=0.1, highlight_power=20.0),
+    Material.RUBBER: Surface(
+        lidar_reflectance=0.025, lidar_spread=0.0, highlight=0.03, highlight_power=12.0
+    ),
+    Material.PLASTIC: Surface(
+        lidar_reflectance=0.10, lidar_spread=0.0, highlight=0.1, highlight_power=20.0
+    ),
     Material.METAL: Surface(lidar_reflectance=0.45, mirror=0.2, highlight=0.4),
-    Material.HEADLIGHT: Surface(lidar_reflectance=0.6, mirror=0.08, highlight=0.6),
-    Material.TAIL_LIGHT: Surface(lidar_reflectance=0.6, mirror=0.05, highlight=0.4),
-    Material.RETRO_REFLECTOR: Surface(lidar_reflectance=0.99, highlight=0.1),
+    Material.HEADLIGHT: Surface(
+        lidar_reflectance=2.0, lidar_spread=0.0, mirror=0.08, highlight=0.6
+    ),
+    Material.TAIL_LIGHT: Surface(
+        lidar_reflectance=4.0, lidar_spread=0.0, mirror=0.05, highlight=0.4
+    ),
+    Material.RETRO_REFLECTOR: Surface(lidar_reflectance=25.0, lidar_spread=0.0, highlight=0.1),
     Material.LEAF: Surface(lidar_reflectance=0.40),
     Material.BARK: Surface(lidar_reflectance=0.25),
     Material.CLOTH: Surface(lidar_reflectance=0.35),
@@ -80,6 +100,6 @@ SURFACES: dict[Material, Surface] = {
     Material.GRAVEL: Surface(lidar_reflectance=0.25),
     Material.COBBLES: Surface(lidar_reflectance=0.22),
     Material.WINDOW: Surface(
-        lidar_reflectance=0.06, lidar_transmission=0.8, mirror=0.12, highlight=0.7
+        lidar_reflectance=0.02, lidar_spread=0.0, lidar_transmission=0.8, mirror=0.12, highlight=0.7
     ),
 }

@@ -1,14 +1,23 @@
 """How the ego, vehicles and people move: smooth, exact and known for all times."""
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from dataclasses import astuple, dataclass, replace
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float64
 
-from sightline.simulation.layout import Road, surface_level
+from sightline.simulation.layout import Road
 from sightline.simulation.layout_line import Terrain
-from sightline.simulation.scene import Pose
+from sightline.simulation.relief import surface_height
+from sightline.simulation.scene import Motion, Pose
+
+# Fitted to the planes through the road in KITTI's sweeps and to where its labels stand.
+_LEAN: Final = 0.003
+_LEAN_FREEDOM: Final = 2.0
+"""Scale [rad] and degrees of freedom of Student's t: mostly little, now and then a degree."""
+_LARGEST_LEAN: Final = 0.03
+_LARGEST_SWING: Final = 0.002
+"""Of a body on its springs [rad]."""
 
 
 @runtime_checkable
@@ -18,8 +27,8 @@ class Track(Protocol):
     def at(self, time_s: float) -> Pose:
         """The pose at a time [s]."""
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 4"]:
-        """World x, y, z [m] and yaw [rad] at each time."""
+    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,21 +73,32 @@ class AlongRoad:
     direction: int
     """1 along the line, -1 against it."""
     travel: Travel
-    level: float = 0.0
-    """Height of the surface above the terrain [m]."""
     turn: float = 0.0
     """Heading off the direction of travel [rad], as of a car parked askew."""
+    wheels_lw: tuple[float, float] = (0.0, 0.0)
+    """How far apart the wheels are, along and across [m], by which it tilts with the ground."""
 
     def at(self, time_s: float) -> Pose:
         """The pose at a time [s]."""
         return _pose(self.poses(np.array([time_s])))
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 4"]:
-        """World x, y, z [m] and yaw [rad] at each time."""
+    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
         stations = self.station + self.direction * self.travel.distance(times_s)
         places = self.road.line.place(stations, np.array(self.offset))
-        yaws = self.road.line.yaw(stations) + (0.0 if self.direction > 0 else np.pi) + self.turn
-        return _rows(places, self.terrain.height(places) + self.level, yaws)
+        turn = (0.0 if self.direction > 0 else np.pi) + self.turn
+        yaws = self.road.line.yaw(stations) + turn
+        # Where the wheels stand on the road: front and rear, left and right.
+        cos, sin = np.cos(turn), np.sin(turn)
+        ahead = self.wheels_lw[0] / 2 * np.array([[1.0, 1.0], [-1.0, -1.0]])
+        aside = self.wheels_lw[1] / 2 * np.array([[1.0, -1.0], [1.0, -1.0]])
+        wheels = surface_height(
+            self.terrain,
+            self.road,
+            stations[:, None, None] + cos * ahead - sin * aside,
+            self.offset + sin * ahead + cos * aside,
+        )
+        return _rows(places, wheels, yaws, self.wheels_lw)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -98,13 +118,14 @@ class AcrossRoad:
         """The pose at a time [s]."""
         return _pose(self.poses(np.array([time_s])))
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 4"]:
-        """World x, y, z [m] and yaw [rad] at each time."""
+    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
         offsets = self.offset + self.direction * self.travel.distance(times_s)
-        places = self.road.line.place(np.array(self.station), offsets)
-        levels = np.array([surface_level(self.road, self.station, offset) for offset in offsets])
-        yaw = float(self.road.line.yaw(np.array(self.station))) + self.direction * np.pi / 2
-        return _rows(places, self.terrain.height(places) + levels, np.full(len(offsets), yaw))
+        station = np.array(self.station)
+        places = self.road.line.place(station, offsets)
+        heights = surface_height(self.terrain, self.road, station, offsets)
+        yaw = float(self.road.line.yaw(station)) + self.direction * np.pi / 2
+        return _rows(places, heights[:, None, None], np.full(len(offsets), yaw))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -117,21 +138,83 @@ class Still:
         """The pose, which is the same at all times."""
         return self.pose
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 4"]:
-        """World x, y, z [m] and yaw [rad] at each time."""
-        row = (self.pose.x, self.pose.y, self.pose.z, self.pose.yaw)
-        return np.tile(np.array(row, dtype=np.float64), (len(times_s), 1))
+    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
+        return np.tile(np.array(astuple(self.pose), dtype=np.float64), (len(times_s), 1))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Rocking:
+    """A vehicle whose body leans on its springs: by its load and brakes, and as it rolls along."""
+
+    track: Motion
+    lean: tuple[float, float]
+    """Pitch and roll [rad] that stay."""
+    swing: tuple[float, float]
+    """How far pitch and roll [rad] swing to either side of it."""
+    period_s: tuple[float, float]
+    phases: tuple[float, float]
+
+    def at(self, time_s: float) -> Pose:
+        """The pose at a time [s]."""
+        pose = self.track.at(time_s)
+        pitch, roll = (
+            lean + swing * float(np.sin(2 * np.pi * time_s / period + phase))
+            for lean, swing, period, phase in zip(
+                self.lean, self.swing, self.period_s, self.phases, strict=True
+            )
+        )
+        return replace(pose, pitch=pose.pitch + pitch, roll=pose.roll + roll)
+
+
+def draw_rocking(rng: np.random.Generator, track: Motion) -> Rocking:
+    """A body on springs, by as much as the ground seen by KITTI's sensors tilts."""
+    lean = _LEAN * rng.standard_t(_LEAN_FREEDOM, 2)
+    pitch, roll = np.clip(lean, -_LARGEST_LEAN, _LARGEST_LEAN).tolist()
+    pitch_swing, roll_swing = rng.uniform(0.0, _LARGEST_SWING, 2).tolist()
+    pitch_s, roll_s = rng.uniform(0.7, 1.4, 2).tolist()
+    pitch_phase, roll_phase = rng.uniform(0, 2 * np.pi, 2).tolist()
+    return Rocking(
+        track=track,
+        lean=(pitch, roll),
+        swing=(pitch_swing, roll_swing),
+        period_s=(pitch_s, roll_s),
+        phases=(pitch_phase, roll_phase),
+    )
+
+
+def on_wheels(track: Track, terrain: Terrain, wheels_lw: tuple[float, float]) -> Track:
+    """A track of what tilts with the ground, its wheels so far apart along and across [m]."""
+    if isinstance(track, AlongRoad):
+        return replace(track, wheels_lw=wheels_lw)
+    if not isinstance(track, Still):
+        return track
+    pose = track.pose
+    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
+    axes = np.array([[cos, sin], [-sin, cos]]) * (np.array(wheels_lw)[:, None] / 2)
+    corners = np.array([[[1.0, 1.0], [1.0, -1.0]], [[-1.0, 1.0], [-1.0, -1.0]]]) @ axes
+    middle = np.array([pose.x, pose.y])
+    bumps = terrain.height(middle + corners) - terrain.height(middle)
+    row = _rows(middle[None], pose.z + bumps[None], np.array([pose.yaw]), wheels_lw)
+    return Still(pose=_pose(row))
 
 
 def _rows(
     places: Float64[np.ndarray, "count 2"],
-    heights: Float64[np.ndarray, " count"],
+    heights: Float64[np.ndarray, "count rows columns"],
     yaws: Float64[np.ndarray, " count"],
-) -> Float64[np.ndarray, "count 4"]:
+    wheels_lw: tuple[float, float] = (0.0, 0.0),
+) -> Float64[np.ndarray, "count 6"]:
+    """Poses of what stands at heights: one, or those of its wheels by row, left and right."""
     wrapped = (yaws + np.pi) % (2 * np.pi) - np.pi
-    return np.concatenate((places, heights[:, None], wrapped[:, None]), axis=1)
+    length, width = wheels_lw
+    rows, columns = heights.mean(axis=2), heights.mean(axis=1)
+    upright = np.zeros(len(yaws))
+    pitch = np.arctan2(rows[:, -1] - rows[:, 0], length) if length else upright
+    roll = np.arctan2(columns[:, 0] - columns[:, -1], width) if width else upright
+    return np.column_stack((places, heights.mean(axis=(1, 2)), wrapped, pitch, roll))
 
 
-def _pose(rows: Float64[np.ndarray, "1 4"]) -> Pose:
-    x, y, z, yaw = rows[0].tolist()
-    return Pose(x=x, y=y, z=z, yaw=yaw)
+def _pose(rows: Float64[np.ndarray, "1 6"]) -> Pose:
+    x, y, z, yaw, pitch, roll = rows[0].tolist()
+    return Pose(x=x, y=y, z=z, yaw=yaw, pitch=pitch, roll=roll)

@@ -10,17 +10,35 @@ class Occupancy:
     def __init__(self, num_moments: int) -> None:
         self._boxes = np.zeros((0, num_moments, 5))
 
+    @property
+    def num_moments(self) -> int:
+        """At how many moments it is known what is taken."""
+        return self._boxes.shape[1]
+
     def try_add(
         self,
-        poses: Float[np.ndarray, "num_moments 4"],
+        poses: Float[np.ndarray, "num_moments fields"],
         length: float,
         width: float,
         margin: float = 0.0,
     ) -> bool:
-        """Takes the ground of a rectangle at its poses unless some of it is taken already.
+        """Takes the ground of a rectangle at its poses if `is_free`; says whether it did."""
+        free = self.is_free(poses, length, width, margin)
+        if free:
+            self.take(poses, length, width)
+        return free
+
+    def is_free(
+        self,
+        poses: Float[np.ndarray, "num_moments fields"],
+        length: float,
+        width: float,
+        margin: float = 0.0,
+    ) -> bool:
+        """Whether no ground of a rectangle is taken at its poses.
 
         Args:
-            poses: x, y, z and yaw at each moment.
+            poses: x, y, z and yaw at each moment; what follows does not count.
             length: Along its heading [m].
             width: Across [m].
             margin: Room to keep to all others [m]; it is not kept free for the rectangle later.
@@ -33,12 +51,12 @@ class Occupancy:
         near = apart < reach / 2
         if near.any():
             rows, moments = np.nonzero(near)
-            if rectangles_overlap(self._boxes[rows, moments], grown[moments]).any():
-                return False
-        self.take(poses, length, width)
+            return not rectangles_overlap(self._boxes[rows, moments], grown[moments]).any()
         return True
 
-    def take(self, poses: Float[np.ndarray, "num_moments 4"], length: float, width: float) -> None:
+    def take(
+        self, poses: Float[np.ndarray, "num_moments fields"], length: float, width: float
+    ) -> None:
         """Takes the ground of a rectangle at its poses, whatever is there."""
         sizes = np.tile([length, width], (len(poses), 1))
         box = np.concatenate((poses[:, [0, 1, 3]], sizes), axis=1)

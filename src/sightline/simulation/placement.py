@@ -15,7 +15,9 @@ from sightline.simulation.fleet import ModelSource
 from sightline.simulation.layout import Layout
 from sightline.simulation.lots import Bay, Lot
 from sightline.simulation.motion import Travel
+from sightline.simulation.occupancy import Occupancy
 from sightline.simulation.scene import Actor, Motion
+from sightline.simulation.turning import turn
 from sightline.simulation.walking import cycle, sit, walk
 
 
@@ -47,6 +49,8 @@ class Traffic:
     actors: tuple[Actor, ...]
     ego: Motion
     ego_travel: Travel
+    taken: Occupancy
+    """The ground of all of them, and of buildings."""
 
 
 def place_traffic(
@@ -56,10 +60,16 @@ def place_traffic(
     bays: Sequence[Bay],
     models: ModelSource,
     duration_s: float,
+    *,
+    hard: bool = False,
 ) -> Traffic:
-    """Peoples a street for a drive of `duration_s`; nobody stands in anybody or in a wall."""
-    crowd = Crowd(rng, layout, models, duration_s)
+    """Peoples a street for a drive of `duration_s`; nobody stands in anybody or in a wall.
+
+    A `hard` street is fuller, and its cars go on into the distance.
+    """
+    crowd = Crowd(rng, layout, models, duration_s, hard=hard)
     crowd.block(lots)
+    turn(crowd)
     drive_lanes(crowd)
     for road in layout.roads:
         for side in road.sides:
@@ -68,4 +78,6 @@ def place_traffic(
     cycle(crowd)
     walk(crowd)
     sit(crowd)
-    return Traffic(actors=tuple(crowd.actors), ego=crowd.ego, ego_travel=crowd.ego_travel)
+    return Traffic(
+        actors=tuple(crowd.actors), ego=crowd.ego, ego_travel=crowd.ego_travel, taken=crowd.taken
+    )

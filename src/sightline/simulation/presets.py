@@ -19,7 +19,7 @@ class Preset:
     config: SimulationConfig = field(default_factory=SimulationConfig)
 
 
-PresetName = Literal["street-2k"]
+PresetName = Literal["street-2k", "street-8k", "street-hard-500"]
 PRESETS: Final[Mapping[PresetName, Preset]] = {
     # 2,000 frames to train on and 200 to validate, of the size of the depth benchmark's crop.
     "street-2k": Preset(
@@ -27,5 +27,19 @@ PRESETS: Final[Mapping[PresetName, Preset]] = {
         validation_frames=200,
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=2000, image_size=(352, 1216)),
+    ),
+    # 8,000 frames to train on and 500 to validate, of the size of KITTI's object benchmark.
+    "street-8k": Preset(
+        frames=8500,
+        validation_frames=500,
+        velodyne="velodyne_reduced",
+        config=SimulationConfig(seed=8000),
+    ),
+    # To validate on where street-8k's own validation frames are too easy to tell networks apart.
+    "street-hard-500": Preset(
+        frames=500,
+        validation_frames=500,
+        velodyne="velodyne_reduced",
+        config=SimulationConfig(seed=500, hard=True),
     ),
 }

@@ -27,14 +27,13 @@ class Mesh:
     colors: Float32[np.ndarray, "num_faces 3"]
     """Linear RGB albedo in [0, 1] before texture."""
 
-    def moved(self, position: Sequence[float], yaw: float = 0.0) -> "Mesh":
-        """The mesh turned by `yaw` [rad] about z, then moved to `position` [m]."""
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-        offset = np.asarray(position, dtype=np.float64)
+    def placed(self, pose: "Pose") -> "Mesh":
+        """The mesh of an object that stands somewhere."""
+        world_from_object = world_from_footprint(pose, 0.0)
+        rotation = world_from_object[:3, :3]
         return replace(
             self,
-            vertices=(self.vertices @ rotation.T + offset).astype(np.float32),
+            vertices=(self.vertices @ rotation.T + world_from_object[:3, 3]).astype(np.float32),
             normals=(self.normals @ rotation.T).astype(np.float32),
         )
 
@@ -55,13 +54,17 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """Where something stands: position of the middle of its footprint and heading."""
+    """Where something stands: position of the middle of its footprint [m], heading and tilt."""
 
     x: float
     y: float
     z: float
     yaw: float
     """Radians, counter-clockwise from above, 0 faces +x."""
+    pitch: float = 0.0
+    """Radians, positive with the nose down."""
+    roll: float = 0.0
+    """Radians, positive with the left side up."""
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -87,7 +90,7 @@ class Actor:
     class_name: str
     """KITTI's: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
     size_lwh: tuple[float, float, float]
-    """Length, width, height [m] of the upright box around `shape`, with some 1 cm of truth."""
+    """Of the upright box [m] around `shape` but for roof loads, aerials and tow bars, to 1 cm."""
     shape: Shape
     motion: Motion
 
@@ -128,7 +131,7 @@ class Street:
         poses = tuple(actor.motion.at(time_s) for actor in self.actors)
         parts = [self.ground_and_buildings]
         for actor, pose in zip(self.actors, poses, strict=True):
-            parts.append(actor.shape.at(time_s).moved((pose.x, pose.y, pose.z), pose.yaw))
+            parts.append(actor.shape.at(time_s).placed(pose))
         owners = [np.full(len(part.faces), index - 1) for index, part in enumerate(parts)]
         return Scene(
             mesh=Mesh.joined(parts),
@@ -156,13 +159,14 @@ class Scene:
 
 
 def world_from_footprint(pose: Pose, height_m: float) -> Float64[np.ndarray, "4 4"]:
-    """The frame that stands `height_m` above a pose, x ahead, z up."""
-    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
-    return np.array(
-        [
-            [cos, -sin, 0.0, pose.x],
-            [sin, cos, 0.0, pose.y],
-            [0.0, 0.0, 1.0, pose.z + height_m],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
+    """The frame that stands `height_m` above a pose, along its own z: x ahead, y left, z up."""
+    (cos_yaw, cos_pitch, cos_roll), (sin_yaw, sin_pitch, sin_roll) = (
+        turn(np.array((pose.yaw, pose.pitch, pose.roll))) for turn in (np.cos, np.sin)
     )
+    heading = np.array([[cos_yaw, -sin_yaw, 0.0], [sin_yaw, cos_yaw, 0.0], [0.0, 0.0, 1.0]])
+    nose = np.array([[cos_pitch, 0.0, sin_pitch], [0.0, 1.0, 0.0], [-sin_pitch, 0.0, cos_pitch]])
+    side = np.array([[1.0, 0.0, 0.0], [0.0, cos_roll, -sin_roll], [0.0, sin_roll, cos_roll]])
+    transform = np.eye(4)
+    transform[:3, :3] = heading @ nose @ side
+    transform[:3, 3] = (pose.x, pose.y, pose.z) + height_m * transform[:3, 2]
+    return transform

@@ -36,7 +36,7 @@ class SensorConfig:
     """How far the exposure follows the brightness of the scene; 0: only the light's, 1: wholly."""
     metering_limit: float = 2.5
     """Largest factor by which metering raises or lowers the light's exposure."""
-    target_level: float = 0.24
+    target_level: float = 0.32
     """Mean exposed radiance that metering aims at below the horizon; 1 fills a photosite."""
     vignette: float = 0.16
     """Share of the light that is lost in the corners."""

@@ -9,10 +9,10 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
+from sightline.data.pixels import resized_and_cropped
 from sightline.simulation.camera import KITTI_IMAGE_SIZE, CameraConfig, CameraFrame, render_camera
 from sightline.simulation.labels import KITTI_FOCAL_PX, label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, LidarModel, take_sweep
-from sightline.simulation.pixels import resized_and_cropped
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Scene, Street, world_from_footprint
 from sightline.simulation.street import make_street
@@ -51,6 +51,10 @@ class SimulationConfig:
     lidar: LidarModel = "hdl-64e"
     rolling_shutter: bool = False
     """Whether the LiDAR moves during its turn."""
+    camera: bool = True
+    """Whether pictures are taken. Without, all else is the same, in half the time."""
+    hard: bool = False
+    """Whether streets are asked to be hard: far, hidden and steep, where few points tell."""
 
     def __post_init__(self) -> None:
         """Checks the choices that no other type checks."""
@@ -85,11 +89,14 @@ class SimulatedFrame:
 
     sample_id: str
     calibration: CalibrationMatrices
-    image: UInt8[np.ndarray, "height width 3"]
-    """RGB."""
+    image: UInt8[np.ndarray, "height width 3"] | None
+    """RGB; None where the camera was left out."""
     points: Float32[np.ndarray, "num_points 4"]
     """A whole turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 1]."""
     objects: KittiObjects
+    visible_boxes: Float64[np.ndarray, "num_objects 4"]
+    """x_min, y_min, x_max, y_max [px] of the pixels that show each object; NaN for DontCare. The
+    labels' own boxes are KITTI's: of the whole object, whatever hides it."""
     depth_m: Float32[np.ndarray, "height width"]
     """Along the optical axis at every pixel; 0 = the sky, or too far for a depth map."""
     instances: Int32[np.ndarray, "height width"]
@@ -101,7 +108,7 @@ class SimulatedFrame:
     @property
     def image_size(self) -> tuple[int, int]:
         """Height, width [px]."""
-        return self.image.shape[0], self.image.shape[1]
+        return self.depth_m.shape[0], self.depth_m.shape[1]
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -111,8 +118,14 @@ class StreetMaker(Protocol):
     __module__: str
     __qualname__: str
 
-    def __call__(self, rng: np.random.Generator, *, duration_s: float) -> Street:
-        """Makes a street whose traffic is known for so long."""
+    def __call__(
+        self, rng: np.random.Generator, *, duration_s: float, hard: bool = False
+    ) -> Street:
+        """Makes a street whose traffic is known for so long.
+
+        `hard` is given only where `SimulationConfig.hard` is set: a maker of one kind of streets
+        needs no such argument, and then refuses that setting with a TypeError.
+        """
 
     def __hash__(self) -> int:
         """Functions have it; the street of a drive is kept until another is asked for."""
@@ -132,14 +145,17 @@ def simulate_frame(
         for child in np.random.SeedSequence([config.seed, drive, step]).spawn(2)
     )
     lidar = config.lidar_config
+    camera = CameraConfig(
+        picture=config.camera,
+        samples_per_pixel=config.samples_per_pixel,
+        lidar_height_m=lidar.height_m,
+    )
     picture = render_camera(
         scene,
         config.calibration,
         config.image_size,
         rng=camera_rng,
-        config=CameraConfig(
-            samples_per_pixel=config.samples_per_pixel, lidar_height_m=lidar.height_m
-        ),
+        config=camera,
         raycaster=raycaster,
     )
     points = take_sweep(
@@ -158,7 +174,7 @@ def _assemble(
     time_s: float,
 ) -> SimulatedFrame:
     lidar_height_m = config.lidar_config.height_m
-    labels = label_frame(scene, picture, config.calibration, lidar_height_m)
+    labels = label_frame(scene, picture.owners, config.calibration, lidar_height_m)
     rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY look up the last two
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
@@ -169,6 +185,7 @@ def _assemble(
         image=picture.image,
         points=points,
         objects=labels.objects,
+        visible_boxes=labels.visible_boxes,
         depth_m=depth,
         instances=rows[picture.owners],
         world_from_lidar=world_from_footprint(scene.ego, lidar_height_m),
@@ -182,7 +199,10 @@ def simulate_street(
 ) -> Street:
     """The street of a drive, which is a frame where `sequence_length` is 1."""
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, drive]))
-    return streets(rng, duration_s=(config.sequence_length - 1) * FRAME_S)
+    duration_s = (config.sequence_length - 1) * FRAME_S
+    if config.hard:
+        return streets(rng, duration_s=duration_s, hard=True)
+    return streets(rng, duration_s=duration_s)
 
 
 def simulate_course(

@@ -7,18 +7,23 @@ from sightline.simulation.dressing import dress
 from sightline.simulation.fleet import Fleet
 from sightline.simulation.layout import StreetKind
 from sightline.simulation.layout_drawing import draw_layout
-from sightline.simulation.lots import bays_of, draw_lots
+from sightline.simulation.lots import bays_of, draw_lots, with_lowered_kerbs
 from sightline.simulation.meshes.horizon import make_horizon
 from sightline.simulation.meshes.markings import make_markings
 from sightline.simulation.meshes.plots import make_plots
 from sightline.simulation.meshes.roads import make_ground
+from sightline.simulation.motion import draw_rocking
 from sightline.simulation.placement import place_traffic
 from sightline.simulation.scene import Mesh, Street
 from sightline.simulation.weather import draw_light
 
 
 def make_street(
-    rng: np.random.Generator, *, duration_s: float = 0.0, kind: StreetKind | None = None
+    rng: np.random.Generator,
+    *,
+    duration_s: float = 0.0,
+    kind: StreetKind | None = None,
+    hard: bool = False,
 ) -> Street:
     """Draws a street with its traffic and weather.
 
@@ -27,20 +32,22 @@ def make_street(
         duration_s: For how long the ego will drive. Until then nobody runs into anybody, and the
             street goes on for that far.
         kind: What kind of street, if not as chance has it.
+        hard: Whether it is fuller than usual, and hillier, so that more is far away and hidden.
     """
     if duration_s < 0:
         raise ValueError(f"duration_s must not be negative, got {duration_s}")
-    layout = draw_layout(rng, kind, extra_length_m=FASTEST_EGO_MPS * duration_s)
+    layout = draw_layout(rng, kind, extra_length_m=FASTEST_EGO_MPS * duration_s, hard=hard)
     lots = draw_lots(rng, layout)
+    layout = with_lowered_kerbs(layout, lots)
     bays = bays_of(rng, lots)
-    traffic = place_traffic(rng, layout, lots, bays, Fleet(), duration_s)
+    traffic = place_traffic(rng, layout, lots, bays, Fleet(), duration_s, hard=hard)
     parts = [make_ground(rng, layout), make_markings(rng, layout)]
     parts += make_plots(rng, layout, lots)
     parts += make_horizon(rng, layout)
-    parts += dress(rng, layout)
+    parts += dress(rng, layout, traffic.taken)
     return Street(
         ground_and_buildings=Mesh.joined(parts),
         actors=traffic.actors,
-        ego=traffic.ego,
+        ego=draw_rocking(rng, traffic.ego),
         light=draw_light(rng),
     )

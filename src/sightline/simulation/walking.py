@@ -1,19 +1,34 @@
 """Cyclists, people on foot and people who sit."""
 
+from typing import Final
+
 import numpy as np
+from jaxtyping import Float64
 
 from sightline.simulation.crowd import Crowd
-from sightline.simulation.layout import Ground, Plots, Side, StreetKind, surface_level
+from sightline.simulation.layout import Ground, Plots, Side, StreetKind
 from sightline.simulation.motion import AcrossRoad, AlongRoad, Still, Travel
+from sightline.simulation.relief import surface_height
 from sightline.simulation.scene import Pose
+
+_PAIRS: Final = 0.08
+"""Share of cyclists who ride with another."""
+_ON_PAVEMENT: Final = 0.5
+"""Share of cyclists who ride on the pavement where there is no path."""
+_ELBOW_M: Final = 0.04
+"""Room that people keep at least."""
+_HARD_FACTOR: Final = 1.5
 
 
 def cycle(crowd: Crowd) -> None:
     """Cyclists on cycle paths, at the edge of the lanes, or anywhere on squares."""
     rng, main = crowd.rng, crowd.layout.main
-    for _ in range(int(rng.poisson(crowd.customs.cyclists * rng.gamma(0.6) / 0.6))):
+    rate = crowd.customs.cyclists / (1 + _PAIRS) * (_HARD_FACTOR if crowd.hard else 1.0)
+    for _ in range(int(rng.poisson(rate * rng.gamma(0.6) / 0.6))):
         side = main.left if rng.random() < 0.5 else main.right
-        path = side.band(Ground.CYCLE_PATH)
+        path = side.band(Ground.CYCLE_PATH) or (
+            side.band(Ground.PAVEMENT) if rng.random() < _ON_PAVEMENT else None
+        )
         direction = -side.sign if rng.random() < 0.85 else side.sign
         if path is not None and rng.random() < 0.8:
             distance = (path.inner + path.outer) / 2 + float(rng.normal(0, 0.15))
@@ -24,9 +39,10 @@ def cycle(crowd: Crowd) -> None:
             if direction not in {lane.direction for lane in main.lanes}:
                 direction = 1
         speed = float(rng.uniform(2.5, 6.5))
-        _move_along(
-            crowd, "Cyclist", side, 3.0 + float(rng.gamma(2.0, 13.0)), distance, direction, speed
-        )
+        station = 3.0 + float(rng.gamma(2.0, 13.0))
+        for rider in range(2 if rng.random() < _PAIRS else 1):
+            behind = station - rider * direction * float(rng.uniform(2.0, 2.8))
+            _move_along(crowd, "Cyclist", side, behind, distance, direction, speed)
 
 
 def _move_along(
@@ -49,31 +65,41 @@ def _move_along(
         offset=offset,
         direction=direction,
         travel=Travel(speed_mps=speed),
-        level=surface_level(main, station, offset),
         turn=float(crowd.rng.normal(0, 0.03) if speed > 0 else crowd.rng.uniform(-np.pi, np.pi)),
     )
     reach = station + direction * track.travel.distance(crowd.times[-1:])[0]
     if any(start - 1.0 < reach < stop + 1.0 for start, stop in side.gaps):
         return False  # the pavement ends at the junction
-    return crowd.add(crowd.models.draw(crowd.rng, name, speed), track, 0.15)
+    return crowd.add(crowd.models.draw(crowd.rng, name, speed), track, _ELBOW_M)
 
 
 def walk(crowd: Crowd) -> None:
-    """Pedestrians on the pavements, alone and in pairs, and some who cross the road."""
+    """Pedestrians on the pavements, alone and in groups, who wait, and some who cross the road."""
     rng = crowd.rng
     chance, mean = crowd.customs.walkers
-    if rng.random() > chance:
+    if rng.random() > chance * (_HARD_FACTOR if crowd.hard else 1.0):
         return
     left = 1 + int(rng.poisson(max(mean - 1.0, 0.0) * rng.gamma(0.7) / 0.7))
     while left > 0:
-        station = 4.0 + float(rng.gamma(1.5, 9.0))
-        if rng.random() < 0.22:
-            _cross(crowd, station)
-            left -= 1
-            continue
-        group = min(left, int(rng.choice([1, 1, 2, 3])))
-        _walk_group(crowd, station, group)
+        station = 3.5 + float(rng.gamma(1.4, 9.5))
+        group = min(left, int(rng.choice((1, 2, 3, 4, 6), p=(0.48, 0.3, 0.11, 0.06, 0.05))))
         left -= group
+        chance = rng.random()
+        if chance < 0.2:
+            _cross(crowd, station, group)
+        elif chance < 0.32:
+            _wait(crowd, station, group)
+        else:
+            _walk_group(crowd, station, group)
+
+
+def _abreast(rng: np.random.Generator, count: int) -> Float64[np.ndarray, "count 2"]:
+    """How far the members of a group are ahead [m] and aside: side by side or in file."""
+    files = min(count, 1 if rng.random() < 0.5 else 3 if count == 3 else 2)
+    rank, file = np.divmod(np.arange(count), files)
+    places = np.stack((-0.95 * rank, rng.uniform(0.58, 0.8) * file), axis=1)
+    scattered: Float64[np.ndarray, "count 2"] = places + rng.uniform(-0.2, 0.2, (count, 2)) * [1, 0]
+    return scattered
 
 
 def _walk_group(crowd: Crowd, station: float, count: int) -> None:
@@ -81,40 +107,66 @@ def _walk_group(crowd: Crowd, station: float, count: int) -> None:
     rng, main = crowd.rng, crowd.layout.main
     side = main.left if rng.random() < 0.5 else main.right
     band = side.band(Ground.PAVEMENT) or side.bands[-1]
-    low, high = band.inner + 0.75, band.outer - 0.45
+    low, high = band.inner + 0.6, band.outer - 0.45
     if crowd.layout.kind is StreetKind.SQUARE:
         low = 0.6
     direction = 1 if rng.random() < 0.5 else -1
     speed = 0.0 if rng.random() < 0.25 else float(rng.uniform(0.9, 1.7))
     first = float(rng.uniform(low, max(low + 0.01, high)))
-    for member in range(count):
-        distance = min(max(first + 0.8 * member, low), max(low, high))
-        place = station + float(rng.uniform(-0.35, 0.35)) + 1.1 * (member // 2)
+    for ahead, aside in _abreast(rng, count):
+        distance = min(first + aside, max(low, high))
         own = direction if speed > 0 or rng.random() < 0.5 else -direction
-        _move_along(crowd, "Pedestrian", side, place, distance, own, speed)
+        _move_along(crowd, "Pedestrian", side, station + ahead, distance, own, speed)
 
 
-def _cross(crowd: Crowd, station: float) -> None:
-    """Someone on the way over the road, far enough ahead of the traffic."""
+def _wait(crowd: Crowd, station: float, count: int) -> None:
+    """A group at the kerb that waits to cross, at the junction where there is one."""
     rng, main = crowd.rng, crowd.layout.main
-    speed = float(rng.uniform(0.9, 1.6))
+    side = main.left if rng.random() < 0.5 else main.right
+    for start, stop in side.gaps:
+        station = start - 1.6 if rng.random() < 0.5 else stop + 1.6
+    heading = float(main.line.yaw(np.array(station))) - side.sign * np.pi / 2
+    for behind, along in _abreast(rng, count):
+        distance = min(side.edge + 0.45 - behind, side.outer - 0.3)
+        _stand(crowd, "Pedestrian", side, station + along, distance, heading + rng.normal(0, 0.3))
+
+
+def _stand(
+    crowd: Crowd, name: str, side: Side, station: float, distance: float, yaw: float
+) -> None:
+    """Someone at a place beside the main road."""
+    main, spot = crowd.layout.main, (np.array(station), np.array(side.sign * distance))
+    x, y = main.line.place(*spot).tolist()
+    z = float(surface_height(crowd.layout.terrain, main, *spot))
+    model = crowd.models.draw(crowd.rng, name, 0.0)
+    crowd.add(model, Still(pose=Pose(x=x, y=y, z=z, yaw=float(yaw))), _ELBOW_M)
+
+
+def _cross(crowd: Crowd, station: float, count: int) -> None:
+    """A group on the way over the road, far enough ahead of the traffic."""
+    rng, main = crowd.rng, crowd.layout.main
+    travel = Travel(speed_mps=float(rng.uniform(0.9, 1.6)))
     if any(start < station < stop for side in main.sides for start, stop in side.gaps):
         return
-    track = AcrossRoad(
-        terrain=crowd.layout.terrain,
-        road=main,
-        station=station,
-        offset=float(rng.uniform(-main.right.edge, main.left.edge)),
-        direction=1 if rng.random() < 0.5 else -1,
-        travel=Travel(speed_mps=speed),
-    )
-    crowd.add(crowd.models.draw(rng, "Pedestrian", speed), track, 0.4)
+    offset = float(rng.uniform(-main.right.edge, main.left.edge))
+    direction = 1 if rng.random() < 0.5 else -1
+    for ahead, aside in _abreast(rng, count):
+        track = AcrossRoad(
+            terrain=crowd.layout.terrain,
+            road=main,
+            station=station + aside,
+            offset=offset + direction * ahead,
+            direction=direction,
+            travel=travel,
+        )
+        model = crowd.models.draw(rng, "Pedestrian", travel.speed_mps)
+        crowd.add(model, track, 0.4 if aside == 0.0 else _ELBOW_M)
 
 
 def sit(crowd: Crowd) -> None:
     """People on the chairs of a café."""
     rng, main = crowd.rng, crowd.layout.main
-    shares = {StreetKind.SQUARE: 0.25, StreetKind.CITY: 0.09}
+    shares = {StreetKind.SQUARE: 0.2, StreetKind.CITY: 0.07}
     if rng.random() > shares.get(crowd.layout.kind, 0.0):
         return
     side = main.left if rng.random() < 0.5 else main.right
@@ -124,12 +176,5 @@ def sit(crowd: Crowd) -> None:
     for _ in range(int(rng.integers(1, 6))):
         station = middle + float(rng.normal(0, 1.8))
         distance = min(side.outer, side.edge + 5.0) - float(rng.uniform(0.9, 2.2))
-        place = main.line.place(np.array(station), np.array(side.sign * distance))
-        level = surface_level(main, station, side.sign * distance)
-        pose = Pose(
-            x=float(place[0]),
-            y=float(place[1]),
-            z=float(crowd.layout.terrain.height(place)) + level,
-            yaw=float(rng.uniform(-np.pi, np.pi)),
-        )
-        crowd.add(crowd.models.draw(rng, "Person_sitting", 0.0), Still(pose=pose), 0.2)
+        yaw = float(rng.uniform(-np.pi, np.pi))
+        _stand(crowd, "Person_sitting", side, station, distance, yaw)

@@ -6,10 +6,10 @@ import numpy as np
 
 from sightline.simulation.scene import Light
 
-_CLEAR: Final = 0.42
-_CLOUDY: Final = 0.68
-_LOW_SUN: Final = 0.80
-_OVERCAST: Final = 0.93
+_CLEAR: Final = 0.52
+_CLOUDY: Final = 0.75
+_LOW_SUN: Final = 0.85
+_OVERCAST: Final = 0.95
 """Upper ends of the shares of each weather; the rest is dusk. KITTI was recorded by day."""
 
 
@@ -50,8 +50,8 @@ def _day(rng: np.random.Generator, azimuth: float, cloud_cover: float) -> Light:
         sun_direction=_sun_direction(elevation, azimuth),
         sun_color=_scaled((1.0, 0.90 + 0.05 * warmth, 0.74 + 0.12 * warmth), strength),
         sun_softness=0.0047 + 0.01 * cloud_cover,
-        sky_zenith=_scaled((0.30, 0.55, 1.0), 0.62 + 0.5 * cloud_cover),
-        sky_horizon=_scaled((0.80, 0.92, 1.0), 1.05 + 0.4 * cloud_cover),
+        sky_zenith=_scaled((0.30, 0.55, 1.0), 0.40 + 0.5 * cloud_cover),
+        sky_horizon=_scaled((0.80, 0.92, 1.0), 0.72 + 0.4 * cloud_cover),
         cloud_cover=cloud_cover,
         haze_m=float(rng.uniform(900.0, 2500.0)),
         exposure=float(rng.uniform(0.23, 0.32)),

@@ -19,8 +19,8 @@ from sightline.data.image_file import write_rgb
 from sightline.data.instance_png import write_instance_png
 from sightline.data.kitti_labels import write_objects
 from sightline.data.object_tree import Velodyne
+from sightline.data.pixels import seen_by_camera, sparse_depth_map
 from sightline.data.velodyne import write_sweep
-from sightline.simulation.pixels import seen_by_camera, sparse_depth_map
 from sightline.simulation.simulator import FRAME_S, SimulatedFrame
 
 DATE = "2000_01_01"
@@ -32,7 +32,8 @@ _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 class FrameFiles:
     """Where the parts of a frame go."""
 
-    image: Path
+    image: Path | None
+    """None: the camera is left out."""
     points: Path
     objects: Path
     depth: Path
@@ -46,15 +47,16 @@ class FrameFiles:
     def are_there(self) -> bool:
         """Whether the frame needs no work; a file that is there is whole."""
         paths = [self.image, self.points, self.objects, self.depth, self.sparse_depth]
-        paths += [self.instances, *([self.calibration] if self.calibration else [])]
-        return all(path.is_file() for path in paths)
+        paths += [self.instances, self.calibration]
+        return all(path is None or path.is_file() for path in paths)
 
     def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
         """Writes all parts, each aside first and then renamed."""
         seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
-        sparse_depth = sparse_depth_map(seen, frame.calibration, frame.image_size)
-        write_rgb(self.image, frame.image)
+        sparse_depth = sparse_depth_map(frame.points, frame.calibration, frame.image_size)
         write_sweep(self.points, frame.points if velodyne == "velodyne" else seen)
+        if self.image is not None and frame.image is not None:
+            write_rgb(self.image, frame.image)
         write_objects(self.objects, frame.objects)
         write_depth_png(self.depth, frame.depth_m)
         write_depth_png(self.sparse_depth, sparse_depth)
@@ -69,12 +71,13 @@ class ObjectLayout:
 
     root: Path
     velodyne: Velodyne
+    camera: bool = True
 
     def frame(self, index: int) -> FrameFiles:
         """The files of a frame."""
         folder, name = self.root / "training", f"{index:06d}"
         return FrameFiles(
-            image=folder / "image_2" / f"{name}.png",
+            image=folder / "image_2" / f"{name}.png" if self.camera else None,
             points=folder / self.velodyne / f"{name}.bin",
             objects=folder / "label_2" / f"{name}.txt",
             depth=folder / "depth" / f"{name}.png",
@@ -84,8 +87,8 @@ class ObjectLayout:
         )
 
     def num_begun(self) -> int:
-        """One more than the highest frame of which there is an image."""
-        names = (path.stem for path in (self.root / "training" / "image_2").glob("*.png"))
+        """One more than the highest frame of which there is a sweep, which is written first."""
+        names = (path.stem for path in (self.root / "training" / self.velodyne).glob("*.bin"))
         return 1 + max((int(name) for name in names if name.isdecimal()), default=-1)
 
     def write_lists(self, frames: int, validation_frames: int) -> None:
@@ -128,10 +131,10 @@ class DriveLayout:
         return self.root / DATE / f"{DATE}_drive_{drive:04d}_sync"
 
     def num_begun(self) -> int:
-        """One more than the highest frame of which there is an image."""
+        """One more than the highest frame of which there is a sweep, which is written first."""
         begun = 0
         for folder in (self.root / DATE).glob(f"{DATE}_drive_*_sync"):
-            steps = [int(path.stem) for path in (folder / "image_02" / "data").glob("*.png")]
+            steps = [int(path.stem) for path in (folder / "velodyne_points" / "data").glob("*.bin")]
             drive = int(folder.name.split("_")[-2])
             if steps:
                 begun = max(begun, drive * self.sequence_length + max(steps) + 1)

@@ -1,82 +1,119 @@
-"""Several samples as the networks take them."""
+"""Several samples as a network takes them: what every task's batch can do."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import Field, fields, is_dataclass, replace
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import torch
-from beartype import beartype
-from jaxtyping import Float32, jaxtyped
 from torch import Tensor
 
+BatchT = TypeVar("BatchT", bound="FieldwiseBatch")
 
-@jaxtyped(typechecker=beartype)
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CameraLidarBatch:
-    """Samples of one image size, as tensors. Depth maps: metres along the optical axis, 0 = none.
 
-    A camera that delivered nothing is a black image, which is also what a dead camera delivers.
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class Batch(Protocol):
+    """Samples that a network takes together. Each task has a type of its own."""
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """The samples' names, in order."""
+
+    def __len__(self) -> int:
+        """Number of samples."""
+
+    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "Batch":
+        """The same batch on another device."""
+
+    def pin_memory(self) -> "Batch":
+        """The same batch in memory that a GPU can fetch by itself."""
+
+
+class FieldwiseBatch:
+    """Makes a `Batch` of a frozen dataclass, whose fields hold something for each sample.
+
+    A field is a tensor whose first axis counts the samples; or a tuple with one entry a sample,
+    where samples differ in size (their boxes, their points); or None, where no sample has it.
+    Entries may be tensors (their axes anonymous, `" _"`, as they differ), dataclasses that hold
+    tensors, or anything else, which stays as it is.
+
+    Raises:
+        ValueError: A field holds more or fewer samples than there are names.
     """
 
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
     sample_ids: tuple[str, ...]
-    image: Float32[Tensor, "batch 3 height width"]
-    """RGB in [0, 1]."""
-    sparse_depth_m: Float32[Tensor, "batch 1 height width"]
-    """What the sweep gives the image."""
-    filled_depth_m: Float32[Tensor, "batch 1 height width"] | None = None
-    """The sparse map completed by a classical method, for networks that start from one."""
-    depth_m: Float32[Tensor, "batch 1 height width"] | None = None
-    """Truth to train on or to score against."""
 
     def __post_init__(self) -> None:
-        """Checks that every sample has a name."""
-        if len(self.sample_ids) != len(self.image):
-            raise ValueError(
-                f"a batch needs one name a sample, got {len(self.sample_ids)} names for "
-                f"{len(self.image)} images"
-            )
-
-    @staticmethod
-    def concatenate(batches: Sequence["CameraLidarBatch"]) -> "CameraLidarBatch":
-        """One batch of several, in order.
-
-        Raises:
-            ValueError: There are none, they differ in size, or only some have a map.
-        """
-        if not batches:
-            raise ValueError("there is no batch to concatenate; give at least one")
-        values: dict[str, Any] = {"sample_ids": sum((batch.sample_ids for batch in batches), ())}
-        for name in _TENSORS:
-            given = [getattr(batch, name) for batch in batches]
-            if all(value is None for value in given):
-                continue
-            sizes = {None if value is None else tuple(value.shape[1:]) for value in given}
-            if len(sizes) > 1:
+        """Checks that every field has as many samples as there are names."""
+        for field in fields(self):
+            value: Tensor | tuple[object, ...] | None = getattr(self, field.name)
+            if value is not None and len(value) != len(self.sample_ids):
                 raise ValueError(
-                    f"{name} differs between the samples of a batch, got sizes "
-                    f"{sorted(map(str, sizes))}; crop all to one, or take batches of one sample"
+                    f"a batch needs one name a sample, got {len(self.sample_ids)} names for "
+                    f"{len(value)} in {field.name}"
                 )
-            values[name] = torch.cat(given)
-        return CameraLidarBatch(**values)
 
     def __len__(self) -> int:
         """Number of samples."""
         return len(self.sample_ids)
 
-    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "CameraLidarBatch":
+    # Not `Self`, which beartype takes in decorated classes only.
+    def to(  # noqa: PYI019 - see above
+        self: BatchT, device: torch.device | str, *, non_blocking: bool = False
+    ) -> BatchT:
         """The same batch on another device."""
-        return self._map(lambda tensor: tensor.to(device, non_blocking=non_blocking))
+        return _with_tensors(self, lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
-    def pin_memory(self) -> "CameraLidarBatch":
+    def pin_memory(self: BatchT) -> BatchT:  # noqa: PYI019 - see above
         """The same batch in memory that a GPU can fetch by itself."""
-        return self._map(Tensor.pin_memory)
+        return _with_tensors(self, Tensor.pin_memory)
 
-    def _map(self, change: Callable[[Tensor], Tensor]) -> "CameraLidarBatch":
-        values = {name: getattr(self, name) for name in _TENSORS}
-        changed: dict[str, Any] = {
-            name: change(value) for name, value in values.items() if value is not None
+
+Value = TypeVar("Value")
+
+
+def concatenate(batches: Sequence[BatchT]) -> BatchT:
+    """One batch of several, in order.
+
+    Raises:
+        ValueError: There are none, their tensors differ in size, or only some have a field.
+    """
+    if not batches:
+        raise ValueError("there is no batch to concatenate; give at least one")
+    columns = {
+        field.name: [getattr(batch, field.name) for batch in batches]
+        for field in fields(batches[0])
+    }
+    return type(batches[0])(**{name: _joined(name, given) for name, given in columns.items()})
+
+
+def _joined(name: str, given: Sequence[Any]) -> Any:  # noqa: ANN401 - a field of any batch
+    if all(value is None for value in given):
+        return None
+    if any(value is None for value in given):
+        raise ValueError(f"only some samples of a batch have {name}; give data where all have it")
+    if isinstance(given[0], tuple):
+        return sum(given, ())
+    sizes = {tuple(value.shape[1:]) for value in given}
+    if len(sizes) > 1:
+        raise ValueError(
+            f"{name} differs between the samples of a batch, got sizes {sorted(sizes)}; "
+            "crop all to one, or take batches of one sample"
+        )
+    return torch.cat(tuple(given))
+
+
+def _with_tensors(value: Value, change: Callable[[Tensor], Tensor]) -> Value:
+    """The value with every tensor in it changed, however deep in tuples and dataclasses."""
+    changed: Any = value
+    if isinstance(value, Tensor):
+        changed = change(value)
+    elif isinstance(value, tuple):
+        changed = tuple(_with_tensors(entry, change) for entry in value)
+    elif is_dataclass(value) and not isinstance(value, type):
+        parts = {
+            field.name: _with_tensors(getattr(value, field.name), change) for field in fields(value)
         }
-        return replace(self, **changed)
-
-
-_TENSORS = tuple(field.name for field in fields(CameraLidarBatch) if field.name != "sample_ids")
+        changed = replace(value, **parts)
+    return changed  # type: ignore[no-any-return]

@@ -1,19 +1,20 @@
-"""What goes on around the training: states kept, checkpoints and weights written."""
+"""What goes on around the training: random states kept, weights written."""
 
+import math
 import random
-import signal
 from pathlib import Path
-from types import FrameType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, Checkpoint, ModelCheckpoint
 
-from sightline.training.checkpoint import read_checkpoint_weights, write_weights
+from sightline.data.weights import read_checkpoint_weights, write_weights
+from sightline.training.last_checkpoint import LastCheckpoint
 
 _STATES_KEY = "sightline_random_states"
+_FEWEST_POINTS = 20  # of a curve in TensorBoard
 
 
 class RandomState(Callback):
@@ -53,85 +54,17 @@ class RandomState(Callback):
             self._restored = None
 
 
-class LastCheckpoint(Checkpoint):
-    """Writes last.ckpt every so many steps, after each epoch and on Ctrl-C.
-
-    Ctrl-C ends the training after the step that it comes in; a second one ends it at once. On
-    several devices the latest written checkpoint stands: the ranks would not stop in the same step.
-    """
-
-    def __init__(self, folder: Path, *, every_n_steps: int) -> None:
-        """Takes where to and how often.
-
-        Raises:
-            ValueError: It is to be written every 0 steps.
-        """
-        if every_n_steps < 1:
-            raise ValueError(f"checkpoint_every_n_steps must be at least 1, got {every_n_steps}")
-        self.path = folder / "last.ckpt"
-        self._every_n_steps = every_n_steps
-        self._step = 0
-        self._interrupted = False
-        self._previous_handler: Any = None
+class LogShortRuns(Callback):
+    """Logs often enough that a short run leaves a curve too."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Takes over Ctrl-C."""
+        """Looks at the length of the run."""
         del pl_module
-        self._step = trainer.global_step
-        if trainer.world_size == 1:
-            self._previous_handler = signal.signal(signal.SIGINT, self._note_interrupt)
-
-    def on_train_batch_end(
-        self,
-        trainer: Trainer,
-        pl_module: LightningModule,
-        outputs: object,
-        batch: object,
-        batch_idx: int,
-    ) -> None:
-        """Writes where it is time, and ends the training after Ctrl-C."""
-        del pl_module, outputs, batch, batch_idx
-        if trainer.global_step == self._step:
-            return  # gradients are being accumulated; no checkpoint holds those
-        self._step = trainer.global_step
-        if self._interrupted or trainer.global_step % self._every_n_steps == 0:
-            self._write(trainer)
-        if self._interrupted:
-            raise KeyboardInterrupt
-
-    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes."""
-        del pl_module
-        self._write(trainer)
-
-    def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Gives Ctrl-C back."""
-        del trainer, pl_module, stage
-        self._give_back()
-
-    def on_exception(
-        self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
-    ) -> None:
-        """Gives Ctrl-C back."""
-        del trainer, pl_module, exception
-        self._give_back()
-
-    def _note_interrupt(self, number: int, frame: FrameType | None) -> None:
-        del number, frame
-        self._interrupted = True
-        self._give_back()
-
-    def _give_back(self) -> None:
-        if self._previous_handler is not None:
-            signal.signal(signal.SIGINT, self._previous_handler)
-            self._previous_handler = None
-
-    def _write(self, trainer: Trainer) -> None:
-        # All ranks take part in making the checkpoint, the first writes it.
-        aside = self.path.with_name(".last.ckpt.part")
-        trainer.save_checkpoint(aside)
-        if trainer.is_global_zero:
-            aside.replace(self.path)
+        steps = trainer.estimated_stepping_batches
+        if math.isfinite(steps):
+            often = max(1, int(steps) // _FEWEST_POINTS)
+            known: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
+            trainer.log_every_n_steps = min(known, often)  # type: ignore[attr-defined]
 
 
 class WriteWeights(Checkpoint):
@@ -157,8 +90,8 @@ class WriteWeights(Checkpoint):
             self._written_score = score
             self._write(trainer, Path(self._best.best_model_path), {str(self._best.monitor): score})
 
-    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes if nothing was validated."""
+    def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Writes if nothing was validated, also if a resumed run was over already."""
         del pl_module
         if self._best is None or self._best.best_model_score is None:
             self._write(trainer, self._last.path, {})
@@ -175,6 +108,31 @@ class WriteWeights(Checkpoint):
             provenance=weights.provenance
             | {name: f"{score:.6g}" for name, score in scores.items()},
         )
+
+
+def checkpoint_callbacks(
+    folder: Path, *, every_n_steps: int, monitored: tuple[str, Literal["min", "max"]] | None
+) -> list[Callback]:
+    """What makes a run resumable and leaves its weights, in the order of their needs.
+
+    Args:
+        folder: Of the run.
+        every_n_steps: How often last.ckpt is written besides.
+        monitored: The score that tells the best weights, and which way is better; None where
+            nothing is validated.
+    """
+    last = LastCheckpoint(folder, every_n_steps=every_n_steps)
+    if monitored is None:
+        return [RandomState(), last, WriteWeights(folder, last, None)]
+    best = ModelCheckpoint(
+        folder,
+        "best",
+        monitor=monitored[0],
+        mode=monitored[1],
+        save_on_train_epoch_end=False,  # but when validated, before the weights
+        enable_version_counter=False,
+    )
+    return [RandomState(), best, last, WriteWeights(folder, last, best)]
 
 
 def _random_states() -> dict[str, Any]:

@@ -4,7 +4,6 @@ What is drawn depends on the seed, the epoch and the sample alone: neither on th
 processes nor on whether the training was interrupted.
 """
 
-import signal
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -16,32 +15,19 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from sightline.data.object_tree import Part, Velodyne
-from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.object_tree import Part
+from sightline.data.open import SampleDataset
 from sightline.data.parallel import one_blas_thread
-from sightline.structures.batch import CameraLidarBatch
+from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
-from sightline.training.sampling import EpochPosition, ScoringBatches, TrainingBatches
-
-
-@dataclass(frozen=True, kw_only=True)
-class SourceConfig:
-    """Samples from one folder."""
-
-    path: Path
-    """A KITTI object tree, depth completion tree or raw drive, simulated ones included."""
-    sample_list: str | None = None
-    """Which frames: a list in ImageSets, kitti-object-train, kitti-object-val or a text file with
-    one name a line. None: all."""
-    velodyne: Velodyne = "velodyne"
-    """Folder of the sweeps in an object tree."""
-    repeat: int = 1
-    """How often each frame comes in an epoch: the weight of this source beside others."""
-
-    def __post_init__(self) -> None:
-        """Checks the range."""
-        if self.repeat < 1:
-            raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
+from sightline.training.interruption import leave_interruption_to_the_parent
+from sightline.training.sampling import (
+    EpochPosition,
+    SampleKey,
+    ScoringBatches,
+    TrainingBatches,
+)
+from sightline.training.sources import SourceConfig, open_source
 
 
 class SamplePreparation(ABC):
@@ -53,7 +39,7 @@ class SamplePreparation(ABC):
     @abstractmethod
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
-    ) -> CameraLidarBatch:
+    ) -> FieldwiseBatch:
         """Makes one sample ready: a batch of one.
 
         Args:
@@ -63,8 +49,13 @@ class SamplePreparation(ABC):
             training: Whether to augment.
         """
 
+    def collate(self, prepared: Sequence[Any]) -> Batch:
+        """Makes one batch of several, as `concatenate` does it."""
+        batch: FieldwiseBatch = concatenate(prepared)
+        return batch
 
-class PreparedSamples(Dataset[CameraLidarBatch]):
+
+class PreparedSamples(Dataset[FieldwiseBatch]):
     """Several sources behind each other, prepared; an index is a pair of epoch and position."""
 
     def __init__(
@@ -87,7 +78,7 @@ class PreparedSamples(Dataset[CameraLidarBatch]):
         """Number of samples, repeats counted."""
         return int(self._ends[-1])
 
-    def __getitem__(self, key: tuple[int, int]) -> CameraLidarBatch:
+    def __getitem__(self, key: SampleKey) -> FieldwiseBatch:
         """Reads and prepares a sample."""
         epoch, index = key
         source = int(np.searchsorted(self._ends, index, side="right"))
@@ -96,8 +87,52 @@ class PreparedSamples(Dataset[CameraLidarBatch]):
         rng = np.random.default_rng((self._seed, epoch, index))
         return self._preparation.prepare(sample, rng, training=self._training)
 
+    def __getitems__(self, keys: Sequence[SampleKey]) -> "Batch | Unusable | None":
+        """Reads and prepares a batch; None if it has no samples. PyTorch's loader asks for this."""
+        if not keys:
+            return None
+        try:
+            return self._preparation.collate([self[key] for key in keys])
+        except (ValueError, OSError) as error:  # raised by a worker it would be a traceback
+            return Unusable(str(error))
 
-class ResumableLoader(DataLoader[Any]):
+
+@dataclass(frozen=True)
+class Unusable:
+    """Comes in place of a batch that cannot be made."""
+
+    reason: str
+
+
+class BatchLoader(DataLoader[Any]):
+    """A loader that tells in one sentence what is wrong with a sample, with workers or without."""
+
+    def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
+        """The batches.
+
+        Raises:
+            ValueError: A sample cannot be read or prepared.
+            ChildProcessError: A worker was ended from outside.
+        """
+        batches = super().__iter__()
+        while True:
+            try:
+                batch = next(batches)
+            except StopIteration:
+                return
+            except RuntimeError as error:
+                if "DataLoader worker" not in str(error):
+                    raise
+                raise ChildProcessError(
+                    "a worker process was ended from outside; where memory ran out, set fewer "
+                    "data.workers"
+                ) from error
+            if isinstance(batch, Unusable):
+                raise ValueError(batch.reason)
+            yield batch
+
+
+class ResumableLoader(BatchLoader):
     """A loader of training batches that begins where the training stands.
 
     Lightning's own way, `load_state_dict`, comes too late or not at all: a schedule that asks for
@@ -136,9 +171,8 @@ class CameraLidarData(lightning.LightningDataModule):
     """Batches out of camera-LiDAR data, for any task.
 
     On several devices the batches of a step are one larger batch, dealt out to them: training on
-    two devices with batches of 4 sees what training on one with batches of 8 does. Scoring on
-    several devices repeats the first samples where the last round is not full; score on one device
-    for exact numbers.
+    two devices with batches of 4 sees what training on one with batches of 8 does. Scoring sees
+    every sample once.
     """
 
     def __init__(
@@ -226,24 +260,26 @@ class CameraLidarData(lightning.LightningDataModule):
         samples = self._open(name, training=False)
         rank, world = self._rank_and_world()
         batches = ScoringBatches(len(samples), self.validation_batch_size, rank=rank, world=world)
-        return DataLoader(samples, batch_sampler=batches, **self._loader_settings())
+        return BatchLoader(samples, batch_sampler=batches, **self._loader_settings())
 
     def _open(self, name: str, *, training: bool) -> PreparedSamples:
         sources = self.sources[name]
         if not sources:
             raise ValueError(f"there is nothing to take {name} samples from; set data.{name}")
-        datasets = [
-            (
-                open_dataset(
-                    self.root / source.path,
-                    sample_list=source.sample_list,
-                    velodyne=source.velodyne,
-                    parts=self.preparation.parts,
-                ),
-                source.repeat if training else 1,
-            )
-            for source in sources
-        ]
+        validated = {
+            source.path
+            for source in (*self.sources["validation"], *self.sources["test"])
+            if source.sample_list == "val"
+        }
+        datasets = []
+        for source in sources:
+            divides = source.path in validated
+            try:
+                dataset = open_source(source, self.root, self.preparation.parts, divides=divides)
+            except ValueError as error:
+                flags = f"--data.init_args.root and --data.init_args.{name}"
+                raise ValueError(f"{error} (the {name} samples: {flags})") from error
+            datasets.append((dataset, source.repeat if training else 1))
         return PreparedSamples(datasets, self.preparation, seed=self.seed, training=training)
 
     def _rank_and_world(self) -> tuple[int, int]:
@@ -253,7 +289,7 @@ class CameraLidarData(lightning.LightningDataModule):
 
     def _loader_settings(self) -> dict[str, Any]:
         return {
-            "collate_fn": CameraLidarBatch.concatenate,
+            "collate_fn": _as_it_is,
             "num_workers": self.workers,
             "persistent_workers": self.workers > 0,
             "pin_memory": torch.cuda.is_available(),
@@ -263,9 +299,12 @@ class CameraLidarData(lightning.LightningDataModule):
         }
 
 
+def _as_it_is(batch: Batch | Unusable | None) -> Batch | Unusable | None:
+    return batch
+
+
 def _set_up_worker(worker: int) -> None:
-    """Leaves Ctrl-C to the Trainer, and the cores to the other workers."""
+    """Leaves signals to the Trainer, and the cores to the other workers."""
     del worker
-    # It reaches every process, and without workers the step that it came in could not end.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_interruption_to_the_parent()
     one_blas_thread()

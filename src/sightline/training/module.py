@@ -1,23 +1,37 @@
-"""What every task's training has in common: a network, its optimiser, what a checkpoint tells."""
+"""What every task's training has in common: network, optimiser, steps, scores, checkpoints."""
 
-import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import lightning
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
-from torch import nn
+from torch import Tensor, nn
 from torch.optim import Adam, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
+from torchmetrics import Metric
 
-from sightline.training.checkpoint import CHECKPOINT_KEY, read_weights
+from sightline.data.settings import (
+    ConfigT,
+    NetworkConfig,
+    differing_settings,
+    parse_settings,
+    plain_settings,
+)
+from sightline.data.weights import CHECKPOINT_KEY, fill_network, read_weights
+from sightline.structures.batch import Batch
 
+_NUM_STEPS_KEY = "sightline_num_steps"
 _FEWEST_STEPS = 4  # of a one-cycle schedule: two of warm-up, two of cooling down
+_NUM_PICTURES = 4  # validation batches of which the first sample is drawn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,50 +62,124 @@ class OptimizerConfig:
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
-class NetworkConfig(Protocol):
-    """A dataclass: every field has a default, and holds what JSON can hold, or tuples."""
+class Losses(Protocol):
+    """A NamedTuple of scalars: what training lowers, and the terms that it is made of."""
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
+    @property
+    def total(self) -> Tensor:
+        """What is lowered."""
+
+    def _asdict(self) -> dict[str, Any]: ...
 
 
 class TrainingModule(lightning.LightningModule, ABC):
-    """A network in training; a task adds its loss and its metrics.
+    """A network in training; a task says what its losses, scores and pictures are.
 
-    A task sets the class variables and writes `network_config`, `training_step` and, where it has
-    them, `validation_step` and `test_step`. Nothing but plain values and tensors goes into a
-    checkpoint, so that it is read without running code from it.
+    A task sets the class variables and writes `network_config`, `losses`, `score` and, where there
+    is something to see, `picture`. Nothing but plain values and tensors goes into a checkpoint, so
+    that it is read without running code from it.
     """
 
     task_name: ClassVar[str]
     """Stands in checkpoints and weights files."""
     monitored: ClassVar[tuple[str, Literal["min", "max"]]]
-    """The metric of a validation that decides which weights are best, and which way is better."""
+    """The score of a validation that decides which weights are best, such as validation/rmse_mm,
+    and which way is better."""
 
     def __init__(
-        self, network: nn.Module, *, optimizer: OptimizerConfig, initial_weights: Path | None = None
+        self,
+        network: nn.Module,
+        metric: Metric,
+        *,
+        optimizer: OptimizerConfig,
+        initial_weights: Path | None = None,
+        initial_part: str | None = None,
     ) -> None:
         """Takes the network.
 
         Args:
             network: What is trained.
+            metric: What `score` updates; it computes scores by name.
             optimizer: How.
-            initial_weights: Such a network's weights to start from: name of shipped ones, file or
-                checkpoint.
+            initial_weights: Weights to start from: name of shipped ones, file or checkpoint.
+            initial_part: The part of the network that the weights fill, a first stage for one: the
+                name of a module of the network and of the setting that it is built by. None: all.
 
         Raises:
             ValueError: The initial weights cannot be read or are another network's.
         """
         super().__init__()
         self.network = network
+        self.metric = metric
         self.optimizer = optimizer
+        self._num_steps: int | None = None  # that the schedule is made for
         if initial_weights is not None:
-            weights = read_weights(initial_weights)
-            self._check_same_network(str(initial_weights), weights.task, weights.config)
-            self.network.load_state_dict(weights.tensors)
+            self._start_from(initial_weights, initial_part)
+        elif initial_part is not None:
+            raise ValueError(
+                f"initial_part {initial_part} says what initial_weights fill: set those too"
+            )
 
     @abstractmethod
     def network_config(self) -> NetworkConfig:
         """The settings that build the network again."""
+
+    @abstractmethod
+    def losses(self, batch: Any) -> Losses:  # noqa: ANN401 - the task's own batch
+        """What a batch costs, and why."""
+
+    @abstractmethod
+    def score(self, batch: Any) -> Any:  # noqa: ANN401 - the task's own batch and answer
+        """Updates `metric` by a batch; gives what the network answered."""
+
+    def scores(self) -> Mapping[str, Tensor]:
+        """All scores to log, by name, once every batch has been scored."""
+        scores: Mapping[str, Tensor] = self.metric.compute()
+        return scores
+
+    def picture(
+        self,
+        batch: Any,  # noqa: ANN401 - the task's own batch
+        answer: Any,  # noqa: ANN401 - what `score` gave
+    ) -> UInt8[np.ndarray, "height width 3"] | None:
+        """The first sample of a batch and what the network made of it; None: nothing to see."""
+        del batch, answer
+        return None
+
+    def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
+        """The loss of a batch; logs it and its terms."""
+        del batch_idx
+        losses = self.losses(batch)
+        terms = {f"training/{name}": value for name, value in losses._asdict().items()}
+        self.log_dict(terms, batch_size=len(batch))
+        self.log("loss", losses.total, prog_bar=True, logger=False, batch_size=len(batch))
+        return losses.total
+
+    def validation_step(self, batch: Batch | None, batch_idx: int) -> None:
+        """Scores a batch, and draws the first few. None: only other ranks have samples left."""
+        if batch is None:
+            return
+        answer = self.score(batch)
+        if batch_idx < _NUM_PICTURES and isinstance(self.logger, TensorBoardLogger):
+            picture = self.picture(batch, answer)
+            if picture is not None:
+                self.logger.experiment.add_image(
+                    f"validation/{batch_idx}", picture, self.global_step, dataformats="HWC"
+                )
+
+    def on_validation_epoch_end(self) -> None:
+        """Logs the scores."""
+        self._log_scores("validation")
+
+    def test_step(self, batch: Batch | None, batch_idx: int) -> None:
+        """Scores a batch. None: only other ranks have samples left."""
+        del batch_idx
+        if batch is not None:
+            self.score(batch)
+
+    def on_test_epoch_end(self) -> None:
+        """Logs the scores."""
+        self._log_scores("test")
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Makes the optimiser and, over all steps of the training, its schedule."""
@@ -102,6 +190,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             weight_decay=self.optimizer.weight_decay,
         )
         if self.optimizer.schedule == "constant" and self.optimizer.warm_up_share == 0:
+            self._num_steps = None
             return optimizer
         total_steps = self.trainer.estimated_stepping_batches
         if math.isinf(total_steps):
@@ -110,7 +199,15 @@ class TrainingModule(lightning.LightningModule, ABC):
                 "trainer.max_epochs or trainer.max_steps, or take optimizer.schedule: constant "
                 "and no warm-up"
             )
-        scheduler = make_schedule(optimizer, self.optimizer, int(total_steps))
+        if self._num_steps not in (None, total_steps):
+            raise ValueError(
+                f"the run was begun for {self._num_steps} steps, by which its learning rate goes, "
+                f"but now it would have {total_steps}; resume with the trainer.max_steps, "
+                "max_epochs and data that it was begun with, or begin another run from its weights "
+                "by model.init_args.initial_weights"
+            )
+        self._num_steps = int(total_steps)
+        scheduler = make_schedule(optimizer, self.optimizer, self._num_steps)
         return {
             "optimizer": optimizer,
             "lr_scheduler": {"scheduler": scheduler, "interval": "step"},
@@ -119,9 +216,10 @@ class TrainingModule(lightning.LightningModule, ABC):
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Describes the network in the checkpoint."""
         data = getattr(self.trainer, "datamodule", None)
+        checkpoint[_NUM_STEPS_KEY] = self._num_steps
         checkpoint[CHECKPOINT_KEY] = {
             "task": self.task_name,
-            "config": _plain(self.network_config()),
+            "config": plain_settings(self.network_config()),
             "provenance": {
                 "sightline": version("sightline"),
                 "seed": str(getattr(data, "seed", "unknown")),
@@ -137,44 +235,94 @@ class TrainingModule(lightning.LightningModule, ABC):
             raise ValueError(
                 "the checkpoint is none of sightline; name one that sightline fit wrote"
             )
-        self._check_same_network("the checkpoint", description["task"], description["config"])
+        self._check_task("the checkpoint", description["task"])
+        _check_settings("the checkpoint", description["config"], self.network_config())
+        self._num_steps = checkpoint.get(_NUM_STEPS_KEY)
 
-    def _check_same_network(self, source: str, task: str, config: Mapping[str, object]) -> None:
+    def _log_scores(self, stage: str) -> None:
+        # float32: not every accelerator has more
+        scores = {f"{stage}/{name}": score.float() for name, score in self.scores().items()}
+        with torch.inference_mode(mode=False):  # else training could not go on with its tensors
+            self.metric.reset()
+        shown, _ = self.monitored
+        for name, score in scores.items():
+            self.log(name, score, prog_bar=name == shown)
+
+    def _start_from(self, source: Path, part: str | None) -> None:
+        weights = read_weights(source)
+        name = str(source)
+        if part is None:
+            self._check_task(name, weights.task)
+            _check_settings(name, weights.config, self.network_config())
+            _load(self.network, weights.tensors, name)
+            return
+        parts = dict(self.network.named_children())
+        settings = getattr(self.network_config(), part, None)
+        if part not in parts or not isinstance(settings, NetworkConfig):
+            raise ValueError(
+                f"initial_part {part} is no part of the network that has settings of its own; its "
+                f"modules are {', '.join(parts)}"
+            )
+        given, tensors = weights.config, weights.tensors
+        if weights.task == self.task_name:  # such a network as a whole, of which the part is wanted
+            of_part = given.get(part)
+            given = of_part if isinstance(of_part, dict) else {}
+            tensors = {
+                key.removeprefix(f"{part}."): tensor
+                for key, tensor in tensors.items()
+                if key.startswith(f"{part}.")
+            }
+        _check_settings(name, given, settings)
+        _load(parts[part], tensors, name)
+
+    def _check_task(self, source: str, task: str) -> None:
         if task != self.task_name:
             raise ValueError(
                 f"{source} is of task {task}, expected {self.task_name}; name another or change "
                 "the recipe"
             )
-        settings = self.network_config()
-        ours, theirs = _plain(settings), _completed(config, _plain(type(settings)()))
-        differing = sorted(
-            name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name)
+
+
+def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | None) -> ConfigT:
+    """A network's settings: those given, else those of the weights that it starts from.
+
+    Args:
+        given: As the recipe has them; None where it leaves them to the weights.
+        kind: What settings the network takes.
+        weights: Name or file; None: none, and the settings are the defaults.
+
+    Raises:
+        ValueError: The weights cannot be read or are another network's.
+    """
+    if given is not None:
+        return given
+    if weights is None:
+        return kind()
+    plain = read_weights(weights).config
+    try:
+        return parse_settings(kind, plain)
+    except ValueError as error:
+        raise ValueError(
+            f"{weights} describes a network that cannot be built here ({error}); name others"
+        ) from error
+
+
+def _check_settings(source: str, given: Mapping[str, object], ours: NetworkConfig) -> None:
+    differing = differing_settings(given, ours)
+    if differing:
+        raise ValueError(
+            f"{source} holds a network of other settings ({differing}); take the recipe that it "
+            "was trained with"
         )
-        if differing:
-            described = ", ".join(
-                f"{name} {theirs.get(name)} instead of {ours.get(name)}" for name in differing
-            )
-            raise ValueError(
-                f"{source} holds a network of other settings ({described}); take the recipe that "
-                "it was trained with"
-            )
 
 
-def _plain(settings: NetworkConfig) -> dict[str, object]:
-    plain: dict[str, object] = json.loads(json.dumps(asdict(settings)))
-    return plain
-
-
-def _completed(config: Mapping[str, object], defaults: Mapping[str, object]) -> dict[str, object]:
-    """Settings from a file, with the defaults of those that it is too old to name."""
-    completed = dict(defaults)
-    for name, value in config.items():
-        default = defaults.get(name)
-        if isinstance(value, Mapping) and isinstance(default, Mapping):
-            completed[name] = _completed(value, default)
-        else:
-            completed[name] = value
-    return completed
+def _load(module: nn.Module, tensors: Mapping[str, Tensor], source: str) -> None:
+    try:
+        fill_network(module, tensors)
+    except ValueError as error:
+        raise ValueError(
+            f"{source} does not fit the network that it describes ({error}); name another"
+        ) from error
 
 
 def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:

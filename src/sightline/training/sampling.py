@@ -74,27 +74,26 @@ class TrainingBatches(Sampler[list[SampleKey]]):
 
 
 class ScoringBatches(Sampler[list[SampleKey]]):
-    """All samples in order, dealt out to the ranks; each gets the same number.
+    """All samples in order, dealt out to the ranks, each once.
 
-    Where that does not go even, the first samples come again: a rank that is done early would leave
-    the others waiting for it.
+    Every rank has the same number of batches, for one that is done early would leave the others
+    waiting for it: where the samples do not go even, a rank's last batch is smaller, or empty.
     """
 
     def __init__(self, num_samples: int, batch_size: int, *, rank: int = 0, world: int = 1) -> None:
         """Deals out."""
-        num_each = math.ceil(num_samples / world)
-        dealt = np.arange(num_each * world) % num_samples
-        self._mine = dealt[rank::world]
+        self._mine = range(rank, num_samples, world)
+        self._most = math.ceil(num_samples / world)
         self._batch_size = batch_size
 
     def __len__(self) -> int:
         """Batches of one rank."""
-        return math.ceil(len(self._mine) / self._batch_size)
+        return math.ceil(self._most / self._batch_size)
 
     def __iter__(self) -> Iterator[list[SampleKey]]:
-        """The rank's batches; the last may be smaller."""
-        for start in range(0, len(self._mine), self._batch_size):
-            yield [(0, int(index)) for index in self._mine[start : start + self._batch_size]]
+        """The rank's batches."""
+        for start in range(0, self._most, self._batch_size):
+            yield [(0, index) for index in self._mine[start : start + self._batch_size]]
 
 
 class EpochPosition:

@@ -13,6 +13,7 @@ _SHIFT = 4  # OpenCV takes coordinates in sixteenths of a pixel
 _HALO: RGB = (10, 10, 14)
 _HALO_OPACITY = 0.55
 _OVERSAMPLING = 3
+_POINTS_AT_A_TIME = 2**17  # a turn of KITTI's LiDAR; each takes a kilobyte while it is drawn
 
 
 def scale_of(canvas: UInt8[np.ndarray, "height width 3"]) -> float:
@@ -68,6 +69,22 @@ def put_points(
     """Draws discs at (x, y) [px]; later points cover earlier ones."""
     height, width = canvas.shape[:2]
     layer = np.zeros((height * _OVERSAMPLING, width * _OVERSAMPLING, 4), np.uint8)
+    for start in range(0, len(pixels), _POINTS_AT_A_TIME):
+        some = slice(start, start + _POINTS_AT_A_TIME)
+        _ink_discs(layer, pixels[some], colors[some], diameter_px)
+    small = cv2.resize(layer, (width, height), interpolation=cv2.INTER_AREA)
+    covered = small[..., 3] > 0
+    uncovered = 255 - small[covered, 3:].astype(np.float32)
+    canvas[covered] = np.rint(small[covered, :3] + canvas[covered] * (uncovered / 255))
+
+
+def _ink_discs(
+    layer: UInt8[np.ndarray, "rows columns 4"],
+    pixels: Float[np.ndarray, "num_points 2"],
+    colors: UInt8[np.ndarray, "num_points 3"],
+    diameter_px: float,
+) -> None:
+    """Sets colour and full opacity of the discs' pixels in an oversampled layer."""
     radius = diameter_px * _OVERSAMPLING / 2
     reach = np.arange(-int(radius), int(radius) + 1)
     dy, dx = (axis.ravel() for axis in np.meshgrid(reach, reach, indexing="ij"))
@@ -80,10 +97,6 @@ def put_points(
     # Row by row of a points-by-disc table: numpy lets the last assignment win.
     spread = np.broadcast_to(inked[:, None], (*inside.shape, 4))
     layer[rows[inside], columns[inside]] = spread[inside]
-    small = cv2.resize(layer, (width, height), interpolation=cv2.INTER_AREA)
-    covered = small[..., 3] > 0
-    uncovered = 255 - small[covered, 3:].astype(np.float32)
-    canvas[covered] = np.rint(small[covered, :3] + canvas[covered] * (uncovered / 255))
 
 
 def _blend(

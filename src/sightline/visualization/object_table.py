@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int64, UInt8
+from jaxtyping import Float32, UInt8
 from torch import Tensor
 
 from sightline.geometry.boxes3d import Boxes3D
@@ -29,7 +29,10 @@ _OCCLUSION = {-1: "-", 0: "none", 1: "partly", 2: "largely", 3: "unknown"}
 class _Row:
     class_name: str
     range_m: float
-    cells: tuple[str, ...]
+    index: int
+    """Of its box."""
+    last: tuple[str, str]
+    """The cells that labels and detections differ in."""
 
 
 def draw_object_table(
@@ -48,9 +51,9 @@ def draw_object_table(
         max_height_px: The picture is as high as its rows need, but no higher.
     """
     if isinstance(objects, ObjectLabels):
-        rows, columns = _label_rows(objects, points), _LABEL_COLUMNS
+        rows, boxes, columns = _label_rows(objects), objects.boxes3d, _LABEL_COLUMNS
     else:
-        rows, columns = _detection_rows(objects, points), _DETECTION_COLUMNS
+        rows, boxes, columns = _detection_rows(objects), objects.boxes, _DETECTION_COLUMNS
     rows.sort(key=lambda row: row.range_m)
     room = (max_height_px - 6) // _ROW_PX - 1
     shown = rows if len(rows) <= room else rows[: max(room - 1, 0)]
@@ -61,15 +64,14 @@ def draw_object_table(
         top = number * _ROW_PX
         swatch = slice(top + 6, top + _ROW_PX - 5)
         canvas[swatch, _LEFT_PX : _LEFT_PX + 9] = class_color(row.class_name)
-        _put_row(canvas, number, row.class_name, row.cells, color=_TEXT)
+        _put_row(canvas, number, row.class_name, _cells(row, boxes, points), color=_TEXT)
     if len(shown) < len(rows):
         more = f"and {len(rows) - len(shown)} more, farther away"
         _put_row(canvas, len(shown) + 1, more, (), color=_MUTED)
     return canvas
 
 
-def _label_rows(labels: ObjectLabels, points: Float32[Tensor, "num_points 4"] | None) -> list[_Row]:
-    counts = _points_within(labels.boxes3d, points)
+def _label_rows(labels: ObjectLabels) -> list[_Row]:
     rows = []
     for index in labels.has_box3d.nonzero()[:, 0].tolist():
         truncation = float(labels.truncation[index])
@@ -78,42 +80,30 @@ def _label_rows(labels: ObjectLabels, points: Float32[Tensor, "num_points 4"] | 
             f"{truncation:.2f}" if truncation >= 0 else "-",
             _OCCLUSION.get(occlusion, str(occlusion)),
         )
-        rows.append(_row(labels.class_names[index], labels.boxes3d, counts, index, last))
+        rows.append(_row(labels.class_names[index], labels.boxes3d, index, last))
     return rows
 
 
-def _detection_rows(
-    detections: Detections3D, points: Float32[Tensor, "num_points 4"] | None
-) -> list[_Row]:
-    counts = _points_within(detections.boxes, points)
+def _detection_rows(detections: Detections3D) -> list[_Row]:
     return [
-        _row(name, detections.boxes, counts, index, ("", f"{float(detections.scores[index]):.2f}"))
+        _row(name, detections.boxes, index, ("", f"{float(detections.scores[index]):.2f}"))
         for index, name in enumerate(detections.class_names)
     ]
 
 
-def _row(
-    class_name: str,
-    boxes: Boxes3D,
-    counts: Int64[Tensor, " num_boxes"] | None,
-    index: int,
-    last: tuple[str, str],
-) -> _Row:
-    length, width, height = boxes.sizes[index].tolist()
+def _row(class_name: str, boxes: Boxes3D, index: int, last: tuple[str, str]) -> _Row:
     range_m = float(boxes.centers[index, :2].norm())
+    return _Row(class_name=class_name, range_m=range_m, index=index, last=last)
+
+
+def _cells(
+    row: _Row, boxes: Boxes3D, points: Float32[Tensor, "num_points 4"] | None
+) -> tuple[str, ...]:
+    box = boxes[row.index : row.index + 1]
+    length, width, height = box.sizes[0].tolist()
     size = f"{length:.1f} x {width:.1f} x {height:.1f}"
-    count = "-" if counts is None else str(int(counts[index]))
-    return _Row(
-        class_name=class_name, range_m=range_m, cells=(f"{range_m:.1f}", size, count, *last)
-    )
-
-
-def _points_within(
-    boxes: Boxes3D, points: Float32[Tensor, "num_points 4"] | None
-) -> Int64[Tensor, " num_boxes"] | None:
-    if points is None:
-        return None
-    return boxes.contain(points[:, :3].to(boxes.tensor)).sum(dim=1)
+    count = "-" if points is None else str(int(box.contain(points[:, :3].to(box.tensor)).sum()))
+    return (f"{row.range_m:.1f}", size, count, *row.last)
 
 
 def _put_row(

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float, Float32, Int64, UInt8
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
@@ -32,6 +33,8 @@ _HEAD_PX = 46
 _MIN_TABLE_PX = 130
 _FARTHEST_M = 90.0  # no point of KITTI's LiDAR lies farther away
 _WIDE = 2.0  # pictures at least so many times as wide as high stand one above the other
+_HIGHEST = 1.5  # pictures higher than so many times the panel's width are made narrower than it
+_MAX_OBJECTS = 500  # drawn; twenty times KITTI's fullest frame
 _SPARSE_SHARE = 0.3  # maps with values on fewer pixels are drawn with larger points
 
 
@@ -65,7 +68,8 @@ def frame_sheet(
     Shows the image with 2D and 3D boxes, the LiDAR coloured by range on it, the sparse depth, the
     dense depth (and its error where the sample has true depth), a bird's-eye view and a table of
     the objects. What the sample lacks is said where it would stand. Where there are detections,
-    they have the colours and labels are white.
+    they have the colours and labels are white. Of more than 500 labels the nearest are drawn, of
+    detections the surest.
 
     Args:
         sample: Any of image, points, objects and depth may be None.
@@ -87,10 +91,10 @@ def frame_sheet(
     panel_px = (_COLUMN_PX - (num_columns - 1) * _GAP_PX) // num_columns
     frame = _zoomed(
         _Frame(
-            sample=sample,
+            sample=replace(sample, objects=_nearest(sample.objects)),
             dense_depth=dense_depth,
-            detections2d=detections2d,
-            detections3d=detections3d,
+            detections2d=_surest_in_2d(detections2d),
+            detections3d=_surest_in_3d(detections3d),
         ),
         panel_px,
     )
@@ -106,13 +110,45 @@ def frame_sheet(
     return page
 
 
+def _nearest(labels: ObjectLabels | None) -> ObjectLabels | None:
+    """Those that are drawn; without a 3D part they count as farthest."""
+    if labels is None or len(labels) <= _MAX_OBJECTS:
+        return labels
+    ranges_m = labels.boxes3d.centers[:, :2].norm(dim=1)
+    order = torch.where(labels.has_box3d, ranges_m, torch.inf).argsort(stable=True)
+    is_drawn = torch.zeros(len(labels), dtype=torch.bool)
+    is_drawn[order[:_MAX_OBJECTS]] = True
+    return labels.select(is_drawn)
+
+
+def _surest_in_2d(found: Detections2D | None) -> Detections2D | None:
+    if found is None:
+        return None
+    kept = _surest(found.scores)
+    names = tuple(found.class_names[index] for index in kept.tolist())
+    return Detections2D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
+
+
+def _surest_in_3d(found: Detections3D | None) -> Detections3D | None:
+    if found is None:
+        return None
+    kept = _surest(found.scores)
+    names = tuple(found.class_names[index] for index in kept.tolist())
+    return Detections3D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
+
+
+def _surest(scores: Float[Tensor, " num_detections"]) -> Int64[Tensor, " num_kept"]:
+    """In their order."""
+    return scores.argsort(descending=True, stable=True)[:_MAX_OBJECTS].sort().values
+
+
 def _zoomed(frame: _Frame, panel_px: int) -> _Frame:
     """The frame at a size that fits the panel; kept pixel by pixel where it nearly does."""
     height, width = frame.sample.image_size
-    if 0.75 * panel_px <= width <= panel_px:
+    zoom = min(panel_px / width, _HIGHEST * panel_px / height)
+    if 1 <= zoom <= 1 / 0.75:
         return frame
-    zoom = panel_px / width
-    size = (max(round(height * zoom), 1), panel_px)
+    size = (max(round(height * zoom), 1), max(round(width * zoom), 1))
     sample, dense, found = frame.sample, frame.dense_depth, frame.detections2d
     objects = sample.objects
     if objects is not None:
@@ -310,7 +346,9 @@ def _put_head(page: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSamp
     if sample.points is not None:
         facts.append(f"{len(sample.points):,} LiDAR points")
     if sample.objects is not None:
-        facts.append(f"{int(sample.objects.has_box3d.sum())} objects")
+        facts.append(f"{int(sample.objects.has_box3d.sum()):,} objects")
+        if len(sample.objects) > _MAX_OBJECTS:
+            facts.append(f"the nearest {_MAX_OBJECTS} are drawn")
     put_text(page, sample.sample_id, _GAP_PX, 32, height_px=15, color=_TITLE)
     left = _GAP_PX + text_width(sample.sample_id, 15) + 18
     put_text(page, "   ".join(facts), left, 32, height_px=11, color=_MUTED)

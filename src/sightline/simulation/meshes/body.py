@@ -25,7 +25,7 @@ REVERSING_LIGHT = Finish(Material.TAIL_LIGHT, (0.50, 0.46, 0.44))
 
 # Levels of the lower body as shares of the way from its lower edge to its shoulder, and how far the
 # skin stands back there: at the sides as a share of half the width, at the ends in metres.
-_LEVELS = np.array([0.0, 0.13, 0.32, 0.46, 0.475, 0.58, 0.69, 0.78, 0.82, 0.95, 1.0])
+LEVELS = np.array([0.0, 0.13, 0.32, 0.46, 0.475, 0.58, 0.69, 0.78, 0.82, 0.95, 1.0])
 _SIDE_INSETS = np.array([0.06, 0.022, 0.004, 0.0, 0.0, 0.002, 0.006, 0.011, 0.024, 0.040, 0.072])
 _ARCH_ANGLES = 9
 _GAP_HALF_WIDTH = 0.005  # m
@@ -48,12 +48,12 @@ class BodyForm:
     shoulder: tuple[tuple[float, float], ...]
     """(place, height) of the line where sides turn into bonnet, window sill and boot."""
     front_insets_m: tuple[float, ...] = (
-        *(0.11, 0.05, 0.01, 0.0, 0.0, 0.025, 0.045, 0.065, 0.08, 0.14, 0.23),
-    )
+        0.11, 0.05, 0.01, 0.0, 0.0, 0.025, 0.045, 0.065, 0.08, 0.14, 0.23
+    )  # fmt: skip
     """How far the front stands back at each level of the lower body."""
     rear_insets_m: tuple[float, ...] = (
-        *(0.14, 0.06, 0.01, 0.0, 0.03, 0.04, 0.045, 0.05, 0.055, 0.065, 0.09),
-    )
+        0.14, 0.06, 0.01, 0.0, 0.03, 0.04, 0.045, 0.05, 0.055, 0.065, 0.09
+    )  # fmt: skip
     front_roundness: float = 5.0
     """Exponent of the superellipse that the outline follows; higher is squarer."""
     rear_roundness: float = 7.0
@@ -63,6 +63,8 @@ class BodyForm:
     rear_base: float
     """Place of the lower corners of the cabin's rear."""
     rear_top: float
+    rear_base_spread: float = 0.01
+    """By how much `rear_base` differs between makes."""
     screen_bow_m: float = 0.16
     rear_bow_m: float = 0.07
     base_width: float = 0.925
@@ -92,6 +94,8 @@ class BodyForm:
     tail_start: float = -0.90
     tail_inner: float = 0.66
     tail_levels: tuple[float, float] = (0.58, 0.82)
+    pillar_lamps: bool = False
+    """Whether there are tail lights beside the rear window."""
     cladding: bool = False
     """Whether the lower edge is unpainted plastic."""
     covered_bed: bool = False
@@ -109,6 +113,8 @@ class Body:
     width: float
     height: float
     paint: Finish
+    roof: Finish
+    """Of the cabin: paint, or the cloth of a soft top."""
 
     def shoulder_height(self, x: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
         """Height [m] of the shoulder at x [m]; corners of the form's line are rounded off."""
@@ -142,18 +148,18 @@ class Body:
 
     def front_x(self, level: float) -> float:
         """Where along x [m] the foremost line of a level is."""
-        return self.length / 2 - float(np.interp(level, _LEVELS, self.form.front_insets_m))
+        return self.length / 2 - float(np.interp(level, LEVELS, self.form.front_insets_m))
 
     def rear_x(self, level: float) -> float:
         """Where along x [m] the rearmost line of a level is."""
-        return -self.length / 2 + float(np.interp(level, _LEVELS, self.form.rear_insets_m))
+        return -self.length / 2 + float(np.interp(level, LEVELS, self.form.rear_insets_m))
 
     def side_y(self, x: float, level: float) -> float:
         """Distance [m] of the skin from the middle plane at x [m]."""
         form = self.form
         roundness = form.front_roundness if x > 0 else form.rear_roundness
         outline = (1 - abs(x / (self.length / 2)) ** roundness) ** (1 / roundness)
-        inset = float(np.interp(level, _LEVELS, _SIDE_INSETS))
+        inset = float(np.interp(level, LEVELS, _SIDE_INSETS))
         return float(self.width / 2 * outline * (1 - inset))
 
     def screen_x(
@@ -179,7 +185,7 @@ def lower_body(body: Body) -> Mesh:
     """All below the windows, with wheel arches, lamps, grille and gaps painted on."""
     outline = _lower_outline(body)
     skin = grid(_lower_points(body, outline), body.paint, closed=True)
-    rows = np.concatenate(([-1.0, -1.0, -1.0, -1.0], _LEVELS, 2 - _ROUND_ROWS))
+    rows = np.concatenate(([-1.0, -1.0, -1.0, -1.0], LEVELS, 2 - _ROUND_ROWS))
     level = (rows[1:] + rows[:-1])[:, None] / 2
     following = np.roll(outline, -1, axis=0)
     place, across = (outline + following).T / 2
@@ -241,8 +247,8 @@ def _lower_points(
     line = body.shoulder_height(x[-1])
     shoulder = line + CROWN * (1 - across**2)
     y = np.outer(1 - _SIDE_INSETS, across) * body.width / 2
-    z = body.clearance + np.outer(_LEVELS, shoulder - body.clearance)
-    z = np.maximum(z, edge + 0.012 * np.arange(len(_LEVELS))[:, None])
+    z = body.clearance + np.outer(LEVELS, shoulder - body.clearance)
+    z = np.maximum(z, edge + 0.012 * np.arange(len(LEVELS))[:, None])
     sides = np.stack((x, y, z), axis=-1)
     under_x, under_y = x[0] - 0.1 * at_front + 0.1 * at_rear, y[0] * _UNDER_SHARE
     floor = np.full_like(place, body.clearance)

@@ -13,7 +13,7 @@ from sightline.simulation.meshes.building_forms import BuildingForm
 from sightline.simulation.meshes.facades import Facade, Front, build_front
 from sightline.simulation.meshes.primitives import Finish
 
-_FOUNDATION: Final = 0.6
+_FOUNDATION: Final = 2.0
 """How deep walls reach into the ground [m], which may slope."""
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Float64, Int
 from sightline.simulation.meshes.body import (
     BLACK_PLASTIC,
     CROWN,
+    TAIL_LIGHT,
     TINTED_GLASS,
     Body,
     BodyForm,
@@ -25,6 +26,7 @@ from sightline.simulation.scene import Mesh
 _ROOF_ROWS = np.array([0.965, 0.86, 0.6, 0.3, 0.0])  # from the roof's edge to its middle
 _WAYS_BETWEEN = (0.0, 0.3, 0.6, 0.94, 1.03, 1.5, 2.5, 3.05, 3.85, 3.96, 4.07, 4.4, 4.7, 5.0)
 _FRONT_PILLAR = (1.925, 2.06)  # ways of the black pillar between the doors
+_LAMP = (3.96, 4.12)  # ways of a tail light beside the rear window
 _SILL_LEVEL, _FRAME_LEVEL = 0.115, 0.075
 _HEADER = 0.045  # of the cabin's height, the black frame above the windows
 
@@ -43,11 +45,12 @@ def cabin(body: Body) -> Mesh:
     ways, sides = _columns(body.form)
     walls = _wall_points(body, ways, sides)
     points = np.concatenate((walls, _roof_points(body, walls[-1])))
-    skin = grid(points, body.paint, closed=True)
+    skin = grid(points, body.roof, closed=True)
     rows = np.concatenate((_levels(body.form), 2 - _ROOF_ROWS))
     level = (rows[1:] + rows[:-1])[:, None] / 2
     cells = _cells(body.form, level, (ways + np.roll(ways, -1)) / 2)
-    return without_slivers(painted(skin, cells, (body.paint, TINTED_GLASS, BLACK_PLASTIC)))
+    palette = (body.roof, TINTED_GLASS, BLACK_PLASTIC, TAIL_LIGHT)
+    return without_slivers(painted(skin, cells, palette))
 
 
 def _windows(form: BodyForm) -> tuple[_Window, ...]:
@@ -165,6 +168,8 @@ def _cells(
             cells[glass_rows & within(way, window.start, window.end)] = 1
     if form.glazed[0]:
         cells[frame_rows & within(way, *_FRONT_PILLAR)] = 2
+    if form.pillar_lamps:
+        cells[within(level, _SILL_LEVEL, form.window_top) & within(way, *_LAMP)] = 3
     below_screen = (level < _SILL_LEVEL) & (way < 0.875)
     cells[below_screen] = 2
     return cells

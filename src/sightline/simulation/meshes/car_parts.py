@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
 
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP, HEADLIGHT, Body
-from sightline.simulation.meshes.edits import mirrored, painted
+from sightline.simulation.meshes.edits import both_sides, painted, turned
 from sightline.simulation.meshes.primitives import (
     Finish,
     box,
@@ -15,7 +14,6 @@ from sightline.simulation.meshes.primitives import (
     disc,
     lathe,
     moved,
-    quads,
     superellipsoid,
     tube,
 )
@@ -33,6 +31,7 @@ _PLATE_LETTERS = Finish(Material.PLASTIC, (0.02, 0.02, 0.02))
 _REAR_REFLECTOR = Finish(Material.RETRO_REFLECTOR, (0.45, 0.01, 0.01))
 _SEAT = Finish(Material.CLOTH, (0.030, 0.030, 0.033))
 _WHEEL_SIDES = 20
+_RIM_PROFILE = (0.45, 0.92, 1.0, 1.0, 0.93, 0.70, 0.65, 0.62, 0.50, 0.20, 0.16, 0.02)  # of radius
 _SPOKES = ((1, 1, 0, 0), (1, 0), (1, 1, 1, 0), (1,))  # repeated around the rim
 
 
@@ -49,22 +48,9 @@ def wheel(
         spokes: Index of the pattern of spokes; -1 draws one.
     """
     half = width / 2
-    profile = np.array(
-        [
-            (0.45 * radius, -half),
-            (0.92 * radius, -half),
-            (radius, -0.7 * half),
-            (radius, 0.7 * half),
-            (0.93 * radius, half),
-            (0.70 * radius, half),
-            (0.65 * radius, half - 0.005),
-            (0.62 * radius, half - 0.030),
-            (0.50 * radius, half - 0.024),
-            (0.20 * radius, half - 0.012),
-            (0.16 * radius, half),
-            (0.02 * radius, half),
-        ]
-    )
+    across = np.array((-1.0, -1.0, -0.7, 0.7, *np.ones(8))) * half
+    across[6:10] -= (0.005, 0.030, 0.024, 0.012)
+    profile = np.stack((np.array(_RIM_PROFILE) * radius, across), axis=1)
     pattern = _SPOKES[int(rng.integers(len(_SPOKES))) if spokes < 0 else spokes]
     cells = np.zeros((len(profile) - 1, _WHEEL_SIDES), dtype=np.int64)
     cells[5:7] = 1
@@ -77,45 +63,27 @@ def wheel(
     return painted(turned, cells, (TYRE, rim, _WHEEL_GAP))
 
 
-def wheels(one: Mesh, axles: Sequence[float], track_half_width: float, radius: float) -> list[Mesh]:
+def wheels(one: Mesh, axles: Sequence[float], track_half_width: float, radius: float) -> Mesh:
     """The wheel at both ends of each axle at x [m]; the track is measured between middles."""
-    placed = []
-    for axle in axles:
-        left = moved(one, (axle, track_half_width, radius))
-        placed += [left, mirrored(left)]
-    return placed
+    return both_sides(*(moved(one, (axle, track_half_width, radius)) for axle in axles))
 
 
 def plate(rng: np.random.Generator, x: float, z: float, facing: int) -> list[Mesh]:
     """A number plate in the middle of the front (`facing` 1) or rear (-1) with its letters."""
     outside = x + 0.012 * facing
-    parts = [box((x, 0, z), (0.012, 0.26, 0.056), _PLATE)]
     starts = np.array([-0.19, -0.14, -0.06, -0.01, 0.07, 0.12, 0.17, 0.215])
     shown = starts[np.arange(8) < rng.integers(6, 9)]
-    widths = rng.uniform(0.026, 0.038, len(shown))
-    parts.append(_plate_marks(shown, widths, 0.036, outside + 0.002 * facing, z, facing))
-    blue = _plate_marks(np.array([-0.25]), np.array([0.04]), 0.05, outside, z, facing)
-    blue = painted(blue, np.zeros((1, 1), dtype=np.int64), (_PLATE_BLUE,))
-    return [*parts, moved(blue, (0.002 * facing, 0, 0))]
+    half_widths = rng.uniform(0.013, 0.019, len(shown))
+    centers = [(outside, (start + 0.016) * facing, z) for start in shown]
+    halves = [(0.002, half_width, 0.036) for half_width in half_widths]
+    return [
+        box((x, 0, z), (0.012, 0.26, 0.056), _PLATE),
+        box((outside, -0.23 * facing, z), (0.002, 0.02, 0.05), _PLATE_BLUE),
+        boxes(np.array(centers), np.array(halves), _PLATE_LETTERS),
+    ]
 
 
-def _plate_marks(
-    starts: Float64[np.ndarray, " marks"],
-    widths: Float64[np.ndarray, " marks"],
-    half_height: float,
-    x: float,
-    z: float,
-    facing: int,
-) -> Mesh:
-    """Upright rectangles on a plate; `starts` run from the reader's left."""
-    left, right = starts * facing, (starts + widths) * facing
-    y = np.stack((left, right, right, left), axis=1)
-    low, high = np.full_like(left, z - half_height), np.full_like(left, z + half_height)
-    heights = np.stack((low, low, high, high), axis=1)
-    return quads(np.stack((np.full_like(y, x), y, heights), axis=-1), _PLATE_LETTERS)
-
-
-def mirrors(body: Body, shell: Finish) -> list[Mesh]:
+def mirrors(body: Body, shell: Finish) -> Mesh:
     """The door mirrors; they stay within the width of the body, which the labels leave out."""
     x = float(body.screen_x(0.10)) - 0.10
     z = float(body.shoulder_height(np.array([x]))[0]) + 0.075
@@ -125,7 +93,7 @@ def mirrors(body: Body, shell: Finish) -> list[Mesh]:
         (x, y, z), (0.055, half, 0.065), shell, exponents=(0.6, 0.6), num_rings=7, num_sides=10
     )
     glass = box((x - 0.050, y, z), (0.008, 0.7 * half, 0.040), CHROME)
-    return [housing, mirrored(housing), glass, mirrored(glass)]
+    return both_sides(housing, glass)
 
 
 def handles(body: Body, finish: Finish) -> list[Mesh]:
@@ -147,20 +115,15 @@ def front_trim(rng: np.random.Generator, body: Body) -> list[Mesh]:
     """Reflectors in the headlights, fog lamps, emblem and bars of the grille."""
     form, half_width = body.form, body.width / 2
     middle = (form.lamp_levels[0] + form.lamp_levels[1]) / 2
-    parts = []
-    for across in (0.70, 0.80) if rng.random() < 0.6 else (0.74,):
-        bulb = superellipsoid(
-            _end_point(body, 1, across, middle, 0.028),
-            (0.035, 0.050, 0.045),
-            LAMP_GLASS,
-            num_rings=5,
-            num_sides=8,
-        )
-        parts += [bulb, mirrored(bulb)]
+    across = (0.70, 0.80) if rng.random() < 0.6 else (0.74,)
+    places = [(_end_point(body, 1, each, middle, 0.028), LAMP_GLASS) for each in across]
     if rng.random() < 0.6:
-        place = _end_point(body, 1, 0.66, 0.22, 0.024)
-        fog = superellipsoid(place, (0.03, 0.05, 0.035), HEADLIGHT, num_rings=5, num_sides=8)
-        parts += [fog, mirrored(fog)]
+        places.append((_end_point(body, 1, 0.66, 0.22, 0.024), HEADLIGHT))
+    lamps = [
+        superellipsoid(place, (0.034, 0.05, 0.042), finish, num_rings=5, num_sides=8)
+        for place, finish in places
+    ]
+    parts = [both_sides(*lamps)]
     bars = np.linspace(*form.grille_levels, int(rng.integers(3, 5)))[1:-1]
     wide = form.grille_half_width * half_width * 0.97
     bar_finish = CHROME if rng.random() < 0.6 else BLACK_PLASTIC
@@ -186,24 +149,19 @@ def _end_point(
 
 def rear_trim(rng: np.random.Generator, body: Body) -> list[Mesh]:
     """Exhaust and reflectors."""
-    parts = []
     place = _end_point(body, -1, 0.60, 0.40, 0.004)
     reflector = box(place, (0.012, 0.06, 0.016), _REAR_REFLECTOR)
-    parts += [reflector, mirrored(reflector)]
     exhaust_y = float(rng.choice([-1, 1])) * 0.55 * body.width / 2
     low = body.clearance + 0.02
     path = [(-body.length / 2 + 0.30, exhaust_y, low), (-body.length / 2 + 0.07, exhaust_y, low)]
-    parts.append(tube(path, 0.03, CHROME))
-    return parts
+    return [both_sides(reflector), tube(path, 0.03, CHROME)]
 
 
-def seats(body: Body, rows: Sequence[float]) -> list[Mesh]:
+def seats(body: Body, rows: Sequence[float]) -> Mesh:
     """Backs and head rests at x [m] of each row; they are what a beam meets behind the glass."""
     sill = float(body.shoulder_height(np.zeros(1))[0])
-    low, parts = body.clearance + 0.12, []
+    low, top, y, left = body.clearance + 0.12, sill + 0.12, 0.22 * body.width, []
     for x in rows:
-        y = 0.22 * body.width
-        top = sill + 0.12
         back = superellipsoid(
             (x, y, (low + top) / 2),
             (0.09, 0.23, (top - low) / 2),
@@ -215,13 +173,13 @@ def seats(body: Body, rows: Sequence[float]) -> list[Mesh]:
         rest = superellipsoid(
             (x - 0.03, y, top + 0.08), (0.05, 0.13, 0.09), _SEAT, num_rings=5, num_sides=6
         )
-        parts += [back, rest, mirrored(back), mirrored(rest)]
+        left += [back, rest]
     dashboard = float(body.screen_x(0.0)) - 0.12
-    parts.append(box((dashboard, 0, sill - 0.10), (0.15, 0.42 * body.width, 0.12), _SEAT))
-    return parts
+    board = box((dashboard, 0, sill - 0.10), (0.15, 0.42 * body.width, 0.12), _SEAT)
+    return Mesh.joined((both_sides(*left), board))
 
 
-def roof_rails(body: Body, finish: Finish) -> list[Mesh]:
+def roof_rails(body: Body, finish: Finish) -> Mesh:
     """A rail along each edge of the roof."""
     form, half = body.form, body.length / 2
     ahead, behind = form.screen_top * half - 0.12, form.rear_top * half + 0.08
@@ -235,8 +193,7 @@ def roof_rails(body: Body, finish: Finish) -> list[Mesh]:
         (ahead - 0.12, y, top - 0.6 * form.roof_fall_front_m),
         (ahead, y, base - form.roof_fall_front_m),
     ]
-    rail = tube(path, 0.016, finish, num_sides=6)
-    return [rail, mirrored(rail)]
+    return both_sides(tube(path, 0.016, finish, num_sides=6))
 
 
 def rear_door_gap(body: Body) -> Mesh:
@@ -251,3 +208,48 @@ def rear_door_gap(body: Body) -> Mesh:
         (form.rear_top * half - form.rear_bow_m, 0.0, roof - 0.04),
     ]
     return tube(path, 0.008, GAP, num_sides=4)
+
+
+def spoiler(rng: np.random.Generator, body: Body) -> Mesh:
+    """A blade that goes on where the roof ends."""
+    form = body.form
+    x = form.rear_top * body.length / 2 - form.rear_bow_m
+    z = body.height - form.roof_fall_rear_m - 0.4 * form.roof_crown_m
+    reach = float(rng.uniform(0.06, 0.14))
+    half_width = 0.75 * float(body.cabin_half_width(1.0))
+    return box((x - reach + 0.06, 0, z), (reach, half_width, 0.016), body.paint)
+
+
+def spare_wheel(one: Mesh, body: Body) -> Mesh:
+    """A wheel on the rear door, its outside to the rear."""
+    to_rear = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    place = (body.rear_x(0.9) - 0.07, -0.08, body.level_height(-body.length / 2, 0.8))
+    return moved(turned(one, to_rear), place)
+
+
+def extras(rng: np.random.Generator, body: Body, roof_load: float) -> list[Mesh]:
+    """What labels leave out: aerial, tow bar and, with that probability, a load on the roof."""
+    form, half, parts = body.form, body.length / 2, []
+    front, rear = form.screen_top * half - 0.15, form.rear_top * half + 0.15
+    roof = body.height - form.roof_fall_rear_m
+    if rng.random() < 0.5:
+        tip = (rear - float(rng.uniform(0.05, 0.3)), 0.0, roof + float(rng.uniform(0.08, 0.25)))
+        parts.append(tube([(rear, 0.0, roof - 0.03), tip], 0.005, BLACK_PLASTIC, num_sides=4))
+    if rng.random() < 0.15:
+        bar = [(-half + 0.15, 0.0, 0.34), (-half - 0.06, 0.0, 0.34), (-half - 0.10, 0.0, 0.42)]
+        parts.append(tube(bar, (0.025, 0.025, 0.03), CHROME, num_sides=6))
+    if rng.random() > roof_load:
+        return parts
+    middle, reach = (front + rear) / 2, (front - rear) / 2
+    bars = [(middle + side * 0.6 * reach, 0.0, body.height + 0.03) for side in (-1, 1)]
+    half_width = 0.9 * float(body.cabin_half_width(1.0))
+    parts.append(boxes(np.array(bars), np.tile((0.02, half_width, 0.05), (2, 1)), BLACK_PLASTIC))
+    if body.height < 1.78:
+        place, radii = (middle, 0.35 * half_width, body.height + 0.23), (0.95, 0.36, 0.19)
+        case = BLACK_PLASTIC if rng.random() < 0.6 else Finish(Material.PLASTIC, (0.4, 0.4, 0.4))
+        return [*parts, superellipsoid(place, radii, case, exponents=(0.35, 0.35), num_rings=11)]
+    rungs = np.arange(rear, front, 0.28)
+    centers = [(x, 0.4 * half_width, body.height + 0.10) for x in rungs]
+    parts.append(boxes(np.array(centers), np.tile((0.015, 0.19, 0.015), (len(rungs), 1)), ALLOY))
+    beams = [(middle, 0.4 * half_width + side * 0.2, body.height + 0.10) for side in (-1, 1)]
+    return [*parts, boxes(np.array(beams), np.tile((reach, 0.015, 0.035), (2, 1)), ALLOY)]

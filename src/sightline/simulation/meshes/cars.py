@@ -1,16 +1,23 @@
-"""Cars of several body styles, sized as KITTI's labels are."""
+"""Cars and vans of several body styles, sized as KITTI's labels are.
+
+A design is what cars of one make have in common. Its nose, its tail and the slope of its screens
+hang little on its length: what is longer is longer in the middle, mostly.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
+from jaxtyping import Float64
 
 from sightline.simulation.materials import Material
-from sightline.simulation.meshes.body import BLACK_PLASTIC, Body, BodyForm, lower_body
+from sightline.simulation.meshes.body import BLACK_PLASTIC, LEVELS, Body, BodyForm, lower_body
 from sightline.simulation.meshes.cabin import cabin
 from sightline.simulation.meshes.car_parts import (
     ALLOY,
     CHROME,
+    extras,
     front_trim,
     handles,
     mirrors,
@@ -19,264 +26,43 @@ from sightline.simulation.meshes.car_parts import (
     rear_trim,
     roof_rails,
     seats,
+    spare_wheel,
+    spoiler,
     wheel,
     wheels,
 )
-from sightline.simulation.meshes.edits import fitted
-from sightline.simulation.meshes.models import ActorModel, RigidShape
-from sightline.simulation.meshes.primitives import Color, Finish
-from sightline.simulation.meshes.sizes import KITTI_SIZES, Kind, Size, draw_kind
+from sightline.simulation.meshes.car_styles import STYLES, VAN_STYLES, CarStyle
+from sightline.simulation.meshes.edits import stretched
+from sightline.simulation.meshes.models import ActorModel, LateShape
+from sightline.simulation.meshes.primitives import Color, Finish, moved
+from sightline.simulation.meshes.sizes import KITTI_SIZES, Size, draw_kind
 from sightline.simulation.scene import Mesh
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CarStyle:
-    """A body style of cars or vans."""
+class Family:
+    """Cars or vans."""
 
-    kind: Kind
-    form: BodyForm
-    rails: float = 0.0
-    """Probability of roof rails."""
-    seat_rows: tuple[float, ...] = (-0.05, -0.50)
-    """Places of the seats' backs."""
-    white_share: float = 0.0
-    """Probability of white paint beyond that of all cars."""
+    class_name: str
+    styles: Mapping[str, CarStyle]
+    spread: Size
+    """Standard deviations within a style [m]."""
 
 
-_BOOT = (0.14, 0.06, 0.01, 0.0, 0.03, 0.045, 0.055, 0.065, 0.075, 0.11, 0.16)
-_HATCHBACK = BodyForm(
-    front_wheel=0.60,
-    rear_wheel=-0.65,
-    wheel_radius=0.205,
-    clearance=0.125,
-    shoulder=((-1.0, 0.68), (-0.6, 0.67), (0.36, 0.63), (0.46, 0.645), (0.9, 0.54), (1.0, 0.50)),
-    screen_base=0.40,
-    screen_top=0.07,
-    rear_base=-0.915,
-    rear_top=-0.76,
-    pillars=(-0.08, -0.56),
-    door_gaps=(0.37, -0.09, -0.50),
-    tail_levels=(0.69, 0.95),
-    tail_inner=0.70,
-    tail_start=-0.92,
-)
-STYLES: dict[str, CarStyle] = {
-    "hatchback": CarStyle(kind=Kind(share=0.27, mean_size=Size(3.80, 1.63, 1.47)), form=_HATCHBACK),
-    "sedan": CarStyle(
-        kind=Kind(share=0.17, mean_size=Size(4.25, 1.65, 1.43)),
-        form=replace(
-            _HATCHBACK,
-            rear_wheel=-0.60,
-            wheel_radius=0.215,
-            shoulder=(
-                *((-1.0, 0.69), (-0.72, 0.72), (-0.5, 0.69)),
-                *((0.36, 0.645), (0.45, 0.655), (0.9, 0.55), (1.0, 0.50)),
-            ),
-            screen_top=0.08,
-            rear_insets_m=_BOOT,
-            rear_base=-0.68,
-            rear_top=-0.42,
-            rear_bow_m=0.16,
-            roof_width=0.72,
-            roof_fall_rear_m=0.07,
-            pillars=(-0.05, -0.44),
-            door_gaps=(0.36, -0.06, -0.40),
-            tail_levels=(0.58, 0.82),
-            tail_inner=0.62,
-            tail_start=-0.90,
-        ),
-    ),
-    "city car": CarStyle(
-        kind=Kind(share=0.13, mean_size=Size(3.35, 1.55, 1.48)),
-        seat_rows=(-0.12,),
-        form=replace(
-            _HATCHBACK,
-            front_wheel=0.66,
-            rear_wheel=-0.71,
-            wheel_radius=0.19,
-            shoulder=(
-                (-1.0, 0.66),
-                (-0.5, 0.65),
-                (0.45, 0.61),
-                (0.55, 0.63),
-                (0.9, 0.55),
-                (1.0, 0.50),
-            ),
-            screen_base=0.50,
-            screen_top=0.20,
-            rear_base=-0.895,
-            rear_top=-0.82,
-            roof_width=0.78,
-            pillars=(-0.16, -0.74),
-            door_gaps=(0.44, -0.20),
-            front_roundness=4.2,
-            rear_roundness=7.5,
-            lamp_end=0.74,
-        ),
-    ),
-    "estate": CarStyle(
-        kind=Kind(share=0.14, mean_size=Size(4.35, 1.66, 1.47)),
-        rails=0.55,
-        form=replace(
-            _HATCHBACK,
-            rear_wheel=-0.58,
-            shoulder=(
-                (-1.0, 0.67),
-                (-0.5, 0.66),
-                (0.36, 0.63),
-                (0.45, 0.645),
-                (0.9, 0.55),
-                (1.0, 0.50),
-            ),
-            screen_base=0.38,
-            screen_top=0.08,
-            rear_base=-0.92,
-            rear_top=-0.80,
-            pillars=(-0.05, -0.42),
-            door_gaps=(0.35, -0.06, -0.38),
-            glazed=(True, True, True),
-            last_window_end=0.78,
-        ),
-    ),
-    "suv": CarStyle(
-        kind=Kind(share=0.09, mean_size=Size(4.15, 1.71, 1.69)),
-        rails=0.6,
-        form=replace(
-            _HATCHBACK,
-            rear_wheel=-0.63,
-            wheel_radius=0.215,
-            clearance=0.15,
-            shoulder=(
-                (-1.0, 0.68),
-                (-0.5, 0.66),
-                (0.36, 0.64),
-                (0.45, 0.655),
-                (0.9, 0.60),
-                (1.0, 0.55),
-            ),
-            screen_base=0.40,
-            screen_top=0.13,
-            rear_base=-0.915,
-            rear_top=-0.80,
-            roof_width=0.79,
-            pillars=(-0.05, -0.48),
-            door_gaps=(0.36, -0.06, -0.44),
-            glazed=(True, True, True),
-            last_window_end=0.72,
-            cladding=True,
-        ),
-    ),
-    "coupe": CarStyle(
-        kind=Kind(share=0.05, mean_size=Size(4.00, 1.67, 1.35)),
-        seat_rows=(-0.15,),
-        form=replace(
-            _HATCHBACK,
-            rear_wheel=-0.60,
-            wheel_radius=0.235,
-            clearance=0.12,
-            shoulder=(
-                (-1.0, 0.70),
-                (-0.75, 0.73),
-                (-0.4, 0.70),
-                (0.36, 0.65),
-                (0.9, 0.55),
-                (1.0, 0.48),
-            ),
-            screen_base=0.36,
-            screen_top=0.02,
-            rear_insets_m=_BOOT,
-            rear_base=-0.80,
-            rear_top=-0.34,
-            rear_bow_m=0.14,
-            roof_width=0.71,
-            pillars=(-0.16, -0.50),
-            door_gaps=(0.34, -0.18),
-            front_roundness=4.5,
-            tail_levels=(0.58, 0.82),
-            tail_inner=0.60,
-            tail_start=-0.90,
-        ),
-    ),
-    "mpv": CarStyle(
-        kind=Kind(share=0.13, mean_size=Size(4.10, 1.67, 1.63)),
-        rails=0.35,
-        form=replace(
-            _HATCHBACK,
-            front_wheel=0.62,
-            rear_wheel=-0.64,
-            wheel_radius=0.19,
-            shoulder=(
-                (-1.0, 0.66),
-                (-0.5, 0.64),
-                (0.45, 0.60),
-                (0.55, 0.62),
-                (0.9, 0.54),
-                (1.0, 0.48),
-            ),
-            screen_base=0.50,
-            screen_top=0.14,
-            screen_bow_m=0.20,
-            rear_base=-0.92,
-            rear_top=-0.84,
-            roof_width=0.79,
-            pillars=(0.0, -0.48),
-            door_gaps=(0.44, -0.01, -0.44),
-            glazed=(True, True, True),
-            last_window_end=0.75,
-        ),
-    ),
-    "pickup": CarStyle(
-        kind=Kind(share=0.02, mean_size=Size(4.75, 1.75, 1.73)),
-        seat_rows=(0.02, -0.18),
-        form=replace(
-            _HATCHBACK,
-            front_wheel=0.63,
-            rear_wheel=-0.55,
-            wheel_radius=0.215,
-            clearance=0.16,
-            shoulder=(
-                (-1.0, 0.63),
-                (-0.5, 0.63),
-                (0.36, 0.62),
-                (0.45, 0.635),
-                (0.9, 0.59),
-                (1.0, 0.55),
-            ),
-            screen_base=0.39,
-            screen_top=0.19,
-            rear_base=-0.25,
-            rear_top=-0.20,
-            rear_bow_m=0.02,
-            roof_width=0.77,
-            pillars=(0.04, -0.20),
-            door_gaps=(0.35, 0.03, -0.22),
-            rear_roundness=10.0,
-            tail_levels=(0.58, 0.95),
-            tail_inner=0.78,
-            tail_start=-0.96,
-            cladding=True,
-            covered_bed=True,
-        ),
-    ),
-}
-"""By name; shares sum to 1."""
+CARS = Family(class_name="Car", styles=STYLES, spread=Size(0.35, 0.08, 0.08))
+VANS = Family(class_name="Van", styles=VAN_STYLES, spread=Size(0.45, 0.10, 0.15))
 
-_STYLE_SPREAD = Size(0.30, 0.08, 0.08)
+_FREEDOM = np.array([0.20, 0.0, 0.0, 0.12, 0.0, 0.18])
+"""By which share the parts of a length differ by chance; see `proportioned`."""
+_UNPAINTED = Finish(Material.CAR_PAINT, (0.5, 0.5, 0.5))
+_SOFT_TOP = Finish(Material.CLOTH, (0.02, 0.02, 0.022))
 _WHITE = Finish(Material.CAR_PAINT, (0.68, 0.68, 0.66))
 _PAINTS: tuple[tuple[float, Color], ...] = (  # share, linear albedo; roughly Germany around 2010
-    (0.27, (0.012, 0.012, 0.013)),
-    (0.13, (0.045, 0.047, 0.052)),
-    (0.14, (0.13, 0.135, 0.14)),
-    (0.18, (0.36, 0.37, 0.38)),
-    (0.12, (0.68, 0.68, 0.66)),
-    (0.05, (0.012, 0.025, 0.095)),
-    (0.03, (0.045, 0.12, 0.32)),
-    (0.045, (0.33, 0.015, 0.015)),
-    (0.01, (0.13, 0.012, 0.02)),
-    (0.012, (0.02, 0.07, 0.035)),
-    (0.008, (0.55, 0.36, 0.02)),
-    (0.005, (0.35, 0.14, 0.02)),
-)
+    (0.27, (0.012, 0.012, 0.013)), (0.13, (0.045, 0.047, 0.052)), (0.14, (0.13, 0.135, 0.14)),
+    (0.18, (0.36, 0.37, 0.38)), (0.12, (0.68, 0.68, 0.66)), (0.05, (0.012, 0.025, 0.095)),
+    (0.03, (0.045, 0.12, 0.32)), (0.045, (0.33, 0.015, 0.015)), (0.01, (0.13, 0.012, 0.02)),
+    (0.012, (0.02, 0.07, 0.035)), (0.008, (0.55, 0.36, 0.02)), (0.005, (0.35, 0.14, 0.02)),
+)  # fmt: skip
 
 
 def make_car(rng: np.random.Generator, style: str | None = None) -> ActorModel:
@@ -285,86 +71,191 @@ def make_car(rng: np.random.Generator, style: str | None = None) -> ActorModel:
     Raises:
         ValueError: If there is no such style.
     """
-    return make_vehicle(rng, "Car", STYLES, _STYLE_SPREAD, style)
+    return VehicleDesign(rng, CARS, style).model(rng)
 
 
-def make_vehicle(
-    rng: np.random.Generator,
-    class_name: str,
-    styles: Mapping[str, CarStyle],
-    spread: Size,
-    style: str | None,
-) -> ActorModel:
-    """A car or a van in one of the styles of its class; `spread` [m] is that within a style.
+def make_van(rng: np.random.Generator, style: str | None = None) -> ActorModel:
+    """A van; without a `style` one of `VAN_STYLES` that suits a size drawn as KITTI's are.
 
     Raises:
         ValueError: If there is no such style.
     """
-    names = list(styles)
-    if style is not None and style not in styles:
-        raise ValueError(f"no {class_name} style is called {style!r}; use one of {names}")
-    wanted = None if style is None else names.index(style)
-    kinds = [styles[name].kind for name in names]
-    index, size = draw_kind(rng, KITTI_SIZES[class_name], kinds, spread, wanted)
-    chosen = styles[names[index]]
-    white = rng.random() < chosen.white_share
-    body = Body(
-        form=varied(rng, chosen.form),
-        length=size.length,
-        width=size.width,
-        height=size.height,
-        paint=_WHITE if white else draw_paint(rng),
-    )
-    parts = vehicle_parts(rng, body, chosen.seat_rows)
-    if rng.random() < chosen.rails:
-        parts += roof_rails(body, CHROME if rng.random() < 0.5 else BLACK_PLASTIC)
-    if chosen.form.split_rear:
-        parts.append(rear_door_gap(body))
-    mesh = fitted(Mesh.joined(parts), size)
-    return ActorModel(class_name=class_name, size_lwh=size, shape=RigidShape(mesh=mesh))
+    return VehicleDesign(rng, VANS, style).model(rng)
 
 
-def vehicle_parts(rng: np.random.Generator, body: Body, seat_rows: tuple[float, ...]) -> list[Mesh]:
-    """A body with all that every car and van has mounted."""
+class VehicleDesign:
+    """A make of cars or vans, built when the first of it is looked at.
+
+    Args:
+        rng: Source of randomness.
+        family: Cars or vans.
+        style: Name of one of its styles; None draws it.
+
+    Raises:
+        ValueError: If the family has no such style.
+    """
+
+    def __init__(self, rng: np.random.Generator, family: Family, style: str | None = None) -> None:
+        names = list(family.styles)
+        if style is not None and style not in names:
+            raise ValueError(
+                f"no {family.class_name} style is called {style!r}; use one of {names}"
+            )
+        self._family = family
+        self._index, size = self._draw_size(rng, None if style is None else names.index(style))
+        self._style = family.styles[names[self._index]]
+        length = self._style.kind.mean_size.length * float(rng.uniform(0.94, 1.06))
+        self._size = Size(length, size.width, size.height)
+        self._seed = int(rng.integers(2**32))
+
+    def model(self, rng: np.random.Generator) -> ActorModel:
+        """One of this make with a size, proportions and a paint of its own."""
+        _, size = self._draw_size(rng, self._index)
+        paint = _WHITE if rng.random() < self._style.white else draw_paint(rng)
+        make = partial(self._one, size, paint, int(rng.integers(2**32)))
+        return ActorModel(
+            class_name=self._family.class_name, size_lwh=size, shape=LateShape(make=make)
+        )
+
+    def _draw_size(self, rng: np.random.Generator, wanted: int | None) -> tuple[int, Size]:
+        kinds = [style.kind for style in self._family.styles.values()]
+        statistics = KITTI_SIZES[self._family.class_name]
+        return draw_kind(rng, statistics, kinds, self._family.spread, wanted)
+
+    def _one(self, size: Size, paint: Finish, seed: int) -> Mesh:
+        mesh, knots, (_, width, height) = self._built
+        scale = (size.width / width, size.height / height)
+        places = proportioned(np.random.default_rng(seed), knots, size.length, scale[1])
+        is_paint = (mesh.materials == Material.CAR_PAINT)[:, None]
+        colors = np.where(is_paint, np.array(paint.color, np.float32), mesh.colors)
+        return replace(stretched(mesh, knots, places, scale), colors=colors)
+
+    @cached_property
+    def _built(self) -> tuple[Mesh, Float64[np.ndarray, "7"], Size]:
+        """The design, the knots along x [m] between which cars of it differ, and its size.
+
+        Knots are the ends, both sides of both wheels and the upper edge of the windscreen.
+        """
+        rng, (length, width, height) = np.random.default_rng(self._seed), self._size
+        body = Body(
+            form=varied(rng, self._style, length / 2),
+            length=length,
+            width=width,
+            height=height,
+            paint=_UNPAINTED,
+            roof=_SOFT_TOP if rng.random() < self._style.soft_top else _UNPAINTED,
+        )
+        labelled = Mesh.joined(_parts(rng, body, self._style))
+        low, high = labelled.vertices.min(axis=0), labelled.vertices.max(axis=0)
+        origin = np.array([*(low + high)[:2] / 2, low[2]])
+        mesh = Mesh.joined([labelled, *extras(rng, body, self._style.roof_load)])
+        front, rear = body.wheel_places
+        reach, top = 1.12 * body.wheel_radius + 0.04, body.form.screen_top * length / 2
+        knots = (low[0], rear - reach, rear + reach, top, front - reach, front + reach, high[0])
+        size = Size(*(high - low).tolist())
+        return moved(mesh, -origin), np.array(knots, np.float64) - origin[0], size
+
+
+def _parts(rng: np.random.Generator, body: Body, style: CarStyle) -> list[Mesh]:
+    """All that the label's box holds."""
     tyre = 0.20 if body.wheel_radius < 0.33 else 0.22
     one = wheel(rng, body.wheel_radius, tyre, rim=ALLOY)
     half = body.length / 2
     shell = body.paint if rng.random() < 0.75 else BLACK_PLASTIC
     rear_level = 0.64 if body.form.tail_levels[0] > 0.6 or rng.random() < 0.6 else 0.38
-    return [
+    ahead = max(body.front_x(0.40 + reach) for reach in (-0.09, 0.0, 0.09))  # a plate is upright
+    behind = min(body.rear_x(rear_level + reach) for reach in (-0.09, 0.0, 0.09))
+    parts = [
         lower_body(body),
         cabin(body),
-        *wheels(one, body.wheel_places, body.width / 2 - tyre / 2 - 0.015, body.wheel_radius),
-        *mirrors(body, shell),
+        wheels(one, body.wheel_places, body.width / 2 - tyre / 2 - 0.015, body.wheel_radius),
+        mirrors(body, shell),
         *handles(body, shell),
         *front_trim(rng, body),
         *rear_trim(rng, body),
-        *plate(rng, body.front_x(0.40) + 0.004, body.level_height(half, 0.40), 1),
-        *plate(rng, body.rear_x(rear_level) - 0.004, body.level_height(-half, rear_level), -1),
-        *seats(body, [place * half for place in seat_rows]),
+        *plate(rng, ahead + 0.004, body.level_height(half, 0.40), 1),
+        *plate(rng, behind - 0.004, body.level_height(-half, rear_level), -1),
+        seats(body, [max(row, body.form.rear_top + 0.06) * half for row in style.seat_rows]),
     ]
+    if rng.random() < style.rails:
+        parts.append(roof_rails(body, CHROME if rng.random() < 0.5 else BLACK_PLASTIC))
+    if rng.random() < style.spoiler:
+        parts.append(spoiler(rng, body))
+    if rng.random() < style.spare_wheel:
+        parts.append(spare_wheel(one, body))
+    if body.form.split_rear:
+        parts.append(rear_door_gap(body))
+    return parts
 
 
-def varied(rng: np.random.Generator, form: BodyForm) -> BodyForm:
-    """The form with the differences between makes."""
-    slope, rear, roof, wheel_size, nose = rng.uniform(-1.0, 1, 5)
-    lamp_low, lamp_high = ((0.58, 0.78), (0.69, 0.82))[int(rng.integers(2))]
-    grille_high = 0.78 if rng.random() < 0.6 else 0.69
-    front = np.array(form.front_insets_m) * (1 + 0.25 * nose)
+def proportioned(
+    rng: np.random.Generator, knots: Float64[np.ndarray, "7"], length: float, height_ratio: float
+) -> Float64[np.ndarray, "7"]:
+    """Where the knots of a design are in a car of that length [m].
+
+    Overhangs and the windscreen's run follow the length a little and chance more; wheels follow
+    the height, so that they stay round; the cabin takes what is left. What it cannot take, all but
+    the wheels share.
+    """
+    spans = np.diff(knots)  # rear overhang, rear wheel, cabin, screen, front wheel, front overhang
+    follows = 1 + 0.3 * (length / spans.sum() - 1) + rng.normal(0.0, 1.0, 6) * _FREEDOM
+    wanted = spans * np.clip(follows, 0.65, 1.45)
+    wanted[[1, 4]] = spans[[1, 4]] * height_ratio
+    left = length - wanted.sum() + wanted[2]
+    wanted[2] = np.clip(left, 0.65 * spans[2], 1.5 * spans[2])
+    free = [0, 2, 3, 5]
+    wanted[free] *= 1 + (length - wanted.sum()) / wanted[free].sum()
+    places: Float64[np.ndarray, "7"] = np.cumsum([-length / 2, *wanted])
+    return places
+
+
+def varied(rng: np.random.Generator, style: CarStyle, half_length: float) -> BodyForm:
+    """The form of a style with the differences between makes."""
+    form = style.form
+    nose, tail, sill, slope, width, top, base, inner = rng.uniform(-1.0, 1.0, 8)
+    bow, crown, fall, rake, front_round, rear_round = np.exp(rng.uniform(-0.4, 0.4, 6))
+    above = np.clip((LEVELS - 0.475) / 0.525, 0.0, 1.0)
+    front = np.array(form.front_insets_m) * (1 + 0.3 * nose) + float(rng.uniform(0, 0.12)) * above
+    rear = np.array(form.rear_insets_m) + float(rng.uniform(-0.02, 0.10)) * above
+    front[3:] += float(rng.uniform(0.0, 0.07))  # the bumpers' depth
+    rear[3:] += float(rng.uniform(0.0, 0.06))
+    rear[:2] *= float(rng.uniform(0.4, 1.8))
+    places, heights = np.array(form.shoulder).T
+    ends = 0.045 * nose * (places > 0.8) + 0.03 * tail * (places < -0.6)
+    rear_base = form.rear_base + form.rear_base_spread * base
+    rear_base += (rear[-1] - form.rear_insets_m[-1]) / half_length
+    screen_top = form.screen_top + 0.05 * slope
+    rear_top = rear_base + (form.rear_top - form.rear_base) * rake**1.5
+    tail_inner, roundness = form.tail_inner + 0.05 * inner, form.rear_roundness * rear_round
+    corner = (1 - (tail_inner + 0.1) ** roundness) ** (1 / roundness)
+    low, high = ((0.58, 0.78), (0.69, 0.82))[int(rng.integers(2))]
     return replace(
         form,
-        screen_top=form.screen_top + 0.025 * slope,
-        rear_top=form.rear_top + 0.025 * rear,
-        roof_width=form.roof_width + 0.012 * roof,
-        wheel_radius=form.wheel_radius * (1 + 0.03 * wheel_size),
-        front_roundness=form.front_roundness * (1 + 0.12 * nose),
+        shoulder=tuple(zip(places.tolist(), (heights + ends + 0.02 * sill).tolist(), strict=True)),
+        clearance=form.clearance * (1 + 0.1 * top),
+        wheel_radius=form.wheel_radius * (1 + 0.05 * inner),
         front_insets_m=tuple(front.tolist()),
-        lamp_levels=(lamp_low, lamp_high),
+        rear_insets_m=tuple(rear.tolist()),
+        front_roundness=max(4.2, form.front_roundness * front_round),
+        rear_roundness=roundness,
+        screen_top=screen_top,
+        screen_bow_m=form.screen_bow_m * bow,
+        rear_base=rear_base,
+        rear_top=min(rear_top, form.rear_top + 0.08, screen_top - 0.3),
+        rear_bow_m=form.rear_bow_m * bow,
+        roof_width=form.roof_width + 0.03 * width,
+        roof_crown_m=form.roof_crown_m * crown,
+        roof_fall_front_m=form.roof_fall_front_m * bow,
+        roof_fall_rear_m=form.roof_fall_rear_m * fall**1.5,
+        window_top=form.window_top + 0.03 * top,
+        lamp_levels=(low, high),
         lamp_inner=float(rng.uniform(0.50, 0.62)),
         lamp_end=form.lamp_end + float(rng.uniform(-0.02, 0.05)),
         grille_half_width=float(rng.uniform(0.28, 0.46)),
-        grille_levels=(0.58, grille_high),
-        tail_inner=form.tail_inner + float(rng.uniform(-0.03, 0.04)),
+        grille_levels=(0.58, 0.78 if rng.random() < 0.6 else 0.69),
+        tail_inner=tail_inner,
+        tail_start=max(form.tail_start, -corner),  # or round corners would leave no lamp
+        pillar_lamps=bool(rng.random() < style.pillar_lamps),
     )
 
 

@@ -106,14 +106,14 @@ def _columns(work: Coachwork, panels: Sequence[Panel]) -> Float64[np.ndarray, "c
 def _heights(work: Coachwork, panels: Sequence[Panel]) -> Float64[np.ndarray, " rows"]:
     edges = [height for panel in panels for height in (panel.low, panel.high)]
     bends = [height for height, _, _ in work.profile]
-    return _apart(np.array([*edges, *bends]), work.low, work.high)
+    return _apart(np.array([*edges, *bends], np.float64), work.low, work.high)
 
 
 def _breaks(
     panels: Sequence[Panel], face: Face, low: float, high: float
 ) -> Float64[np.ndarray, " breaks"]:
     edges = [edge for panel in panels if panel.face is face for edge in (panel.start, panel.end)]
-    return _apart(np.array(edges), low, high)
+    return _apart(np.array(edges, np.float64), low, high)
 
 
 def _apart(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64, Int
 
-from sightline.simulation.meshes.primitives import Finish, Vector
+from sightline.simulation.meshes.primitives import Finish, Vector, moved
 from sightline.simulation.scene import Mesh
 
 
@@ -34,15 +34,43 @@ def mirrored(mesh: Mesh) -> Mesh:
     return replace(mesh, vertices=mesh.vertices * flip, normals=mesh.normals * flip, faces=faces)
 
 
+def both_sides(*parts: Mesh) -> Mesh:
+    """The parts and their mirror images."""
+    own = Mesh.joined(parts)
+    return Mesh.joined((own, mirrored(own)))
+
+
 def fitted(mesh: Mesh, size_lwh: Vector) -> Mesh:
     """The mesh stretched to fill the upright box of that size [m] over the origin exactly."""
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    scale = np.asarray(size_lwh) / (high - low)
-    origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    normals = mesh.normals / scale
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return replace(
-        mesh,
-        vertices=((mesh.vertices - origin) * scale).astype(np.float32),
-        normals=normals.astype(np.float32),
-    )
+    low, high = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0)
+    length, width, height = np.asarray(size_lwh, np.float64)
+    centred = moved(mesh, (-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
+    ends, scale = np.array([-0.5, 0.5]), (width / (high - low)[1], height / (high - low)[2])
+    return stretched(centred, ends * (high - low)[0], ends * length, scale)
+
+
+def stretched(
+    mesh: Mesh,
+    knots: Float64[np.ndarray, " num_knots"],
+    places: Float64[np.ndarray, " num_knots"],
+    scale_yz: tuple[float, float],
+) -> Mesh:
+    """The mesh with other lengths between some places along x, and of other width and height.
+
+    Args:
+        mesh: What is stretched.
+        knots: Where along x [m], in order.
+        places: Where they come to lie [m]. What lies beyond the ends moves with them.
+        scale_yz: Factors for y and z.
+    """
+    knots = np.array([knots[0] - 1, *knots, knots[-1] + 1])
+    places = np.array([places[0] - 1, *places, places[-1] + 1])
+    x = mesh.vertices[:, 0]
+    between = np.clip(np.searchsorted(knots, x), 1, len(knots) - 1) - 1
+    slope = (np.diff(places) / np.diff(knots))[between]
+    vertices = mesh.vertices * np.array([1.0, *scale_yz], np.float32)
+    vertices[:, 0] = places[between] + slope * (x - knots[between])
+    normals = mesh.normals / np.array([1.0, *scale_yz], np.float32)
+    normals[:, 0] /= slope
+    normals /= np.sqrt(np.square(normals).sum(axis=1, keepdims=True))
+    return replace(mesh, vertices=vertices, normals=normals)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch, box_corners
+from sightline.simulation.meshes.clutter import CLUTTER
 from sightline.simulation.meshes.primitives import (
     Finish,
     box,
@@ -16,7 +17,6 @@ from sightline.simulation.meshes.primitives import (
     moved,
     polygon,
     quads,
-    superellipsoid,
     tube,
 )
 from sightline.simulation.scene import Mesh
@@ -28,6 +28,7 @@ _RED: Final = Finish(Material.RETRO_REFLECTOR, (0.55, 0.03, 0.03))
 _BLUE: Final = Finish(Material.RETRO_REFLECTOR, (0.02, 0.08, 0.36))
 _YELLOW: Final = Finish(Material.RETRO_REFLECTOR, (0.75, 0.52, 0.02))
 _BLACK: Final = Finish(Material.PLASTIC, (0.02, 0.02, 0.02))
+_HEAD_M: Final = 1.9
 _LAMP: Final = Finish(Material.HEADLIGHT, (0.75, 0.74, 0.70))
 
 
@@ -58,44 +59,40 @@ class Item(Enum):
     BICYCLE_STAND = "bicycle stand"
     PLANTER = "planter"
     WIRE_POLE = "wire pole"
+    BICYCLE = "bicycle"
+    HYDRANT = "hydrant"
+    PILLAR = "pillar"
+    GRIT_BOX = "grit box"
+    POSTER = "poster"
+    BILLBOARD = "billboard"
+    SANDWICH_BOARD = "sandwich board"
+    BOTTLE_BANK = "bottle bank"
+    PARASOL = "parasol"
+    CONE = "cone"
+    BARRIER = "barrier"
+    SKIP = "skip"
+    SITE_CABIN = "site cabin"
+    SCAFFOLD = "scaffold"
 
 
 @cache
 def item_model(item: Item) -> Mesh:
     """The mesh of a thing, its foot at the origin; made once."""
+    if item.value in CLUTTER:
+        return Mesh.joined(CLUTTER[item.value]())
     return _MAKERS[item]()
+
+
+@cache
+def item_footprint(item: Item) -> tuple[float, float]:
+    """Length and width [m] of the ground that a thing takes, up to a person's height."""
+    vertices = item_model(item).vertices
+    reach = 2 * np.abs(vertices[vertices[:, 2] < _HEAD_M, :2]).max(axis=0)
+    return float(reach[0]), float(reach[1])
 
 
 def _post(height: float, radius: float = 0.03, finish: Finish = _STEEL) -> Mesh:
     return tube([(0, 0, -0.3), (0, 0, height)], radius, finish, num_sides=7)
-
-
-def _arm_lamp() -> Mesh:
-    path = [(0, 0, -0.3), (0, 0, 5.2), (0.12, 0, 6.6), (0.6, 0, 7.15), (1.7, 0, 7.35)]
-    arm = tube(path, (0.10, 0.075, 0.055, 0.05, 0.045), _STEEL, num_sides=8)
-    head = superellipsoid(
-        (2.0, 0, 7.36),
-        (0.42, 0.15, 0.09),
-        _DARK_STEEL,
-        exponents=(0.6, 0.6),
-        num_rings=5,
-        num_sides=10,
-    )
-    glass = polygon(
-        np.array(
-            [[1.65, 0.11, 7.28], [2.35, 0.11, 7.28], [2.35, -0.11, 7.28], [1.65, -0.11, 7.28]]
-        ),
-        _LAMP,
-    )
-    foot = tube([(0, 0, -0.1), (0, 0, 1.0)], 0.12, _STEEL, num_sides=8)
-    return Mesh.joined((arm, head, glass, foot))
-
-
-def _post_lamp() -> Mesh:
-    pole = tube([(0, 0, -0.3), (0, 0, 3.6)], (0.065, 0.045), _DARK_STEEL, num_sides=8)
-    globe = superellipsoid((0, 0, 3.9), (0.2, 0.2, 0.26), _LAMP, num_rings=6, num_sides=10)
-    hat = superellipsoid((0, 0, 4.15), (0.27, 0.27, 0.07), _DARK_STEEL, num_rings=4, num_sides=10)
-    return Mesh.joined((pole, globe, hat))
 
 
 def _face(
@@ -189,122 +186,7 @@ def _traffic_light() -> Mesh:
     return Mesh.joined((pole, housing, back, rim, *lamps, box_low))
 
 
-def _bollard() -> Mesh:
-    pole = tube([(0, 0, -0.2), (0, 0, 0.85)], 0.045, _DARK_STEEL, num_sides=9)
-    band = tube([(0, 0, 0.66), (0, 0, 0.76)], 0.048, _WHITE, num_sides=9, capped=False)
-    return Mesh.joined((pole, band))
-
-
-def _delineator() -> Mesh:
-    white = Finish(Material.PLASTIC, (0.75, 0.75, 0.73))
-    body = box((0, 0, 0.42), (0.05, 0.06, 0.52), white)
-    belt = box((0, 0, 0.74), (0.052, 0.062, 0.11), _BLACK)
-    return Mesh.joined(
-        (body, belt, *(_plate((0.025, 0.08), _WHITE, x, (0.0, 0.74)) for x in (-0.056, 0.056)))
-    )
-
-
-def _bin() -> Mesh:
-    finish = Finish(Material.PLASTIC, (0.30, 0.11, 0.02))
-    return Mesh.joined(
-        (_post(1.15), tube([(0.2, 0, 0.45), (0.2, 0, 1.05)], (0.15, 0.18), finish, num_sides=10))
-    )
-
-
-def _wheeled_bin() -> Mesh:
-    body = Finish(Material.PLASTIC, (0.05, 0.055, 0.055))
-    lid = Finish(Material.PLASTIC, (0.30, 0.24, 0.03))
-    wheels = [
-        tube([(-0.24, y, 0.1), (-0.24, y + 0.05, 0.1)], 0.1, _BLACK, num_sides=10)
-        for y in (-0.28, 0.23)
-    ]
-    return Mesh.joined(
-        (
-            box((0, 0, 0.5), (0.27, 0.25, 0.43), body),
-            box((0, 0, 0.97), (0.3, 0.28, 0.045), lid),
-            *wheels,
-        )
-    )
-
-
-def _bench() -> Mesh:
-    wood = Finish(Material.WOOD, (0.30, 0.17, 0.08))
-    slats = [box((x, 0, 0.44), (0.055, 0.85, 0.018), wood) for x in (-0.13, 0.0, 0.13)]
-    backs = [
-        box((-0.23 - 0.05 * row, 0, 0.62 + 0.16 * row), (0.018, 0.85, 0.055), wood)
-        for row in range(2)
-    ]
-    legs = [box((-0.05, y, 0.2), (0.2, 0.03, 0.24), _DARK_STEEL) for y in (-0.6, 0.6)]
-    return Mesh.joined((*slats, *backs, *legs))
-
-
-def _cabinet() -> Mesh:
-    return box((0, 0, 0.5), (0.17, 0.45, 0.62), Finish(Material.PLASTIC, (0.36, 0.37, 0.33)))
-
-
-def _letter_box() -> Mesh:
-    yellow = Finish(Material.PLASTIC, (0.80, 0.52, 0.01))
-    return Mesh.joined((_post(0.7), box((0, 0, 1.0), (0.2, 0.28, 0.36), yellow)))
-
-
-def _advert_column() -> Mesh:
-    poster = Finish(Material.PLASTIC, (0.50, 0.42, 0.30))
-    body = tube([(0, 0, -0.1), (0, 0, 2.9)], 0.62, poster, num_sides=18)
-    hat = superellipsoid((0, 0, 2.95), (0.74, 0.74, 0.25), _DARK_STEEL, num_rings=5, num_sides=16)
-    return Mesh.joined((body, hat))
-
-
-def _shelter() -> Mesh:
-    glass = Finish(Material.GLASS, (0.45, 0.50, 0.48))
-    posts = [
-        box((x, y, 1.15), (0.035, 0.035, 1.25), _DARK_STEEL)
-        for x in (-0.65, 0.65)
-        for y in (-1.8, 1.8)
-    ]
-    roof = box((0.05, 0, 2.42), (0.85, 2.0, 0.06), _DARK_STEEL)
-    back = _plate((1.75, 0.95), glass, -0.65, (0.0, 1.3))
-    seat = box((-0.4, 0, 0.45), (0.17, 1.2, 0.03), Finish(Material.WOOD, (0.35, 0.2, 0.1)))
-    ends = [
-        quads(np.array([[[-0.6, y, 0.3], [0.2, y, 0.3], [0.2, y, 2.2], [-0.6, y, 2.2]]]), glass)
-        for y in (-1.8, 1.8)
-    ]
-    return Mesh.joined((*posts, roof, back, seat, *ends))
-
-
-def _bicycle_stand() -> Mesh:
-    hoops = []
-    for row in range(4):
-        y = 0.8 * (row - 1.5)
-        path = [
-            (-0.35, y, -0.1),
-            (-0.35, y, 0.75),
-            (-0.25, y, 0.85),
-            (0.25, y, 0.85),
-            (0.35, y, 0.75),
-            (0.35, y, -0.1),
-        ]
-        hoops.append(tube(path, 0.025, _STEEL, num_sides=6, capped=False))
-    return Mesh.joined(hoops)
-
-
-def _planter() -> Mesh:
-    stone = Finish(Material.CONCRETE, (0.45, 0.44, 0.41))
-    green = Finish(Material.LEAF, (0.06, 0.12, 0.03))
-    plants = superellipsoid((0, 0, 0.62), (0.48, 0.48, 0.38), green, num_rings=6, num_sides=12)
-    return Mesh.joined((box((0, 0, 0.25), (0.55, 0.55, 0.3), stone), plants))
-
-
-def _wire_pole() -> Mesh:
-    wood = Finish(Material.BARK, (0.20, 0.15, 0.11))
-    pole = tube([(0, 0, -0.3), (0, 0, 7.6)], (0.13, 0.10), wood, num_sides=8)
-    bar = box((0, 0, 7.2), (0.05, 0.7, 0.05), wood)
-    knobs = [box((0, y, 7.3), (0.03, 0.03, 0.06), _BLACK) for y in (-0.62, 0.0, 0.62)]
-    return Mesh.joined((pole, bar, *knobs))
-
-
 _MAKERS: Final = {
-    Item.ARM_LAMP: _arm_lamp,
-    Item.POST_LAMP: _post_lamp,
     Item.SPEED_SIGN: _speed_sign,
     Item.YIELD_SIGN: lambda: _sign(3, 0.50, [(1.0, _RED), (0.66, _WHITE)], -np.pi / 2),
     Item.PRIORITY_SIGN: lambda: _sign(4, 0.42, [(1.0, _WHITE), (0.66, _YELLOW)], 0.0),
@@ -317,18 +199,6 @@ _MAKERS: Final = {
     Item.NAME_SIGN: _name_sign,
     Item.DIRECTION_SIGN: _direction_sign,
     Item.TRAFFIC_LIGHT: _traffic_light,
-    Item.BOLLARD: _bollard,
-    Item.DELINEATOR: _delineator,
-    Item.BIN: _bin,
-    Item.WHEELED_BIN: _wheeled_bin,
-    Item.BENCH: _bench,
-    Item.CABINET: _cabinet,
-    Item.LETTER_BOX: _letter_box,
-    Item.ADVERT_COLUMN: _advert_column,
-    Item.SHELTER: _shelter,
-    Item.BICYCLE_STAND: _bicycle_stand,
-    Item.PLANTER: _planter,
-    Item.WIRE_POLE: _wire_pole,
 }
 
 

@@ -20,14 +20,14 @@ from sightline.simulation.scene import Mesh
 def make_horizon(rng: np.random.Generator, layout: Layout) -> list[Mesh]:
     """Distant woods and roofs all around, so that no street ends at a bare edge."""
     parts = [_distant_woods(rng, layout, distance) for distance in (300.0, 430.0)]
-    angles = rng.uniform(0, 2 * np.pi, 36)
-    distances = rng.uniform(150.0, 280.0, len(angles))
+    angles = rng.uniform(0, 2 * np.pi, 110)
+    distances = rng.uniform(110.0, 280.0, len(angles))
     places = np.stack((distances * np.cos(angles), distances * np.sin(angles)), axis=1)
     places = places[_clear_of_road(layout, places, 22.0)]
     heights = layout.terrain.height(places)[:, None] - 0.5
     standing = np.concatenate((places, heights), axis=1)
     kind = DECIDUOUS[int(rng.integers(len(DECIDUOUS)))]
-    parts += planted(rng, kind, standing, (9.0, 15.0), spread=1.2)
+    parts += planted(rng, kind, standing, (10.0, 18.0), spread=1.4)
     num_houses = {StreetKind.CITY: 46, StreetKind.SQUARE: 40, StreetKind.COUNTRY: 8}.get(
         layout.kind, 26
     )
@@ -73,8 +73,8 @@ def _distant_woods(rng: np.random.Generator, layout: Layout, distance: float) ->
         np.sin(turns * angles + phase) / row
         for row, (turns, phase) in enumerate(zip((2, 5, 9, 17), phases, strict=True), start=1)
     )
-    cover = 5.0 if layout.wooded_horizon else -2.0
-    tops = np.clip(cover + 7.0 * np.asarray(waves), -4.0, 16.0) + rng.uniform(0.0, 3.5, count)
+    cover = 8.0 if layout.wooded_horizon else -2.0
+    tops = np.clip(cover + 7.0 * np.asarray(waves), -4.0, 20.0) + rng.uniform(0.0, 3.5, count)
     far = distance * (1.0 + 0.12 * np.sin(3 * angles + phases[0])) + rng.uniform(-4, 4, count)
     rows = []
     for share, back in ((-0.2, 0.0), (0.55, 1.0), (0.9, 4.0), (1.0, 9.0)):

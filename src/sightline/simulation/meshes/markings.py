@@ -9,10 +9,13 @@ from sightline.simulation.layout import Junction, Layout, Parking, Road, Side, S
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch
 from sightline.simulation.meshes.primitives import Finish
+from sightline.simulation.relief import crown_level
 from sightline.simulation.scene import Mesh
 
 _LIFT: Final = 0.006
 _LONGEST_PIECE: Final = 2.5
+_PIECES_ACROSS: Final = 4
+"""Lines between parking places bend with the crown of the road."""
 _STOP_LINE_GAP: Final = 1.0
 _PAINT: Final = Finish(Material.ASPHALT, (0.72, 0.72, 0.70))
 _IRON: Final = Finish(Material.CONCRETE, (0.07, 0.065, 0.06))
@@ -54,7 +57,8 @@ class RoadPainter:
     ) -> None:
         """Four-sided figures; corners counter-clockwise from above."""
         places = self._road.line.place(stations, offsets)
-        heights = self._terrain.height(places) + _LIFT
+        level = crown_level(self._road, stations, offsets)
+        heights = self._terrain.height(places) + level + _LIFT
         corners = np.concatenate((places, heights[..., None]), axis=-1)
         uvs = np.stack((stations, offsets), axis=-1)
         self._batch.add(corners, finish, uvs=uvs)
@@ -151,8 +155,20 @@ def _paint_parking(layout: Layout, road: Road, side: Side, painter: RoadPainter)
         inner, outer = side.sign * side.lane_edge, side.sign * side.edge
         # One drives into them forwards.
         drift = -side.sign * bay_lean(side.parking) * (side.edge - side.lane_edge)
-        stations = np.stack((starts, starts + 0.1, starts + 0.1 + drift, starts + drift), axis=1)
-        offsets = np.tile([inner, inner, outer, outer], (len(starts), 1))
+        shares = np.linspace(0.0, 1.0, _PIECES_ACROSS + 1)
+        near, far = shares[:-1, None], shares[1:, None]
+        stations = np.stack(
+            (
+                starts + near * drift,
+                starts + near * drift + 0.1,
+                starts + far * drift + 0.1,
+                starts + far * drift,
+            ),
+            axis=-1,
+        ).reshape(-1, 4)
+        steps = inner + shares * (outer - inner)
+        corners = np.stack((steps[:-1], steps[:-1], steps[1:], steps[1:]), axis=1)
+        offsets = np.repeat(corners, len(starts), axis=0)
         if side.sign < 0:
             stations, offsets = stations[:, ::-1], offsets[:, ::-1]
         painter.polygons(stations, offsets)

@@ -1,6 +1,8 @@
 """A road user before it is placed in a street."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from sightline.simulation.scene import Mesh, Shape
 
@@ -10,9 +12,12 @@ class ActorModel:
     """What a road user is and looks like; a street adds where it goes."""
 
     class_name: str
-    """KITTI's: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram."""
+    """KITTI's: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
     size_lwh: tuple[float, float, float]
-    """Length, width, height [m] of the upright box that holds `shape` at all times."""
+    """Length, width, height [m] of the upright box that holds `shape` at all times.
+
+    What a car has on its roof, its aerial and its tow bar are left out, as in KITTI's labels.
+    """
     shape: Shape
 
 
@@ -25,3 +30,18 @@ class RigidShape:
     def at(self, time_s: float) -> Mesh:  # noqa: ARG002 - a `Shape`
         """The mesh, which is the same at all times."""
         return self.mesh
+
+
+@dataclass(frozen=True, kw_only=True)
+class LateShape:
+    """A shape that does not change, made when it is first asked for: many models are never used."""
+
+    make: Callable[[], Mesh]
+
+    def at(self, time_s: float) -> Mesh:  # noqa: ARG002 - a `Shape`
+        """The mesh, which is the same at all times."""
+        return self._mesh
+
+    @cached_property
+    def _mesh(self) -> Mesh:
+        return self.make()

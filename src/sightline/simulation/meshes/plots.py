@@ -8,7 +8,14 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from sightline.simulation.layout import Layout, Plots, Road, Side
-from sightline.simulation.lots import Boundary, Lot, footprint_corners, footprint_of
+from sightline.simulation.lots import (
+    CAR_ROWS_M,
+    Boundary,
+    Lot,
+    car_park_rows,
+    footprint_corners,
+    footprint_of,
+)
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch
 from sightline.simulation.meshes.building_forms import (
@@ -67,6 +74,8 @@ def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) ->
                 parts += _between(rng, batch, layout, lot, lots[row + 1])
         elif lot.plots is Plots.FOREST:
             parts += _forest(rng, layout, lot)
+        elif lot.plots is Plots.CAR_PARK:
+            parts += _car_park(rng, batch, layout, lot)
         else:
             parts += _open_land(rng, layout, lot)
         parts += _boundary(rng, batch, layout, lot)
@@ -141,7 +150,7 @@ def _garden(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot
         return []
     if room < 2.0 or lot.plots is Plots.BLOCKS:
         return []
-    count = int(rng.poisson(0.055 * lot.width * min(room, 8.0)))
+    count = int(rng.poisson(0.07 * lot.width * min(room, 8.0)))
     stations = rng.uniform(lot.start, lot.stop, count)
     if lot.driveway is not None:
         stations = stations[np.abs(stations - lot.driveway) > 2.4]
@@ -150,13 +159,13 @@ def _garden(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot
     is_tree = (rng.random(len(places)) < 0.3) & (room > 3.5)
     parts = planted(rng, Species.BUSH, places[~is_tree], (0.5, 1.9))
     kind = _GARDEN_TREES[int(rng.integers(len(_GARDEN_TREES)))]
-    parts += planted(rng, kind, places[is_tree], (3.0, 7.0))
-    if lot.plots is not Plots.TERRACES and lot.building is not None and rng.random() < 0.6:
-        behind = lot.front + lot.building[2] + rng.uniform(4.0, 10.0, 2)
+    parts += planted(rng, kind, places[is_tree], (3.5, 9.0))
+    if lot.building is not None and rng.random() < 0.8:
+        behind = lot.front + lot.building[2] + rng.uniform(4.0, 10.0, 3)
         tall = ground_places(
-            layout, lot.road, rng.uniform(lot.start, lot.stop, 2), side.sign * behind, 0.0
+            layout, lot.road, rng.uniform(lot.start, lot.stop, 3), side.sign * behind, 0.0
         )
-        parts += planted(rng, DECIDUOUS[int(rng.integers(3))], tall, (8.0, 13.0))
+        parts += planted(rng, DECIDUOUS[int(rng.integers(3))], tall, (9.0, 16.0), coarseness=2.0)
     return parts
 
 
@@ -228,11 +237,12 @@ def _paving(
     stations: Float[np.ndarray, " count"],
     distances: tuple[float, float],
     finish: Finish,
+    lift: float = 0.008,
 ) -> None:
     """A paved piece of ground from one distance to another, just above what is there."""
     steps = np.linspace(*distances, 2 + int((distances[1] - distances[0]) / 3.0))
     s, d = np.meshgrid(stations, steps, indexing="ij")
-    points = ground_places(layout, lot.road, s, lot.side.sign * d, lot.side.level + 0.008)
+    points = ground_places(layout, lot.road, s, lot.side.sign * d, lot.side.level + lift)
     corners = np.stack((points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]), axis=2)
     places = np.stack((s, d), axis=-1)
     uvs = np.stack((places[:-1, :-1], places[1:, :-1], places[1:, 1:], places[:-1, 1:]), axis=2)
@@ -291,15 +301,35 @@ def _open_land(rng: np.random.Generator, layout: Layout, lot: Lot) -> list[Mesh]
     """A park with trees and shrubs, or fields with a few trees."""
     front = lot.front
     if lot.plots is Plots.PARK:
-        trees = _scattered(rng, layout, lot, int(0.12 * lot.width), (front, front + 35.0))
-        bushes = _scattered(rng, layout, lot, int(0.3 * lot.width), (front, front + 20.0))
+        trees = _scattered(rng, layout, lot, int(0.2 * lot.width), (front, front + 35.0))
+        bushes = _scattered(rng, layout, lot, int(0.35 * lot.width), (front, front + 20.0))
         kind = DECIDUOUS[int(rng.integers(len(DECIDUOUS)))]
-        parts = planted(rng, kind, trees, (7.0, 13.0))
+        parts = planted(rng, kind, trees, (8.0, 15.0))
         return parts + planted(rng, Species.BUSH, bushes, (0.8, 2.2))
-    trees = _scattered(rng, layout, lot, int(rng.poisson(5.0)), (front, front + 60.0))
-    bushes = _scattered(rng, layout, lot, int(rng.poisson(6.0)), (front - 5.0, front + 40.0))
+    trees = _scattered(rng, layout, lot, int(rng.gamma(1.0, 12.0)), (front, front + 60.0))
+    bushes = _scattered(rng, layout, lot, int(rng.gamma(1.0, 12.0)), (front - 5.0, front + 40.0))
     kind = DECIDUOUS[int(rng.integers(len(DECIDUOUS)))]
-    return planted(rng, kind, trees, (6.0, 12.0)) + planted(rng, Species.BUSH, bushes, (0.6, 2.4))
+    return planted(rng, kind, trees, (7.0, 14.0)) + planted(rng, Species.BUSH, bushes, (0.6, 2.4))
+
+
+def _car_park(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot) -> list[Mesh]:
+    """Asphalt with two rows of places, and trees behind them."""
+    lines = car_park_rows(lot)
+    tone = float(rng.uniform(0.12, 0.22))
+    asphalt = Finish(Material.ASPHALT, (tone, tone, tone))
+    paint = Finish(Material.ASPHALT, (0.6, 0.6, 0.58))
+    start, outer = lot.side.outer, lot.front - 1.2
+    stations = np.linspace(lot.start + 1.0, lot.stop - 1.0, 2 + int(lot.width / 4.0))
+    _paving(batch, layout, lot, stations, (start + 0.6, outer), asphalt)
+    for middle in CAR_ROWS_M:
+        for line in lines[lines > -10.0]:
+            pair, reach = line + np.array([-0.05, 0.05]), start + middle + np.array([-2.5, 2.5])
+            _paving(batch, layout, lot, pair, (reach[0], reach[1]), paint, lift=0.012)
+    trees = _scattered(rng, layout, lot, int(0.16 * lot.width), (lot.front + 1.0, lot.front + 14.0))
+    bushes = _scattered(rng, layout, lot, int(0.4 * lot.width), (lot.front + 0.5, lot.front + 5.0))
+    kind = DECIDUOUS[int(rng.integers(len(DECIDUOUS)))]
+    parts = planted(rng, kind, trees, (7.0, 13.0))
+    return parts + planted(rng, Species.BUSH, bushes, (0.8, 2.4))
 
 
 def _boundary(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot) -> list[Mesh]:

@@ -6,6 +6,7 @@ columns of a grid run to the right and rows go up, and faces wind counter-clockw
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import SupportsFloat
 
 import numpy as np
@@ -131,7 +132,7 @@ def boxes(
     centers, half_sizes = np.asarray(centers, np.float64), np.asarray(half_sizes, np.float64)
     vertices = centers[:, None] + half_sizes[:, None] * _BOX_CORNERS
     scaled = np.abs(half_sizes[:, None, :]) * _BOX_CORNERS
-    u, v = (np.take_along_axis(scaled, axis[None, :, None], axis=2)[..., 0] for axis in _BOX_UV)
+    u, v = (scaled[:, np.arange(24), axis] for axis in _BOX_UV)
     faces = (np.arange(len(centers))[:, None, None] * 24 + _BOX_FACES).reshape(-1, 3)
     normals = np.tile(_BOX_NORMALS, (len(centers), 1))
     uvs = np.stack((u, v), axis=-1).reshape(-1, 2)
@@ -211,10 +212,21 @@ def superellipsoid(
     `radii` are half sizes. The exponents are those of the outline seen from the side and from
     above; rings run from pole to pole, sides around.
     """
+    unit = _unit_superellipsoid(exponents, num_rings, num_sides)
+    half_sizes = np.asarray(radii, dtype=np.float64)
+    girth = half_sizes[:2].mean()
+    uvs = unit.uvs * np.array([girth, (girth + half_sizes[2]) / 2])
+    vertices = unit.vertices * half_sizes + np.asarray(center)
+    return _mesh(vertices, unit.normals / half_sizes, uvs, unit.faces, finish)
+
+
+@lru_cache(maxsize=64)
+def _unit_superellipsoid(exponents: tuple[float, float], num_rings: int, num_sides: int) -> Mesh:
+    """With half sizes of 1, about the origin; kept, for vehicles have many and of few kinds."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, num_rings)[:, None]
     longitude = np.arange(num_sides) * (2 * np.pi / num_sides)
     around = signed_power(np.cos(latitude), exponents[0])
-    unit = np.stack(
+    points = np.stack(
         (
             around * signed_power(np.cos(longitude), exponents[1]),
             around * signed_power(np.sin(longitude), exponents[1]),
@@ -222,7 +234,7 @@ def superellipsoid(
         ),
         axis=-1,
     )
-    return without_slivers(grid(unit * radii + np.asarray(center), finish, closed=True))
+    return without_slivers(grid(points, Finish(Material.PLASTIC, (0.0, 0.0, 0.0)), closed=True))
 
 
 def torus(

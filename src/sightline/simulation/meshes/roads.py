@@ -15,14 +15,19 @@ from sightline.simulation.layout import (
     Side,
     StreetKind,
 )
-from sightline.simulation.layout_line import Terrain
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.primitives import Color, Finish, grid
+from sightline.simulation.relief import (
+    RAMP_DEPTH_M,
+    band_level,
+    crown_level,
+    ramp_stations,
+)
 from sightline.simulation.scene import Mesh
 
 _NEAR_STEP: Final = 2.0
 _FAR_STEP: Final = 4.0
-_WIDEST_CELL: Final = 2.5
+_WIDEST_CELL: Final = 1.6
 _KERB_WIDTH: Final = 0.15
 _GARDEN_REACH: Final = 14.0
 _BEYOND: Final = 160.0
@@ -100,47 +105,60 @@ def stations_between(first: float, last: float) -> Float64[np.ndarray, " num_sta
     return np.concatenate(([first], inside, [last]))
 
 
-def strip(
+def surface(
     layout: Layout,
     road: Road,
     stations: Float64[np.ndarray, " num_stations"],
-    offsets: tuple[float, float],
-    levels: tuple[float, float],
-    finish: Finish,
-) -> Mesh:
-    """A surface along a road between two offsets, at levels [m] above the terrain there."""
-    right, left = (0, 1) if offsets[0] < offsets[1] else (1, 0)
-    count = 2 + int(abs(offsets[1] - offsets[0]) / _WIDEST_CELL)
-    across = np.linspace(offsets[right], offsets[left], count)
-    level = np.linspace(levels[right], levels[left], count)
-    return grid(_lifted(layout.terrain, road, stations, across, level), finish)
-
-
-def _lifted(
-    terrain: Terrain,
-    road: Road,
-    stations: Float64[np.ndarray, " num_stations"],
     offsets: Float64[np.ndarray, " num_offsets"],
-    levels: Float64[np.ndarray, " num_offsets"],
-) -> Float64[np.ndarray, "num_offsets num_stations 3"]:
+    levels: Float64[np.ndarray, "num_offsets #num_stations"],
+    finish: Finish,
+    *,
+    smooth: bool = True,
+) -> Mesh:
+    """A surface along a road, at levels [m] above the terrain.
+
+    Offsets go from the right to the left, or up where they are the same.
+    """
     places = road.line.place(stations[None], offsets[:, None])
-    heights = terrain.height(places) + levels[:, None]
-    return np.concatenate((places, heights[..., None]), axis=-1)
+    heights = layout.terrain.height(places) + levels
+    points = np.concatenate((places, heights[..., None]), axis=-1)
+    return grid(points, finish, smooth=smooth)
+
+
+def _across(first: float, second: float) -> Float64[np.ndarray, " num_offsets"]:
+    """Where a surface between two offsets has its vertices, from the right to the left."""
+    low, high = min(first, second), max(first, second)
+    return np.linspace(low, high, 2 + int((high - low) / _WIDEST_CELL))
+
+
+def _carriageway(
+    layout: Layout,
+    road: Road,
+    span: tuple[float, float],
+    stretch: tuple[float, float],
+    finish: Finish,
+    lift: float = 0.0,
+) -> Mesh:
+    """What one drives on between two offsets and two stations."""
+    stations, offsets = stations_between(*stretch), _across(*span)
+    levels = crown_level(road, stations[None], offsets[:, None]) + lift
+    return surface(layout, road, stations, offsets, levels, finish)
 
 
 def _road(layout: Layout, road: Road, finishes: RoadFinishes) -> list[Mesh]:
-    parts = []
     span = (-road.right.edge, road.left.edge)
     stretches: tuple[tuple[float, float], ...] = ((road.first, road.last + _BEYOND),)
     if road is not layout.main:
         stretches = road.left.stretches(road.first, road.last)
-    for start, stop in stretches:
-        along = stations_between(start, stop)
-        parts.append(strip(layout, road, along, span, (0.0, 0.0), finishes.carriageway))
+    parts = [
+        _carriageway(layout, road, span, stretch, finishes.carriageway) for stretch in stretches
+    ]
     rim_drop = 0.0 if road is layout.main else _RIM_DROP
     for side in road.sides:
         for start, stop in side.stretches(road.first, road.last):
-            along = stations_between(start, stop)
+            bends = ramp_stations(side)
+            bends = bends[(bends > start) & (bends < stop)]
+            along = np.union1d(stations_between(start, stop), bends)
             parts += _bands(layout, road, side, along, finishes)
             parts += _rim(layout, road, side, along, finishes, rim_drop)
     return parts + _parking_surfaces(layout, road, finishes)
@@ -153,19 +171,19 @@ def _bands(
     stations: Float64[np.ndarray, " num_stations"],
     finishes: RoadFinishes,
 ) -> list[Mesh]:
-    """Kerb, bands and the ground up to the plots on one side of a road."""
+    """Kerb and bands on one side of a road."""
     parts = []
     start = side.edge
     if road.has_kerbs:
-        profile = np.array([[0.0, -0.05], [0.0, side.level], [_KERB_WIDTH, side.level]])
-        if side.sign > 0:
-            offsets = side.edge + profile[:, 0]
-            levels = profile[:, 1]
-        else:
-            offsets, levels = -(side.edge + profile[::-1, 0]), profile[::-1, 1]
-        points = _lifted(layout.terrain, road, stations, offsets, levels)
-        parts.append(grid(points, finishes.kerb, smooth=False))
         start += _KERB_WIDTH
+        offsets = side.sign * np.array([side.edge, side.edge, start])
+        levels = band_level(road, stations[None], offsets[:, None])
+        levels[0] = -0.05
+        order = slice(None, None, side.sign)
+        kerb = surface(
+            layout, road, stations, offsets[order], levels[order], finishes.kerb, smooth=False
+        )
+        parts.append(kerb)
     surfaces = {
         Ground.VERGE: finishes.verge,
         Ground.CYCLE_PATH: finishes.cycle_path,
@@ -173,9 +191,12 @@ def _bands(
         Ground.SHOULDER: finishes.verge,
     }
     for band in side.bands:
-        inner, outer = side.sign * max(band.inner, start), side.sign * band.outer
-        levels_m = (side.level, side.level)
-        parts.append(strip(layout, road, stations, (inner, outer), levels_m, surfaces[band.ground]))
+        offsets = _across(side.sign * max(band.inner, start), side.sign * band.outer)
+        bend = side.sign * (side.edge + RAMP_DEPTH_M)
+        if side.ramps and offsets[0] < bend < offsets[-1]:
+            offsets = np.union1d(offsets, bend)
+        levels = band_level(road, stations[None], offsets[:, None])
+        parts.append(surface(layout, road, stations, offsets, levels, surfaces[band.ground]))
     return parts
 
 
@@ -192,9 +213,9 @@ def _rim(
     ground = finishes.pavement if paved else finishes.verge
     distances = side.outer + np.array([0.0, _GARDEN_REACH, _GARDEN_REACH + 2.0])
     levels = side.level - drop - np.array([0.0, 0.02, 2 * _LAND_DROP + 0.1])
-    if side.sign < 0:
-        distances, levels = -distances[::-1], levels[::-1]
-    return [grid(_lifted(layout.terrain, road, stations, distances, levels), ground)]
+    order = slice(None, None, side.sign)
+    offsets = side.sign * distances[order]
+    return [surface(layout, road, stations, offsets, levels[order, None], ground)]
 
 
 def _parking_surfaces(layout: Layout, road: Road, finishes: RoadFinishes) -> list[Mesh]:
@@ -205,10 +226,11 @@ def _parking_surfaces(layout: Layout, road: Road, finishes: RoadFinishes) -> lis
     for side in road.sides:
         if side.parking is Parking.NONE:
             continue
-        for start, stop in side.stretches(road.first, road.last):
-            along = stations_between(start, stop)
-            span = (side.sign * side.lane_edge, side.sign * side.edge)
-            parts.append(strip(layout, road, along, span, (0.004, 0.004), finishes.parking))
+        span = (side.sign * side.lane_edge, side.sign * side.edge)
+        parts += [
+            _carriageway(layout, road, span, stretch, finishes.parking, 0.004)
+            for stretch in side.stretches(road.first, road.last)
+        ]
     return parts
 
 
@@ -223,8 +245,7 @@ def _junction(layout: Layout, junction: Junction, finishes: RoadFinishes) -> lis
         first = junction.station - cross.left.edge - junction.corner
         last = junction.station + cross.right.edge + junction.corner
         span = (side.sign * side.edge, side.sign * (side.edge + junction.corner))
-        along = stations_between(first, last)
-        parts.append(strip(layout, main, along, span, (0.0, 0.0), finishes.carriageway))
+        parts.append(_carriageway(layout, main, span, (first, last), finishes.carriageway))
         for ahead in (-1, 1):
             edge = cross.left.edge if ahead < 0 else cross.right.edge
             square_u = junction.station + ahead * (edge + junction.corner)

@@ -8,11 +8,11 @@ from sightline.simulation.materials import Material
 from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP
 from sightline.simulation.meshes.car_parts import LAMP_GLASS
 from sightline.simulation.meshes.coachwork import Coachwork, Face, Panel, coachwork_mesh
-from sightline.simulation.meshes.edits import fitted, mirrored
+from sightline.simulation.meshes.edits import both_sides, fitted
 from sightline.simulation.meshes.models import ActorModel, RigidShape
 from sightline.simulation.meshes.primitives import Color, Finish, box, boxes, moved, tube
 from sightline.simulation.meshes.sizes import KITTI_SIZES, Size
-from sightline.simulation.scene import Mesh
+from sightline.simulation.scene import Mesh, Pose
 
 _GLASS = Finish(Material.GLASS, (0.016, 0.019, 0.021))
 _LAMP_RED = Finish(Material.TAIL_LIGHT, (0.42, 0.012, 0.012))
@@ -79,7 +79,7 @@ def _module(size: Size, count: int, index: int, wall: Finish, band: Finish) -> l
             )
     mesh = coachwork_mesh(work, wall, panels)
     if last and not first:  # its driver's front looks back
-        mesh = mesh.moved((0.0, 0.0, 0.0), np.pi)
+        mesh = mesh.placed(Pose(x=0.0, y=0.0, z=0.0, yaw=np.pi))
     parts = [moved(mesh, ((start + end) / 2, 0, 0))]
     if not last:
         center, half = (
@@ -146,4 +146,4 @@ def _roof_gear(size: Size, count: int) -> list[Mesh]:
     top = base + _PANTOGRAPH_ROOM - 0.02
     arm = tube([(x - 0.5, 0.3, base + 0.16), (x + 0.5, 0.45, top)], 0.02, _ROOF, num_sides=5)
     bow = tube([(x + 0.5, -0.75, top), (x + 0.5, 0.75, top)], 0.02, _ROOF, num_sides=5)
-    return [*parts, arm, mirrored(arm), bow]
+    return [*parts, both_sides(arm), bow]

@@ -15,27 +15,21 @@ from sightline.simulation.meshes.car_parts import (
     wheels,
 )
 from sightline.simulation.meshes.coachwork import Coachwork, Face, Panel, coachwork_mesh
-from sightline.simulation.meshes.edits import fitted, mirrored
+from sightline.simulation.meshes.edits import both_sides, fitted
 from sightline.simulation.meshes.models import ActorModel, RigidShape
 from sightline.simulation.meshes.primitives import Finish, box, boxes, disc, moved, superellipsoid
 from sightline.simulation.meshes.sizes import KITTI_SIZES, Size
 from sightline.simulation.scene import Mesh
 
-_STEEL = Finish(Material.METAL, (0.05, 0.05, 0.052))
-_RIM = Finish(Material.METAL, (0.22, 0.22, 0.23))
-_LAMP_RED = Finish(Material.TAIL_LIGHT, (0.42, 0.012, 0.012))
+STEEL = Finish(Material.METAL, (0.05, 0.05, 0.052))
+RIM = Finish(Material.METAL, (0.22, 0.22, 0.23))
+LAMP_RED = Finish(Material.TAIL_LIGHT, (0.42, 0.012, 0.012))
 _MARKING = Finish(Material.RETRO_REFLECTOR, (0.75, 0.12, 0.02))
-_WOOD = Finish(Material.WOOD, (0.22, 0.14, 0.08))
-_LIVERIES = (
-    (0.66, 0.66, 0.65),
-    (0.62, 0.62, 0.60),
-    (0.40, 0.02, 0.02),
-    (0.03, 0.08, 0.30),
-    (0.05, 0.20, 0.10),
-    (0.55, 0.38, 0.03),
-    (0.30, 0.31, 0.33),
-    (0.08, 0.22, 0.42),
-)
+WOOD = Finish(Material.WOOD, (0.22, 0.14, 0.08))
+LIVERIES = (
+    (0.66, 0.66, 0.65), (0.62, 0.62, 0.60), (0.40, 0.02, 0.02), (0.03, 0.08, 0.30),
+    (0.05, 0.20, 0.10), (0.55, 0.38, 0.03), (0.30, 0.31, 0.33), (0.08, 0.22, 0.42),
+)  # fmt: skip
 _CAB_LENGTH = 2.15  # m
 _FRONT_AXLE = -1.30  # m, from the front
 _ARTICULATED_FROM = 9.8  # m of length
@@ -44,8 +38,8 @@ _ARTICULATED_FROM = 9.8  # m of length
 def make_truck(rng: np.random.Generator) -> ActorModel:
     """A lorry of a size as KITTI's; long ones are tractors with a trailer."""
     size = Size(*KITTI_SIZES["Truck"].draw(rng, 1)[0].tolist())
-    cab = Finish(Material.CAR_PAINT, _LIVERIES[int(rng.integers(len(_LIVERIES)))])
-    cargo = Finish(Material.PLASTIC, _LIVERIES[int(rng.integers(len(_LIVERIES)))])
+    cab = Finish(Material.CAR_PAINT, LIVERIES[int(rng.integers(len(LIVERIES)))])
+    cargo = Finish(Material.PLASTIC, LIVERIES[int(rng.integers(len(LIVERIES)))])
     if size.length > _ARTICULATED_FROM:
         parts = _articulated(rng, size, cab, cargo)
     elif rng.random() < 0.7:
@@ -103,39 +97,31 @@ def _cab(
     centers = np.stack((np.full(4, -0.02), np.zeros(4), bars), axis=1)
     grille = boxes(centers, np.tile((0.02, 0.58 * half, 0.015), (4, 1)), CHROME)
     indicator = box((-0.10, 0.985 * half, lamp + 0.30), (0.06, 0.02, 0.04), ORANGE_LAMP)
-    parts = [shell, arch, mirrored(arch), mirror, mirrored(mirror), arm, mirrored(arm), grille]
-    return [*parts, indicator, mirrored(indicator), *plate(rng, 0.0, low + 0.20, 1)]
+    pairs = both_sides(arch, mirror, arm, indicator)
+    return [shell, pairs, grille, *plate(rng, 0.0, low + 0.20, 1)]
 
 
-def _axles(
-    rng: np.random.Generator, size: Size, places: Sequence[float], radius: float
-) -> list[Mesh]:
+def _axles(rng: np.random.Generator, size: Size, places: Sequence[float], radius: float) -> Mesh:
     tyre = 0.32
-    one = wheel(rng, radius, tyre, rim=_RIM, spokes=1)
+    one = wheel(rng, radius, tyre, rim=RIM, spokes=1)
     return wheels(one, places, size.width / 2 - tyre / 2 - 0.01, radius)
 
 
-def _rear_end(rng: np.random.Generator, x: float, size: Size, radius: float) -> list[Mesh]:
+def rear_end(rng: np.random.Generator, x: float, size: Size, radius: float) -> list[Mesh]:
     """Under-run bar, lamps, markings and plate at the rear end x [m]."""
     half, z = size.width / 2, 1.15 * radius
-    bar = box((x + 0.06, 0, 0.95 * radius), (0.05, 0.9 * half, 0.06), _STEEL)
-    lamp = box((x + 0.03, 0.78 * half, z + 0.12), (0.03, 0.16, 0.06), _LAMP_RED)
+    bar = box((x + 0.06, 0, 0.95 * radius), (0.05, 0.9 * half, 0.06), STEEL)
+    lamp = box((x + 0.03, 0.78 * half, z + 0.12), (0.03, 0.16, 0.06), LAMP_RED)
     marking = box((x + 0.02, 0.45 * half, z + 0.12), (0.012, 0.22, 0.05), _MARKING)
-    strut = box((x + 0.06, 0.42, 1.45 * radius), (0.04, 0.04, 0.5 * radius), _STEEL)
+    strut = box((x + 0.06, 0.42, 1.45 * radius), (0.04, 0.04, 0.5 * radius), STEEL)
     flap = box((x + 0.35, half - 0.2, 0.6 * radius), (0.01, 0.17, 0.25), BLACK_PLASTIC)
-    mirrorable = (lamp, marking, strut, flap)
-    return [
-        bar,
-        *mirrorable,
-        *(mirrored(part) for part in mirrorable),
-        *plate(rng, x + 0.02, z, -1),
-    ]
+    return [bar, both_sides(lamp, marking, strut, flap), *plate(rng, x + 0.02, z, -1)]
 
 
 def _frame(front: float, back: float, radius: float) -> list[Mesh]:
     """The two beams that carry everything, between x `back` and `front` [m]."""
     center = np.array([[(front + back) / 2, side * 0.42, 1.35 * radius] for side in (-1, 1)])
-    return [boxes(center, np.tile(((front - back) / 2, 0.06, 0.14), (2, 1)), _STEEL)]
+    return [boxes(center, np.tile(((front - back) / 2, 0.06, 0.14), (2, 1)), STEEL)]
 
 
 def _tank(x: float, size: Size, radius: float) -> list[Mesh]:
@@ -155,7 +141,7 @@ def _cargo_box(
     panels = [
         Panel(Face.SIDES, -reach + 0.12, reach - 0.12, low + 0.16, high - 0.14, finish),
         Panel(Face.REAR, 0, 0.012, low + 0.1, high - 0.1, GAP),
-        Panel(Face.REAR, half - 0.40, half - 0.37, low + 0.1, high - 0.1, _RIM),
+        Panel(Face.REAR, half - 0.40, half - 0.37, low + 0.1, high - 0.1, RIM),
         Panel(Face.FRONT, 0, half, low, high, finish),
     ]
     work = Coachwork(
@@ -172,9 +158,9 @@ def _box_lorry(rng: np.random.Generator, size: Size, cab: Finish, cargo: Finish)
     parts = _cab(rng, size, cab, cab_height, radius)
     parts.append(_cargo_box(start, -length, 2.15 * radius, size.height, size.width, cargo, edge))
     parts += _frame(-0.6, -length + 0.1, radius)
-    parts += _axles(rng, size, (_FRONT_AXLE, -0.74 * length), radius)
+    parts.append(_axles(rng, size, (_FRONT_AXLE, -0.74 * length), radius))
     parts += _tank(-0.45 * length, size, radius)
-    return parts + _rear_end(rng, -length, size, radius)
+    return parts + rear_end(rng, -length, size, radius)
 
 
 def _flatbed(rng: np.random.Generator, size: Size, cab: Finish) -> list[Mesh]:
@@ -183,47 +169,49 @@ def _flatbed(rng: np.random.Generator, size: Size, cab: Finish) -> list[Mesh]:
     half, middle, reach = size.width / 2, (start - length) / 2, (length + start) / 2
     parts = _cab(rng, size, cab, size.height, radius)
     parts += _frame(-0.6, -length + 0.1, radius)
-    parts.append(box((middle, 0, floor), (reach, half, 0.07), _STEEL))
-    board = box((middle, half - 0.02, floor + 0.27), (reach, 0.02, 0.22), _RIM)
-    rear_board = box((-length + 0.02, 0, floor + 0.27), (0.02, half, 0.22), _RIM)
-    headboard = box((start - 0.04, 0, floor + 0.55), (0.03, half, 0.55), _STEEL)
-    parts += [board, mirrored(board), rear_board, headboard]
+    parts.append(box((middle, 0, floor), (reach, half, 0.07), STEEL))
+    board = box((middle, half - 0.02, floor + 0.27), (reach, 0.02, 0.22), RIM)
+    rear_board = box((-length + 0.02, 0, floor + 0.27), (0.02, half, 0.22), RIM)
+    headboard = box((start - 0.04, 0, floor + 0.55), (0.03, half, 0.55), STEEL)
+    parts += [both_sides(board), rear_board, headboard]
     for x in np.arange(start - 0.8, -length + 0.7, -1.3)[: int(rng.integers(0, 6))]:
         tall = float(rng.uniform(0.2, 0.55))
         wood = rng.random() < 0.6
-        load = _WOOD if wood else Finish(Material.CONCRETE, (0.34, 0.33, 0.31))
+        load = WOOD if wood else Finish(Material.CONCRETE, (0.34, 0.33, 0.31))
         parts.append(box((float(x), 0, floor + 0.07 + tall), (0.5, 0.75 * half, tall), load))
-    parts += _axles(rng, size, (_FRONT_AXLE, -0.76 * length), radius)
+    parts.append(_axles(rng, size, (_FRONT_AXLE, -0.76 * length), radius))
     parts += _tank(-0.45 * length, size, radius)
-    return parts + _rear_end(rng, -length, size, radius)
+    return parts + rear_end(rng, -length, size, radius)
 
 
 def _articulated(rng: np.random.Generator, size: Size, cab: Finish, cargo: Finish) -> list[Mesh]:
-    length, radius = size.length, 0.48
-    cab_height = min(size.height - 0.05, 3.4)
-    start, low = -_CAB_LENGTH - 0.45, 1.12
-    parts = _cab(rng, size, cab, cab_height, radius)
-    trailer = _cargo_box(start, -length, low, size.height, size.width, cargo, _RIM)
-    parts += [trailer, *_frame(-0.6, -5.4, radius)]
-    beams = np.array([[(start - length) / 2, side * 0.5, low - 0.10] for side in (-1, 1)])
-    parts.append(boxes(beams, np.tile(((start + length) / -2, 0.06, 0.12), (2, 1)), _STEEL))
-    last = -length + 1.9
-    rear_axles = (last, last + 1.31, last + 2.62) if length > 12 else (last, last + 1.31)
-    parts += _axles(rng, size, (_FRONT_AXLE, -4.6, *rear_axles), radius)
-    parts += _tank(-2.9, size, radius)
-    skirt_front, skirt_back = -5.9, rear_axles[-1] + 0.75
-    if skirt_front - skirt_back > 0.8:
-        rail = box(
-            ((skirt_front + skirt_back) / 2, size.width / 2 - 0.06, 0.75),
-            ((skirt_front - skirt_back) / 2, 0.02, 0.10),
-            _RIM,
-        )
-        parts += [rail, mirrored(rail)]
-    stripe = _LIVERIES[int(rng.integers(len(_LIVERIES)))]
-    middle, reach = (start - length) / 2, (length + start) / 2 * float(rng.uniform(0.3, 0.7))
-    band = box(
-        (middle, size.width / 2 - 0.005, (low + size.height) / 2),
-        (reach, 0.008, 0.18 * (size.height - low)),
-        Finish(Material.PLASTIC, stripe),
-    )
-    return [*parts, band, mirrored(band), *_rear_end(rng, -length, size, radius)]
+    radius = 0.48
+    return [
+        *_cab(rng, size, cab, min(size.height - 0.05, 3.4), radius),
+        *_frame(-0.6, -5.4, radius),
+        _axles(rng, size, (_FRONT_AXLE, -4.6), radius),
+        *_tank(-2.9, size, radius),
+        *semitrailer(rng, size, -_CAB_LENGTH - 0.45, -size.length, cargo),
+    ]
+
+
+def semitrailer(
+    rng: np.random.Generator, size: Size, front: float, back: float, cargo: Finish
+) -> list[Mesh]:
+    """The trailer of a lorry of that size, from x `front` to `back` [m]."""
+    low, radius, half = 1.12, 0.48, size.width / 2
+    middle, reach = (front + back) / 2, (front - back) / 2
+    axles = [back + 1.9 + 1.31 * index for index in range(3 if reach > 4.7 else 2)]
+    beam = box((middle, 0.5, low - 0.10), (reach, 0.06, 0.12), STEEL)
+    skirt_front, skirt_back = front - 3.3, axles[-1] + 0.75
+    skirt = ((skirt_front + skirt_back) / 2, half - 0.06, 0.75)
+    rail = box(skirt, (max(skirt_front - skirt_back, 0.2) / 2, 0.02, 0.10), RIM)
+    stripe = Finish(Material.PLASTIC, LIVERIES[int(rng.integers(len(LIVERIES)))])
+    wide, tall = reach * float(rng.uniform(0.3, 0.7)), 0.18 * (size.height - low)
+    band = box((middle, half - 0.005, (low + size.height) / 2), (wide, 0.008, tall), stripe)
+    return [
+        _cargo_box(front, back, low, size.height, size.width, cargo, RIM),
+        both_sides(beam, rail, band),
+        _axles(rng, size, axles, radius),
+        *rear_end(rng, back, size, radius),
+    ]

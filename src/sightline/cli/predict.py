@@ -1,0 +1,130 @@
+"""`sightline predict`: one command a task, made from what the task declares."""
+
+from collections.abc import Callable
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import Any, Literal
+
+from sightline.cli.parser import Device, Velodyne
+from sightline.export.names import EngineName
+from sightline.tasks import Task, find_task, task_names, weights_of
+
+_HELP = """{summary}
+
+A file appears whole or not at all; an interrupted run is finished by running it again.
+
+Args:
+    data: A KITTI object tree, depth completion tree or raw drive.
+    out: Folder for the first output: {first}
+    method: What answers without a network.
+    weights: The network: name of weights that come with Sightline ({known}) or a file
+        (.safetensors, .ckpt). Default: {default}.
+    engine: What runs the network.
+    device: Where PyTorch runs the network.
+{others}    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
+        a text file with one name a line. Default: all.
+    velodyne: Folder of the sweeps in an object tree.
+    workers: Processes; of several, each runs a network on one thread.
+    overwrite: Makes files anew that are there already.
+    shard_index: Which part of the frames to do, from 0.
+    num_shards: Number of parts, each of which can run on another machine.
+"""
+
+
+def predict_commands() -> dict[str, Any]:
+    """The commands by the tasks' names, as jsonargparse takes them."""
+    commands = {name: _command(find_task(name)) for name in task_names()}
+    return {"_help": "Run a task over a data set.", **commands}
+
+
+def _command(task: Task) -> Callable[..., None]:
+    """A function whose signature and docstring have the task's own methods and outputs."""
+
+    def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
+        _run(task, **settings)
+
+    parameters = _parameters(task)
+    vars(command)["__signature__"] = Signature(parameters)
+    command.__annotations__ = {each.name: each.annotation for each in parameters}
+    others = "".join(
+        f"    {output.name}: Folder for a further output: {output.summary}\n"
+        for output in task.outputs[1:]
+    )
+    command.__doc__ = _HELP.format(
+        summary=task.summary,
+        first=task.outputs[0].summary,
+        known=", ".join(weights_of(task)) or "none do",
+        default=task.default_weights or "none",
+        others=others,
+    )
+    return command
+
+
+def _parameters(task: Task) -> list[Parameter]:
+    positional = {"data": Path, "out": Path}
+    optional: dict[str, tuple[Any, object]] = {}
+    if task.methods:
+        optional["method"] = (Literal[task.methods] | None, None)
+    optional |= {
+        "weights": (str | None, None),
+        "engine": (EngineName, "torch"),
+        "device": (Device, "cpu"),
+        **{output.name: (Path | None, None) for output in task.outputs[1:]},
+        "sample_list": (str | None, None),
+        "velodyne": (Velodyne, "velodyne"),
+        "workers": (int, 2),
+        "overwrite": (bool, False),
+        "shard_index": (int, 0),
+        "num_shards": (int, 1),
+    }
+    parameters = [
+        Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, annotation=kind)
+        for name, kind in positional.items()
+    ]
+    return parameters + [
+        Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+        for name, (kind, default) in optional.items()
+    ]
+
+
+def _run(
+    task: Task,
+    *,
+    data: Path,
+    out: Path,
+    weights: str | None,
+    engine: EngineName,
+    device: Device,
+    sample_list: str | None,
+    velodyne: Velodyne,
+    workers: int,
+    overwrite: bool,
+    shard_index: int,
+    num_shards: int,
+    method: str | None = None,
+    **folders: Path | None,
+) -> None:
+    from sightline.inference.predict import predict
+
+    predictor = task.predictor(
+        method=method,
+        weights=weights,
+        engine=engine,
+        device=device,
+        threads=None if workers == 1 else 1,
+    )
+    result = predict(
+        task,
+        predictor,
+        data,
+        out,
+        also={name: folder for name, folder in folders.items() if folder is not None},
+        sample_list=sample_list,
+        velodyne=velodyne,
+        workers=workers,
+        overwrite=overwrite,
+        shard_index=shard_index,
+        num_shards=num_shards,
+    )
+    what = task.outputs[0].name
+    print(f"{out}: {what} of {result.written} frames written, {result.skipped} were there already")

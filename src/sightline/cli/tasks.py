@@ -1,0 +1,29 @@
+"""`sightline tasks`: what there is to run, train and export, and what runs it."""
+
+from importlib.util import find_spec
+from typing import get_args
+
+from sightline.export.names import EngineName
+from sightline.tasks import find_task, recipes_of, task_names, weights_of
+
+
+def list_tasks() -> None:
+    """Lists the tasks with their weights, methods, outputs and recipes, and the engines."""
+    for name in task_names():
+        task = find_task(name)
+        default = task.default_weights
+        weights = [f"{each} (default)" if each == default else each for each in weights_of(task)]
+        print(f"{name}: {task.summary}")
+        _print_row("weights", weights)
+        _print_row("methods", task.methods)
+        _print_row("outputs", [output.name for output in task.outputs])
+        _print_row("recipes", recipes_of(task))
+    engines = [
+        engine if find_spec(engine) else f'{engine} (missing: pip install "sightline[export]")'
+        for engine in get_args(EngineName)
+    ]
+    print(f"engines: {', '.join(engines)}")
+
+
+def _print_row(what: str, names: "list[str] | tuple[str, ...]") -> None:
+    print(f"  {what}: {', '.join(names) or 'none'}")

@@ -1,0 +1,64 @@
+"""Whether a calibration that can be read is that of sensors on one vehicle."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.problem import Problem
+
+_MAX_OFFSET_M = 20.0  # between two sensors on the longest lorry
+_REMEDY = "correct it or extract the calibration archive again"
+
+
+def check_matrices(
+    matrices: CalibrationMatrices, size: tuple[int, int] | None, path: Path
+) -> list[Problem]:
+    """Doubts about an object benchmark's or a raw recording's calibration.
+
+    Args:
+        matrices: As read.
+        size: Height and width of the image, where it is known.
+        path: Where they were read.
+    """
+    intrinsics, column = np.hsplit(matrices.image_from_camera, [3])
+    offsets_m = {
+        "the camera from the rectified origin": np.linalg.solve(intrinsics, column[:, 0]),
+        "the LiDAR from the camera": matrices.camera_from_lidar[:3, 3],
+    }
+    far = [
+        f"puts {what} {np.linalg.norm(offset):.4g} m away, expected up to {_MAX_OFFSET_M:.0f} m"
+        for what, offset in offsets_m.items()
+        if np.linalg.norm(offset) > _MAX_OFFSET_M
+    ]
+    return check_intrinsics(intrinsics, size, path) + _problems(far, path)
+
+
+def check_intrinsics(
+    intrinsics: Float64[np.ndarray, "3 3"], size: tuple[int, int] | None, path: Path
+) -> list[Problem]:
+    """Doubts about focal lengths and principal point; arguments as of `check_matrices`."""
+    focal_px, principal_px = np.diag(intrinsics)[:2], intrinsics[:2, 2]
+    doubts = []
+    if (focal_px <= 0).any():
+        x, y = focal_px
+        doubts.append(f"has focal lengths of {x:.6g} and {y:.6g} px, expected both above 0")
+    if size is not None:
+        width_height = np.array(size[::-1])
+        if (np.abs(focal_px) > 100 * width_height).any() or (100 * focal_px < width_height).any():
+            doubts.append(
+                f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, which do not go "
+                f"with an image of {size[0]}x{size[1]} (height x width)"
+            )
+        # Cameras that were cropped off centre keep it within a few image sizes.
+        if (np.abs(principal_px - width_height / 2) > 3 * width_height).any():
+            doubts.append(
+                f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), far "
+                f"from an image of {size[0]}x{size[1]} (height x width)"
+            )
+    return _problems(doubts[:1], path)
+
+
+def _problems(doubts: list[str], path: Path) -> list[Problem]:
+    return [Problem(path=path, problem=doubt, remedy=_REMEDY) for doubt in doubts]

@@ -1,0 +1,132 @@
+"""Faults of the sensors, as one type: what training draws, tables score and pages show."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from sightline.data.augmentation import add_outliers, drop_camera, rotate_extrinsics, thin_rings
+from sightline.structures.sample import CameraLidarSample
+
+
+class Fault(ABC):
+    """Something wrong with a sensor, so and so much of it; `str` names it in tables.
+
+    A fault is a frozen dataclass of plain numbers: `dataclasses.asdict` records it.
+    """
+
+    @abstractmethod
+    def __str__(self) -> str:
+        """Its name."""
+
+    @abstractmethod
+    def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
+        """The sample as the faulty sensor takes it; its truth stays as it is.
+
+        Args:
+            sample: Of sound sensors.
+            rng: Where all randomness comes from; not every fault draws.
+
+        Raises:
+            ValueError: The sample lacks what is faulty.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TurnedLidar(Fault):
+    """A LiDAR that has turned in its mount while the calibration knows nothing of it."""
+
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Checks that the angles are angles."""
+        if not all(map(math.isfinite, (self.yaw_deg, self.pitch_deg, self.roll_deg))):
+            raise ValueError(f"a LiDAR turns by finite angles, got {self}")
+
+    def __str__(self) -> str:
+        """The angles that are not 0."""
+        named = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg), ("roll", self.roll_deg))
+        angles = [f"{name} {angle_deg:g} deg" for name, angle_deg in named if angle_deg]
+        return ", ".join(angles) or "yaw 0 deg"
+
+    def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
+        """See `rotate_extrinsics`."""
+        del rng
+        return rotate_extrinsics(
+            sample, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FalseEchoes(Fault):
+    """A LiDAR some of whose returns have a wrong range."""
+
+    share: float
+    """Of the returns."""
+
+    def __post_init__(self) -> None:
+        """Checks the range."""
+        if not 0 <= self.share <= 1:
+            raise ValueError(f"share must be between 0 and 1, got {self.share}")
+
+    def __str__(self) -> str:
+        """The share."""
+        return f"{100 * self.share:g} % outliers"
+
+    def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
+        """See `add_outliers`."""
+        return add_outliers(sample, share=self.share, rng=rng)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FewerRings(Fault):
+    """A LiDAR that has only every so manyth of its rings."""
+
+    keep_every: int
+    first: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks that a ring is left."""
+        if not 0 <= self.first < self.keep_every:
+            raise ValueError(
+                f"first must be at least 0 and below keep_every {self.keep_every}, got {self.first}"
+            )
+
+    def __str__(self) -> str:
+        """The share of the rings."""
+        return f"1 ring of {self.keep_every}"
+
+    def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
+        """See `thin_rings`."""
+        del rng
+        return thin_rings(sample, self.keep_every, self.first)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NoCamera(Fault):
+    """A camera that delivers nothing."""
+
+    def __str__(self) -> str:
+        """What there is to say."""
+        return "no camera"
+
+    def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
+        """See `drop_camera`."""
+        del rng
+        return drop_camera(sample)
+
+
+def fault_rng(sample: CameraLidarSample, seed: int = 0) -> np.random.Generator:
+    """A generator that depends on the sample's name alone: each method meets the same faults."""
+    return np.random.default_rng([seed, *sample.sample_id.encode()])
+
+
+def draw_turned_lidar(error_deg: float, rng: np.random.Generator) -> TurnedLidar:
+    """An error of the mount: normal, `error_deg` the deviation in yaw, half of it in the others."""
+    yaw_deg, pitch_deg, roll_deg = map(
+        float, error_deg * np.array((1, 0.5, 0.5)) * rng.normal(size=3)
+    )
+    return TurnedLidar(yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg)

@@ -1,0 +1,173 @@
+"""Jobs that fill a folder: claimed by one maker, done in parallel, finished by running it again."""
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol, TypeVar, runtime_checkable
+
+from sightline.data.atomic import atomic_create_text
+from sightline.data.parallel import run_pieces
+from sightline.data.plain_text import shortened
+from sightline.data.progress import track
+
+MANIFEST_NAME: Final = "sightline.json"
+"""File in an output folder that says what made the others."""
+
+_LONGEST_VALUE = 60  # characters of a setting that an error shows
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JobResult:
+    """What a job did."""
+
+    written: int
+    skipped: int
+    """Pieces whose files were there already."""
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class Work(Protocol):
+    """A piece of a job; picklable where workers are started afresh (macOS, Windows).
+
+    It writes files aside and renames them, so that a job which is stopped leaves whole ones only.
+    """
+
+    def __str__(self) -> str:
+        """What errors call it, e.g. "frame 7"."""
+        ...
+
+    def run(self) -> None:
+        """Does it.
+
+        Raises:
+            ValueError: The data or the output folder is at fault.
+            OSError: Likewise.
+        """
+        ...
+
+
+def shard(items: Sequence[Item], index: int, count: int) -> Sequence[Item]:
+    """Every `count`th item from `index` on: one of so many parts of a job.
+
+    Raises:
+        ValueError: There is no such part.
+    """
+    if not 0 <= index < count:
+        raise ValueError(
+            f"shard_index must be between 0 and num_shards - 1, got {index} of {count}"
+        )
+    return items[index::count]
+
+
+def run_job(works: Sequence[Work], workers: int, *, description: str) -> None:
+    """Does the pieces of a job, several at once.
+
+    Args:
+        works: The pieces.
+        workers: Processes that work; 1 is this process alone.
+        description: What happens to the pieces, for the display of progress.
+
+    Raises:
+        ValueError: There is no worker, or a piece fails: the error names it. Those before it are
+            done and stay.
+    """
+    check_workers(workers)
+    errors = run_pieces(_Attempt(works), len(works), workers)
+    for error in track(errors, description=description, total=len(works)):
+        if error:
+            raise ValueError(error)
+
+
+def check_workers(workers: int) -> None:
+    """Refuses a job that nobody would do.
+
+    Raises:
+        ValueError: There is no worker.
+    """
+    if workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+
+
+def claim_folder(
+    folder: Path,
+    settings: Mapping[str, object],
+    *,
+    results: Sequence[str],
+    manifest_name: str = MANIFEST_NAME,
+) -> None:
+    """Writes what makes the files of a folder into it, or sees that the same stands there.
+
+    Of several jobs that claim a folder at one time, on one machine or on several, one writes the
+    manifest; those of the same settings share the folder, and give the same files. The claim of a
+    job that was stopped stands, so that what it has left is finished and not mixed with.
+
+    Args:
+        folder: Made where it is missing.
+        settings: All that the files' bytes depend on, but for which of them are asked for; plain
+            values, as JSON has them.
+        results: Patterns (`Path.glob`) of the files and folders that jobs write there.
+        manifest_name: Name of the file that holds the settings.
+
+    Raises:
+        ValueError: Other settings stand there, or results that nobody knows the maker of; or the
+            folder cannot be written to.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is no folder; name another output folder")
+    path = folder / manifest_name
+    text = json.dumps(dict(settings), indent=2) + "\n"
+    # In this order: a job has written its manifest before its first result.
+    has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
+    if not path.exists():
+        if has_results:
+            raise ValueError(_refusal(folder, f"data without a {manifest_name}", manifest_name))
+        if atomic_create_text(path, text):
+            return
+    there = path.read_text(errors="replace")
+    if there != text:
+        raise ValueError(_refusal(folder, _difference(there, settings), manifest_name))
+
+
+def _refusal(folder: Path, held: str, manifest_name: str) -> str:
+    return (
+        f"{folder} holds {held}, which would mix with this job; name another output folder or "
+        f"empty this one, its {manifest_name} too"
+    )
+
+
+def _difference(there: str, settings: Mapping[str, object]) -> str:
+    """What the folder's files were made with that this job is not."""
+    before = None
+    with suppress(ValueError, RecursionError):
+        before = json.loads(there)
+    if not isinstance(before, dict):
+        return "a damaged manifest"
+    now = json.loads(json.dumps(dict(settings)))
+    names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
+    described = (
+        f"{name} {_shown(before.get(name))} instead of {_shown(now.get(name))}" for name in names
+    )
+    return f"files made with {', '.join(described) or 'the same settings, written otherwise'}"
+
+
+def _shown(value: object) -> str:
+    return "none" if value is None else shortened(str(value), _LONGEST_VALUE)
+
+
+@dataclass(frozen=True, slots=True)
+class _Attempt:
+    """Does a piece by its number; returns the error, empty if there is none."""
+
+    works: Sequence[Work]
+
+    def __call__(self, position: int) -> str:
+        work = self.works[position]
+        try:
+            work.run()
+        except (ValueError, OSError) as error:
+            return f"{work}: {error}"
+        return ""

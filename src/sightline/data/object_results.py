@@ -1,0 +1,74 @@
+"""Detections as KITTI's result files hold them."""
+
+import torch
+from torch import Tensor
+
+from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
+from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.image_boxes import kitti_corners, project_boxes
+from sightline.geometry.transforms import wrap_angle
+from sightline.structures.predictions import Detections2D, Detections3D
+
+_UNKNOWN = -1.0  # truncation and occlusion of results, and the size of what has no 3D part
+
+
+def kitti_from_detections(
+    found: Detections2D | Detections3D, calibration: Calibration, image_size: tuple[int, int]
+) -> KittiObjects:
+    """The columns of a frame's result file: what was found, as far as the image shows it.
+
+    KITTI labels, and scores, nothing beside the image: what it does not show is left out. The rest
+    keeps its order. Truncation and occlusion are unknown (-1).
+
+    * Of 2D detections, boxes are cut at the image's border; there is no 3D part and no alpha.
+    * Of 3D detections, the 2D box is that of the 3D box's edges within the image
+      (`project_boxes`), and alpha is rotation_y less the bearing of the box's centre. rotation_y
+      neglects the small tilt between the sensors, as in labels.
+
+    Args:
+        found: In the LiDAR frame, or in the image.
+        calibration: Of the frame.
+        image_size: Height, width [px] of its image.
+    """
+    if isinstance(found, Detections2D):
+        return _results_2d(found, image_size)
+    boxes = Boxes3D(found.boxes.tensor.detach().cpu().double())
+    dimensions_hwl, locations, rotation_y = kitti_from_boxes3d(boxes, calibration.camera_from_lidar)
+    corners = kitti_corners(dimensions_hwl, locations, rotation_y)
+    boxes2d = project_boxes(corners, calibration.image_from_camera, image_size).tensor
+    bearing = torch.atan2(locations[:, 0], locations[:, 2])
+    return _results(
+        found,
+        ~boxes2d.isnan().any(dim=1),
+        boxes2d=boxes2d,
+        dimensions_hwl=dimensions_hwl,
+        locations=locations,
+        rotation_y=rotation_y,
+        alpha=wrap_angle(rotation_y - bearing),
+    )
+
+
+def _results_2d(found: Detections2D, image_size: tuple[int, int]) -> KittiObjects:
+    boxes = found.boxes.to("cpu").clip(image_size)
+    count = len(boxes)
+    return _results(
+        found,
+        boxes.area() > 0,
+        boxes2d=boxes.tensor,
+        dimensions_hwl=torch.full((count, 3), _UNKNOWN),
+        locations=torch.full((count, 3), NO_LOCATION),
+        rotation_y=torch.full((count,), NO_ALPHA),
+        alpha=torch.full((count,), NO_ALPHA),
+    )
+
+
+def _results(
+    found: Detections2D | Detections3D, is_shown: Tensor, **columns: Tensor
+) -> KittiObjects:
+    kept = is_shown.nonzero()[:, 0]
+    unknown = torch.full((len(found.scores),), _UNKNOWN)
+    columns |= {"truncation": unknown, "occlusion": unknown, "scores": found.scores.detach().cpu()}
+    arrays = {name: column[kept].double().numpy() for name, column in columns.items()}
+    names = tuple(found.class_names[index] for index in kept.tolist())
+    return KittiObjects(class_names=names, **arrays)

@@ -1,0 +1,140 @@
+"""Samples whose whole scene is resized, turned or scaled, labels included: to train on.
+
+Each function gives a new sample in which image, sweep, depth, calibration, pose and labels fit
+together as before; with `augmentation.mirror` and `augmentation.crop` they are what detectors vary.
+"""
+
+import math
+from dataclasses import replace
+
+import cv2
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.transforms import rigid_inverse, transform_points, wrap_angle
+from sightline.structures.labels import ObjectLabels
+from sightline.structures.sample import CameraLidarSample
+
+
+def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSample:
+    """The sample of a camera with more or fewer pixels in the same view.
+
+    Image pixels are averaged or, where they become more, interpolated (bicubic). A depth is that of
+    the nearest pixel: a mean of a depth and a missing one, or of two surfaces, would be no depth.
+    The sweep and 3D labels stay.
+
+    Raises:
+        ValueError: There would be no pixel.
+    """
+    if height < 1 or width < 1:
+        raise ValueError(f"an image needs at least 1x1 pixels, got {height}x{width}; name a size")
+    old_height, old_width = sample.image_size
+    scale = (width / old_width, height / old_height)
+    image, depth, objects = sample.image, sample.depth, sample.objects
+    if image is not None:
+        how = cv2.INTER_AREA if width < old_width else cv2.INTER_CUBIC
+        pixels = cv2.resize(image.permute(1, 2, 0).numpy(), (width, height), interpolation=how)
+        image = torch.from_numpy(pixels).permute(2, 0, 1).contiguous()
+    if depth is not None:
+        nearest = cv2.INTER_NEAREST_EXACT  # by the pixels' centres, as the calibration has it
+        depth = torch.from_numpy(cv2.resize(depth.numpy(), (width, height), interpolation=nearest))
+    if objects is not None:
+        factors = objects.boxes2d.tensor.new_tensor(scale * 2)
+        boxes2d = Boxes2D((objects.boxes2d.tensor + 0.5) * factors - 0.5)
+        objects = replace(objects, boxes2d=boxes2d)
+    return replace(
+        sample,
+        calibration=sample.calibration.resize(*scale),
+        image_size=(height, width),
+        image=image,
+        depth=depth,
+        objects=objects,
+    )
+
+
+def turn_scene(sample: CameraLidarSample, yaw_deg: float) -> CameraLidarSample:
+    """The sample in a LiDAR frame in which all that is around has turned, counter-clockwise.
+
+    Sweep and 3D boxes turn about the z axis and the calibration with them, so that every point
+    falls on the same pixel as before, at the same depth; what the camera sees stays. KITTI's
+    rotation_y takes a camera that looks along x: do not write the labels of a turned scene.
+    """
+    turn = torch.eye(4, dtype=torch.float64)
+    cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    turn[:2, :2] = torch.tensor([[cos, -sin], [sin, cos]], dtype=torch.float64)
+    back = rigid_inverse(turn)
+    return replace(
+        _with_sweep(sample, turn, 1.0),
+        calibration=Calibration(
+            image_from_camera=sample.calibration.image_from_camera,
+            camera_from_lidar=sample.calibration.camera_from_lidar @ back,
+        ),
+        objects=_turned_objects(sample.objects, turn, math.radians(yaw_deg)),
+        world_from_lidar=None
+        if sample.world_from_lidar is None
+        else sample.world_from_lidar @ back,
+    )
+
+
+def scale_scene(sample: CameraLidarSample, factor: float) -> CameraLidarSample:
+    """The sample of a world `factor` times as large, sensors' distances and the drive included.
+
+    Every point falls on the same pixel as before, `factor` times as far away; what the camera sees
+    stays.
+
+    Raises:
+        ValueError: The factor is not positive or not finite.
+    """
+    if not 0 < factor < math.inf:
+        raise ValueError(f"a scene is scaled by a positive, finite factor, got {factor}")
+    objects, depth, calibration = sample.objects, sample.depth, sample.calibration
+    if objects is not None:
+        factors = objects.boxes3d.tensor.new_tensor([factor] * 6 + [1.0])
+        objects = replace(objects, boxes3d=Boxes3D(objects.boxes3d.tensor * factors))
+    last_column = calibration.image_from_camera.new_tensor([1, 1, 1, factor])
+    return replace(
+        _with_sweep(sample, torch.eye(4, dtype=torch.float64), factor),
+        calibration=Calibration(
+            image_from_camera=calibration.image_from_camera * last_column,
+            camera_from_lidar=_with_longer_translation(calibration.camera_from_lidar, factor),
+        ),
+        depth=None if depth is None else depth * factor,
+        objects=objects,
+        world_from_lidar=None
+        if sample.world_from_lidar is None
+        else _with_longer_translation(sample.world_from_lidar, factor),
+    )
+
+
+def _with_sweep(
+    sample: CameraLidarSample, turn: Float64[Tensor, "4 4"], factor: float
+) -> CameraLidarSample:
+    if sample.points is None:
+        return sample
+    points = sample.points.clone()
+    points[:, :3] = (transform_points(turn, points[:, :3].double()) * factor).float()
+    return replace(sample, points=points)
+
+
+def _turned_objects(
+    objects: ObjectLabels | None, turn: Float64[Tensor, "4 4"], yaw: float
+) -> ObjectLabels | None:
+    if objects is None:
+        return None
+    boxes3d = objects.boxes3d.tensor.clone()
+    boxes3d[:, :3] = transform_points(turn, boxes3d[:, :3])
+    turned = wrap_angle(boxes3d[:, 6] + yaw)
+    boxes3d[:, 6] = torch.where(objects.has_box3d, turned, boxes3d[:, 6])
+    return replace(objects, boxes3d=Boxes3D(boxes3d))
+
+
+def _with_longer_translation(
+    transform: Float64[Tensor, "4 4"], factor: float
+) -> Float64[Tensor, "4 4"]:
+    longer = transform.clone()
+    longer[:3, 3] *= factor
+    return longer

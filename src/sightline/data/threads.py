@@ -1,0 +1,53 @@
+"""Threads that work a little ahead of whoever asks, for files that are read one after the other."""
+
+import itertools
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+MAX_WORKERS = 256
+_QUEUED_PER_WORKER = 4
+
+
+def map_ahead(
+    function: Callable[[Item], Answer], items: Iterable[Item], *, workers: int
+) -> Iterator[Answer]:
+    """What the function makes of each item, in order; only a few items run ahead.
+
+    Raises:
+        ValueError: `workers` is not 1 to `MAX_WORKERS`.
+    """
+    check_workers(workers)
+    return _map_ahead(function, iter(items), workers)
+
+
+def check_workers(workers: int) -> None:
+    """Refuses a number of threads that is not 1 to `MAX_WORKERS`.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    if workers > MAX_WORKERS:
+        raise ValueError(f"workers must be at most {MAX_WORKERS}, got {workers}")
+
+
+def _map_ahead(
+    function: Callable[[Item], Answer], remaining: Iterator[Item], workers: int
+) -> Iterator[Answer]:
+    waiting: deque[Future[Answer]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for item in itertools.islice(remaining, _QUEUED_PER_WORKER * workers):
+                waiting.append(pool.submit(function, item))
+            while waiting:
+                yield waiting.popleft().result()
+                for item in itertools.islice(remaining, 1):
+                    waiting.append(pool.submit(function, item))
+        finally:
+            pool.shutdown(cancel_futures=True)

@@ -1,0 +1,219 @@
+"""A network's weights together with what is needed to build it again: one file."""
+
+import json
+import pickle
+import warnings
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import safetensors
+import torch
+from safetensors.torch import save
+from torch import Tensor, nn
+
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.plain_text import shortened
+from sightline.data.weights_header import (
+    METADATA_KEY,
+    WEIGHTS_REMEDY,
+    WeightsDescription,
+    check_description,
+    find_weights,
+    read_description,
+)
+
+CHECKPOINT_KEY: Final = "sightline"
+"""Where a training checkpoint tells its task, the network's config and its provenance."""
+NETWORK_PREFIX: Final = "network."
+"""Names of the network's tensors in a training checkpoint begin with this."""
+
+_CHECKPOINT_REMEDY = "name one that sightline fit wrote"
+_REASON_LENGTH = 160  # characters of another library's words
+_MAX_AXES = 8
+_NO_ARRAY = "is no plain array of numbers"
+_TENSOR_TYPES = frozenset(
+    {torch.float64, torch.float32, torch.float16, torch.bfloat16, torch.int64, torch.int32}
+    | {torch.int16, torch.int8, torch.uint8, torch.bool}
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """A trained network: its numbers and its description."""
+
+    task: str
+    """Which task's network this is."""
+    config: dict[str, object]
+    """The network's settings in plain values, as JSON gives them."""
+    provenance: dict[str, str]
+    """Where the weights come from, for people: version, seed, steps, .."""
+    tensors: dict[str, Tensor]
+    """By name, as the network's `state_dict` has them; on the CPU, all finite."""
+
+
+def write_weights(
+    path: Path | str,
+    tensors: Mapping[str, Tensor],
+    *,
+    task: str,
+    config: Mapping[str, object],
+    provenance: Mapping[str, str],
+) -> None:
+    """Writes weights as safetensors, which hold no code; the description is JSON in the metadata.
+
+    The same weights give the same bytes. The file appears whole or not at all.
+
+    Args:
+        path: Where the file shall stand.
+        tensors: A network's `state_dict`.
+        task: Which task's network this is.
+        config: Its settings; only what JSON can hold.
+        provenance: Where the weights come from.
+
+    Raises:
+        ValueError: The place cannot be written to.
+    """
+    description = {"task": task, "config": dict(config), "provenance": dict(provenance)}
+    # Copied: tensors that share memory would be refused, and a network may tie its weights.
+    copied = {
+        name: tensor.detach().to("cpu", copy=True).contiguous() for name, tensor in tensors.items()
+    }
+    metadata = {METADATA_KEY: json.dumps(description, sort_keys=True)}
+    atomic_write_bytes(path, save(copied, metadata))  # save_file's own files are for the user alone
+
+
+def read_weights(weights: Path | str) -> Weights:
+    """Reads weights: shipped ones, a file of `write_weights`, or a training checkpoint (.ckpt).
+
+    The content tells which of them a file is, not its name. No code in it is run.
+
+    Raises:
+        ValueError: There are no such weights, or the file is damaged, holds weights that are not
+            finite, or says not what network it is for; the error names the file, in one line.
+    """
+    path = find_weights(weights)
+    if zipfile.is_zipfile(path):
+        return read_checkpoint_weights(path)
+    description = read_description(path)
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no dict
+    except (safetensors.SafetensorError, OSError, RuntimeError, ValueError) as error:
+        raise ValueError(
+            f"{path} cannot be read as safetensors ({_reason(error)}); it is cut short or damaged: "
+            f"{WEIGHTS_REMEDY}"
+        ) from error
+    return _weights(path, description, tensors)
+
+
+def read_checkpoint_weights(path: Path | str) -> Weights:
+    """Reads the network's weights from a training checkpoint, without running code from it.
+
+    Where the training averages weights, these are the averages.
+
+    Raises:
+        ValueError: The file is damaged, no checkpoint of a sightline training, or holds weights
+            that are not finite; the error names the file, in one line.
+    """
+    path = Path(path)
+    _check_archive(path)
+    try:
+        with path.open("rb") as file, warnings.catch_warnings():  # a path's ending would mislead it
+            warnings.simplefilter("ignore")  # what it warns of is refused below
+            checkpoint = torch.load(file, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError as error:
+        # PyTorch's own words tell how to run the code all the same.
+        raise ValueError(
+            f"{path} holds other Python objects than plain values and tensors, which could run "
+            f"code when they are read, or is damaged; {_CHECKPOINT_REMEDY}"
+        ) from error
+    except Exception as error:
+        # Damaged bytes make its reader raise nearly anything: KeyError, AttributeError, ..
+        raise ValueError(
+            f"{path} cannot be read as a checkpoint ({_reason(error)}); {_CHECKPOINT_REMEDY}"
+        ) from error
+    match checkpoint:
+        case {"sightline": described, "state_dict": dict(state)}:
+            tensors = {
+                name.removeprefix(NETWORK_PREFIX): tensor
+                for name, tensor in state.items()
+                if isinstance(name, str) and name.startswith(NETWORK_PREFIX)
+            }
+            return _weights(path, check_description(path, described), tensors)
+    raise ValueError(f"{path} is no checkpoint of sightline; {_CHECKPOINT_REMEDY}")
+
+
+def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
+    """Gives a network its weights.
+
+    Raises:
+        ValueError: They are of other names, shapes or types than the network's; names the first.
+    """
+    expected = network.state_dict()
+    for name in sorted(expected.keys() | tensors.keys()):
+        if name not in tensors:
+            raise ValueError(f"the tensor {name} is missing")
+        if name not in expected:
+            raise ValueError(f"there is no place for the tensor {shortened(name)}")
+        wanted, found = (_kind(each[name]) for each in (expected, tensors))
+        if wanted != found:
+            raise ValueError(f"the tensor {name} is {found}, expected {wanted}")
+    network.load_state_dict(dict(tensors))
+
+
+def _kind(tensor: Tensor) -> str:
+    return f"{str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)}"
+
+
+def _check_archive(path: Path) -> None:
+    """Refuses an archive whose content is larger than itself: PyTorch packs nothing."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
+        raise ValueError(
+            f"{path} cannot be read as a checkpoint ({_reason(error)}); {_CHECKPOINT_REMEDY}"
+        ) from error
+    if unpacked > path.stat().st_size:
+        raise ValueError(
+            f"{path} cannot be read as a checkpoint (it is packed, to hold {unpacked} bytes); "
+            f"{_CHECKPOINT_REMEDY}"
+        )
+
+
+def _weights(path: Path, described: WeightsDescription, tensors: Mapping[str, object]) -> Weights:
+    checked: dict[str, Tensor] = {}
+    for name, tensor in tensors.items():
+        fault = _fault(tensor) if isinstance(tensor, Tensor) else _NO_ARRAY
+        if fault:
+            raise ValueError(
+                f"{path} is of no use: its tensor {shortened(name)} {fault}; take weights from "
+                "before the training diverged, or from an undamaged file"
+            )
+        assert isinstance(tensor, Tensor), "anything else is at fault"
+        checked[name] = tensor
+    return Weights(
+        task=described.task,
+        config=described.config,
+        provenance=described.provenance,
+        tensors=checked,
+    )
+
+
+def _fault(tensor: Tensor) -> str:
+    """What is wrong with a network's tensor, empty if nothing."""
+    is_plain = tensor.layout == torch.strided and tensor.device.type == "cpu"
+    if not is_plain or tensor.dtype not in _TENSOR_TYPES or tensor.ndim > _MAX_AXES:
+        return _NO_ARRAY
+    if tensor.untyped_storage().nbytes() < tensor.numel() * tensor.itemsize:
+        return "claims more numbers than the file holds"  # by strides of zero
+    if not tensor.isfinite().all():
+        return "holds NaN or infinite values"
+    return ""
+
+
+def _reason(error: Exception) -> str:
+    return shortened(" ".join(str(error).split()), _REASON_LENGTH) or type(error).__name__

@@ -1,0 +1,108 @@
+"""What a weights file says about itself, read without PyTorch, whose import takes seconds."""
+
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+WEIGHTS_FOLDER: Final = Path(__file__).parents[1] / "weights"
+"""Weights that come with the package."""
+
+METADATA_KEY: Final = "sightline"
+"""Where a safetensors file's metadata hold the description; one key only, for safetensors writes
+several in random order."""
+
+WEIGHTS_REMEDY: Final = (
+    "name a weights file that sightline wrote, or export it again from the run's checkpoint"
+)
+
+_LENGTH = struct.Struct("<Q")  # a safetensors file begins with its header's length in bytes
+_MAX_HEADER_BYTES = 2**24  # some hundred thousand tensors
+_MAX_DESCRIPTION_BYTES = 2**16
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WeightsDescription:
+    """What network some weights are for."""
+
+    task: str
+    """Which task's network this is."""
+    config: dict[str, object]
+    """The network's settings in plain values, as JSON gives them."""
+    provenance: dict[str, str]
+    """Where the weights come from, for people: version, seed, steps, .."""
+
+
+def shipped_names() -> tuple[str, ...]:
+    """Names of the weights that come with the package."""
+    return tuple(sorted(path.stem for path in WEIGHTS_FOLDER.glob("*.safetensors")))
+
+
+def find_weights(weights: Path | str) -> Path:
+    """The file of weights that are told by their file, or by name where the package holds them.
+
+    Raises:
+        ValueError: There are no such weights.
+    """
+    if str(weights) in shipped_names():
+        return WEIGHTS_FOLDER / f"{weights}.safetensors"
+    path = Path(weights)
+    if not path.is_file():
+        raise ValueError(
+            f"there are no weights {str(weights)!r}; give a file (.safetensors, .ckpt) or the name "
+            f"of weights that come with sightline ({', '.join(shipped_names()) or 'none do'})"
+        )
+    return path
+
+
+def read_description(path: Path) -> WeightsDescription:
+    """Reads what a safetensors file of ours says about itself; its tensors are not looked at.
+
+    Raises:
+        ValueError: The file is no safetensors file, or says not what network it is for.
+    """
+    try:
+        with path.open("rb") as file:
+            (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
+            if length > _MAX_HEADER_BYTES:
+                raise ValueError(f"its header claims {length} bytes")
+            header = json.loads(file.read(length))
+    except (OSError, struct.error, ValueError, RecursionError) as error:
+        raise ValueError(
+            f"{path} cannot be read as safetensors; it is cut short, damaged or of another kind: "
+            f"{WEIGHTS_REMEDY}"
+        ) from error
+    match header:
+        case {"__metadata__": {"sightline": str(text)}}:
+            return parse_description(path, text)
+    raise ValueError(f"{path} does not tell what network its weights are for; {WEIGHTS_REMEDY}")
+
+
+def parse_description(path: Path, text: str) -> WeightsDescription:
+    """The description that stands as JSON in a file's metadata.
+
+    Raises:
+        ValueError: It is none; the error names the file.
+    """
+    description: object = None
+    if len(text) <= _MAX_DESCRIPTION_BYTES:
+        try:
+            description = json.loads(text)
+        except (ValueError, RecursionError):
+            description = None  # refused below, like any other nonsense
+    return check_description(path, description)
+
+
+def check_description(path: Path, description: object) -> WeightsDescription:
+    """A description out of plain values.
+
+    Raises:
+        ValueError: It is none; the error names the file.
+    """
+    match description:
+        case {"task": str(task), "config": dict(config), "provenance": dict(provenance)}:
+            is_text = all(isinstance(each, str) for pair in provenance.items() for each in pair)
+            if is_text and all(isinstance(name, str) for name in config):
+                return WeightsDescription(task=task, config=config, provenance=provenance)
+    raise ValueError(f"{path} describes its weights in an unknown way; {WEIGHTS_REMEDY}")

@@ -1,0 +1,301 @@
+"""Depth completion of samples, sweeps or sparse maps, by a named method or a trained network."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Literal, cast, get_args
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Real
+from torch import Tensor
+
+from sightline.data.object_tree import Part
+from sightline.depth_completion.export_graph import export_graph
+from sightline.depth_completion.method_names import Method
+from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.model import DepthCompletionNet
+from sightline.depth_completion.postprocess import to_depth_map
+from sightline.depth_completion.registration import TASK
+from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hull
+from sightline.export.names import EngineName
+from sightline.export.process_engine import ProcessEngine
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import sparse_depth_map
+from sightline.inference.network import LoadedNetwork, load_network
+from sightline.structures.predictions import DepthMap
+from sightline.structures.sample import CameraLidarSample
+
+_PREFILL: Method = "adaptive"  # what networks that start from a classical completion learn with
+
+# What users bring is checked when it comes in, so that the error says what to do.
+SparseMap = Real[Tensor, "*size"] | Real[np.ndarray, "*size"]
+"""Height, width; metres along the optical axis, 0 = no measurement."""
+RGBImage = Real[Tensor, "*channels_and_size"] | Real[np.ndarray, "*size_and_channels"]
+"""8 bits; a tensor of 3, height, width or an array of height, width, 3."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthCompleter:
+    """Completes the depth that a sample's sweep gives its image, by a method without training."""
+
+    method: Method
+
+    parts: ClassVar[tuple[Part, ...]] = ("points",)
+    """What it needs of a sample."""
+    gives: ClassVar[tuple[str, ...]] = ("depth",)
+    """Which of the task's outputs its answers have."""
+    made_by: ClassVar[dict[str, str]] = {}
+
+    @property
+    def name(self) -> str:
+        """The method's."""
+        return self.method
+
+    def __call__(self, sample: CameraLidarSample) -> DepthMap:
+        """Projects the sweep and completes what it gives, at the image's full size.
+
+        Raises:
+            ValueError: The sample has no sweep.
+        """
+        return complete_depth(_sparse_depth_of(sample), self.method)
+
+
+class DepthPredictor:
+    """Completes depth with a trained network.
+
+        predictor = DepthPredictor.load("depth-best")
+        dense = predictor.complete_points(points, calibration, image_size, image)
+
+    Takes images of any size and sweeps of any number of beams. Where the camera is missing (no
+    image, or a black one), depth comes of the sweep alone. An empty sweep gives an empty map, as
+    without training: no network of ours has learned to see depth in an image alone. May be
+    pickled, and called in a forked process.
+    """
+
+    parts: ClassVar[tuple[Part, ...]] = ("image", "points")
+    """What it needs of a sample."""
+
+    def __init__(
+        self,
+        loaded: LoadedNetwork[DepthCompletionNet],
+        *,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> None:
+        """Takes a network; `load` takes the name of its weights.
+
+        Args:
+            loaded: The network.
+            engine: What runs it.
+            device: cpu or cuda.
+            threads: Of the CPU; None: the engine's own choice.
+
+        Raises:
+            ValueError: The engine is not installed or cannot run on the device.
+        """
+        self.name = loaded.name
+        self.sha256 = loaded.sha256
+        self.engine: EngineName = engine
+        self._network = loaded.network
+        self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
+
+    @classmethod
+    def load(
+        cls,
+        weights: str | Path,
+        *,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> "DepthPredictor":
+        """Loads weights by name or from a file, and makes a predictor of them.
+
+        Raises:
+            ValueError: As `load_network` and the constructor do.
+        """
+        return cls(load_network(TASK, weights), engine=engine, device=device, threads=threads)
+
+    @property
+    def estimates_uncertainty(self) -> bool:
+        """Whether its depth maps tell their expected error."""
+        return self._network.config.uncertainty
+
+    @property
+    def gives(self) -> tuple[str, ...]:
+        """Which of the task's outputs its answers have."""
+        return ("depth", "uncertainty") if self.estimates_uncertainty else ("depth",)
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """What a manifest says beside the name."""
+        return {"weights_sha256": self.sha256, "engine": self.engine}
+
+    @property
+    def has_shift_conv(self) -> bool:
+        """Whether the network has the paper's Shift-Convolution branch."""
+        return self._network.config.shift_conv is not None
+
+    def __call__(self, sample: CameraLidarSample) -> DepthMap:
+        """Completes a sample at its image's full size.
+
+        Raises:
+            ValueError: The sample has no sweep.
+        """
+        return self.complete(_sparse_depth_of(sample), sample.image)
+
+    def complete_points(
+        self,
+        points: Float[Tensor, "num_points fields"] | Float[np.ndarray, "num_points fields"],
+        calibration: Calibration,
+        image_size: tuple[int, int],
+        image: RGBImage | None = None,
+    ) -> DepthMap:
+        """Completes a sweep in the camera's image.
+
+        Args:
+            points: x, y, z first [m], LiDAR frame.
+            calibration: Of the camera and the LiDAR.
+            image_size: Height, width [px].
+            image: As `complete` takes it.
+
+        Raises:
+            ValueError: As `complete` does.
+        """
+        sparse = sparse_depth_map(_to_tensor(points), calibration, image_size)
+        return self.complete(sparse, image)
+
+    def complete(self, sparse_depth_m: SparseMap, image: RGBImage | None = None) -> DepthMap:
+        """Completes a sparse depth map.
+
+        Args:
+            sparse_depth_m: Metres along the optical axis, 0 = no measurement.
+            image: RGB of 8 bits and the same size; None: the camera is missing.
+
+        Returns:
+            A map of the same size, on the CPU.
+
+        Raises:
+            ValueError: The map holds something else than depths, or the image is of another size
+                or type.
+        """
+        # All but the network by numpy, which takes one thread: PyTorch's others would go on waiting
+        # for work on the cores that an engine of another library needs.
+        sparse = _sparse_plane(sparse_depth_m)
+        rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
+        if not sparse.numpy().any():
+            return self._empty_map(sparse)
+        stride = self._network.stride
+        inputs = {
+            "image": _padded(rgb, stride, "edge"),
+            "sparse_depth_m": _padded(sparse[None], stride, "constant"),  # no invented returns
+        }
+        if self._network.takes_filled_depth:
+            filled = complete_depth(sparse, _PREFILL)
+            inputs["filled_depth_m"] = _padded(filled.depth_m[None], stride, "edge")
+            is_supported = filled.valid
+        else:
+            is_supported = torch.from_numpy(inside_hull(sparse.numpy() > 0))
+        outputs = self._run(inputs)
+        top, width = -sparse.shape[0] % stride, sparse.shape[1]
+        cut = {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
+        return to_depth_map(cut["depth_m"], cut.get("uncertainty_m"), is_supported=is_supported)
+
+    def _empty_map(self, sparse: Float32[Tensor, "height width"]) -> DepthMap:
+        return DepthMap(
+            depth_m=torch.zeros_like(sparse),
+            valid=torch.zeros_like(sparse, dtype=torch.bool),
+            uncertainty_m=(
+                torch.full_like(sparse, torch.inf) if self.estimates_uncertainty else None
+            ),
+        )
+
+
+Completer = DepthCompleter | DepthPredictor
+
+
+def choose_completer(
+    *,
+    method: str | None = None,
+    weights: str | Path | None = None,
+    engine: EngineName = "torch",
+    device: str = "cpu",
+    threads: int | None = None,
+) -> Completer:
+    """A method without training or a network, whichever is named; neither: the default weights.
+
+    Raises:
+        ValueError: Both are named, there is no such method, or as `DepthPredictor.load` does.
+    """
+    if method is None:
+        return DepthPredictor.load(
+            weights or TASK.default_weights, engine=engine, device=device, threads=threads
+        )
+    if weights is not None:
+        raise ValueError(
+            f"depth is completed by a method or by weights, got method {method} and weights "
+            f"{weights}; name one of them"
+        )
+    if method not in get_args(Method):
+        raise ValueError(
+            f"there is no method {method} of depth completion; name one of "
+            f"{', '.join(get_args(Method))}"
+        )
+    return DepthCompleter(cast("Method", method))
+
+
+def _sparse_depth_of(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
+    if sample.points is None:
+        raise ValueError(
+            f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
+            "with LiDAR points"
+        )
+    return sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+
+
+def _sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
+    sparse = _to_tensor(sparse_depth_m).detach().float().cpu()
+    if sparse.ndim != 2:
+        raise ValueError(
+            f"the sparse depth map has the shape {tuple(sparse.shape)}, expected height and width; "
+            "complete one map at a time"
+        )
+    check_sparse_depth(sparse.numpy())
+    return sparse
+
+
+def _to_tensor(values: Tensor | np.ndarray) -> Tensor:
+    """Arrays are copied: PyTorch takes none that run backwards, and warns of read-only ones."""
+    return values if isinstance(values, Tensor) else torch.from_numpy(np.array(values, order="C"))
+
+
+def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor, "3 height width"]:
+    """The image as networks take it: in [0, 1], black where there is none."""
+    if image is None:
+        return torch.zeros(3, *size)
+    is_channels_last = isinstance(image, np.ndarray)
+    planes = _to_tensor(image)
+    expected = (*size, 3) if is_channels_last else (3, *size)
+    if planes.dtype != torch.uint8 or tuple(planes.shape) != expected:
+        raise ValueError(
+            f"the image is {planes.dtype} of shape {tuple(planes.shape)}, expected torch.uint8 of "
+            f"shape {expected} like the sparse depth map; convert it to RGB of 8 bits and that size"
+        )
+    if is_channels_last:
+        planes = planes.permute(2, 0, 1)
+    return torch.from_numpy(planes.numpy(force=True) / np.float32(255))
+
+
+def _padded(
+    planes: Float32[Tensor, "channels height width"],
+    stride: int,
+    how: Literal["constant", "edge"],
+) -> Float32[Tensor, "1 channels padded_height padded_width"]:
+    """A batch of one, widened at the top and right to multiples of the stride.
+
+    Not at the bottom: networks learn from crops that end where the image does, on the ground
+    next to the car, where depth differs most from row to row; up in the sky nothing is measured.
+    """
+    height, width = planes.shape[-2:]
+    margins = ((0, 0), (-height % stride, 0), (0, -width % stride))
+    return torch.from_numpy(np.pad(planes.numpy(), margins, mode=how)[None])

@@ -1,0 +1,112 @@
+"""Depth completion as a task: what `sightline.tasks` knows of it.
+
+Light: the command line reads it to answer `--help`, so that all else is imported where it is used.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, get_args
+
+from sightline.depth_completion.method_names import Method
+from sightline.inference.predictor import Output
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import UInt8
+
+    from sightline.depth_completion.config import DepthCompletionConfig
+    from sightline.depth_completion.model import DepthCompletionNet
+    from sightline.depth_completion.predictor import Completer
+    from sightline.export.graph import ExportGraph
+    from sightline.export.names import EngineName
+    from sightline.inference.demo import DemoPart
+    from sightline.inference.network import LoadedNetwork
+    from sightline.structures.predictions import DepthMap
+    from sightline.structures.sample import CameraLidarSample
+
+
+def _write_depth(path: Path, sample: "CameraLidarSample", answer: "DepthMap") -> None:
+    del sample
+    from sightline.depth_completion.files import write_depth
+
+    write_depth(path, answer)
+
+
+def _write_uncertainty(path: Path, sample: "CameraLidarSample", answer: "DepthMap") -> None:
+    del sample
+    from sightline.depth_completion.files import write_uncertainty
+
+    write_uncertainty(path, answer)
+
+
+class DepthCompletionTask:
+    """`sightline.tasks.Task`, by networks or by methods without training."""
+
+    name: Final = "depth-completion"
+    summary: Final = (
+        "Completes the depth of every frame and writes 16-bit depth PNGs (metres times 256)."
+    )
+    training_class: Final = "sightline.depth_completion.task.DepthCompletion"
+    trial_settings: Final = {"data.init_args.preparation.init_args.settings.crop_size": "[64,128]"}
+    default_weights: Final = "depth-best"
+    methods: tuple[str, ...] = get_args(Method)
+    outputs: tuple[Output, ...] = (
+        Output(name="depth", suffix=".png", summary="Depth maps.", write=_write_depth),
+        Output(
+            name="uncertainty",
+            suffix=".png",
+            summary="The network's expected errors, as PNGs in the same format.",
+            write=_write_uncertainty,
+        ),
+    )
+
+    def config_type(self) -> "type[DepthCompletionConfig]":
+        """The network's settings."""
+        from sightline.depth_completion.config import DepthCompletionConfig
+
+        return DepthCompletionConfig
+
+    def build(self, config: "DepthCompletionConfig") -> "DepthCompletionNet":
+        """The network."""
+        from sightline.depth_completion.model import DepthCompletionNet
+
+        return DepthCompletionNet(config)
+
+    def graphs(self, loaded: "LoadedNetwork[DepthCompletionNet]") -> "tuple[ExportGraph, ...]":
+        """One, the whole network."""
+        from sightline.depth_completion.export_graph import export_graph
+
+        return (export_graph(loaded),)
+
+    def predictor(
+        self,
+        *,
+        method: str | None = None,
+        weights: str | Path | None = None,
+        engine: "EngineName" = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> "Completer":
+        """See `choose_completer`."""
+        from sightline.depth_completion.predictor import choose_completer
+
+        return choose_completer(
+            method=method, weights=weights, engine=engine, device=device, threads=threads
+        )
+
+    def picture(
+        self, sample: "CameraLidarSample", predictor: "Completer"
+    ) -> "UInt8[np.ndarray, 'height width 3']":
+        """All there is to see of a sample, its depth completed where it has a sweep."""
+        from sightline.visualization.sheet import frame_sheet
+
+        dense = predictor(sample) if sample.points is not None else None
+        return frame_sheet(sample, dense, dense_name=predictor.name)
+
+    def demo(self, frames: Path, out: Path) -> "DemoPart":
+        """See `run_depth_demo`."""
+        from sightline.depth_completion.demo import run_depth_demo
+
+        return run_depth_demo(frames, out)
+
+
+TASK: Final = DepthCompletionTask()

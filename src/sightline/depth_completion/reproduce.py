@@ -1,0 +1,158 @@
+"""The tables of the paper on Shift-Convolution, its own figures beside ours.
+
+Yu and Kee 2021, "3D LiDAR Depth Completion Based on Shift-Convolution Using Adjacent Pixel
+Information": Table 1 (how sparse the input is), Table 2 (benchmark), Table 3 (ablation). Published
+figures are quoted, ours are measured on the data given; a cell for which nothing was measured says
+what it needs.
+"""
+
+import statistics
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import NamedSubset, SampleDataset, open_dataset
+from sightline.data.progress import track
+from sightline.depth_completion.predictor import (
+    Completer,
+    DepthCompleter,
+    DepthPredictor,
+)
+from sightline.depth_completion.reproduce_report import (
+    Measured,
+    Protocol,
+    ShiftConvReport,
+    Sparsity,
+)
+from sightline.evaluation.depth_scores import score_depth
+from sightline.evaluation.held_out import evaluate_held_out
+from sightline.export.names import EngineName
+from sightline.geometry.projection import sparse_depth_map
+
+_BENCHMARK_FRAMES = 1000
+_BEAMS = 64
+_PAPER_CROP = (256, 1216)  # height, width to which the paper brings all frames
+
+
+def reproduce_shiftconv(
+    data: Path,
+    *,
+    weights: str | Path | None = None,
+    weights_without: str | Path | None = None,
+    engine: EngineName = "torch",
+    device: str = "cpu",
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne = "velodyne",
+) -> ShiftConvReport:
+    """Measures what the paper's tables need on the data given.
+
+    A depth completion tree is scored against its ground truth by KITTI's rules, which gives the
+    benchmark's own figure on the 1,000 frames of `val_selection_cropped` and no other. Any other
+    data is scored on held-out rings (`sightline.evaluation.held_out`), 64 beams.
+
+    Args:
+        data: Folder of the data set; see `open_dataset`.
+        weights: Of the paper's network; see `load_network`. None: its cells stay open.
+        weights_without: Of the same network trained without Shift-Conv.
+        engine: What runs the networks.
+        device: Where they run.
+        sample_list: Which samples; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder in an object tree.
+
+    Raises:
+        ValueError: The data cannot be read or scored, or a file of weights is not what it is given
+            as: `weights` with, `weights_without` without Shift-Conv.
+    """
+    with_, without = (
+        None if file is None else DepthPredictor.load(file, engine=engine, device=device)
+        for file in (weights, weights_without)
+    )
+    for predictor, wanted in ((with_, True), (without, False)):
+        if predictor is not None and predictor.has_shift_conv != wanted:
+            raise ValueError(
+                f"{predictor.name} is a network {'without' if wanted else 'with'} Shift-Conv, "
+                f"expected one {'with' if wanted else 'without'}; give --weights the one and "
+                "--weights-without the other"
+            )
+    dataset = open_dataset(
+        data, sample_list=sample_list, velodyne=velodyne, parts=("image", "points")
+    )
+    protocol = _protocol(dataset)
+    return ShiftConvReport(
+        data=str(data),
+        protocol=protocol,
+        frames=len(dataset),
+        sparsity=measure_sparsity(dataset),
+        classical=_measure(dataset, DepthCompleter("adaptive"), protocol),
+        with_shift_conv=None if with_ is None else _measure(dataset, with_, protocol),
+        without_shift_conv=None if without is None else _measure(dataset, without, protocol),
+    )
+
+
+def measure_sparsity(dataset: SampleDataset) -> tuple[Sparsity, Sparsity]:
+    """How many pixels of a frame hold a measurement, in the mean of the frames.
+
+    Returns:
+        Of whole images, and of their bottom-centre crops to 1216x256, the paper's size; a smaller
+        image is kept whole.
+
+    Raises:
+        ValueError: A sample has no sweep.
+    """
+    whole: list[tuple[int, int]] = []  # pixels with a measurement, all pixels
+    cropped: list[tuple[int, int]] = []
+    indices = track(range(len(dataset)), description="counting pixels", total=len(dataset))
+    for sample in (dataset[index] for index in indices):
+        if sample.points is None:
+            raise ValueError(f"sample {sample.sample_id} has no sweep to count; leave it out")
+        is_measured = sparse_depth_map(sample.points, sample.calibration, sample.image_size) > 0
+        height, width = (min(*pair) for pair in zip(sample.image_size, _PAPER_CROP, strict=True))
+        left = (sample.image_size[1] - width) // 2
+        crop = is_measured[sample.image_size[0] - height :, left : left + width]
+        for counts, pixels in ((whole, is_measured), (cropped, crop)):
+            counts.append((int(pixels.sum()), pixels.numel()))
+    return _mean_sparsity(whole), _mean_sparsity(cropped)
+
+
+def _mean_sparsity(counts: Sequence[tuple[int, int]]) -> Sparsity:
+    measured = statistics.fmean(number for number, _ in counts)
+    return Sparsity(
+        measured_pixels=measured,
+        empty_pixels=statistics.fmean(total for _, total in counts) - measured,
+    )
+
+
+def _protocol(dataset: SampleDataset) -> Protocol:
+    source = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    if not isinstance(source, KittiDepthDataset):
+        return "held-out rings"
+    is_selection = source.split == "val_selection_cropped"
+    return "benchmark" if is_selection and len(dataset) == _BENCHMARK_FRAMES else "ground truth"
+
+
+def _measure(dataset: SampleDataset, completer: Completer, protocol: Protocol) -> Measured:
+    samples = (dataset[index] for index in range(len(dataset)))
+    if protocol == "held-out rings":
+        report = evaluate_held_out(samples, completer, beams=(_BEAMS,), total=len(dataset))
+        score = report.scores[0]
+        return Measured(
+            name=completer.name, rmse_mm=score.rmse_mm, seconds=score.milliseconds / 1e3
+        )
+    errors_mm, seconds = [], []
+    for sample in track(samples, description="scoring", total=len(dataset)):
+        if sample.depth is None:
+            raise ValueError(
+                f"sample {sample.sample_id} has no ground truth to score against; give the tree "
+                "with val_selection_cropped"
+            )
+        start = time.perf_counter()
+        depth_m = completer(sample).depth_m.cpu().numpy()
+        seconds.append(time.perf_counter() - start)
+        errors_mm.append(score_depth(depth_m, sample.depth.numpy()).rmse_mm)
+    return Measured(
+        name=completer.name,
+        rmse_mm=statistics.fmean(errors_mm),
+        seconds=statistics.median(seconds),
+    )

@@ -1,0 +1,67 @@
+"""Networks as files that run without PyTorch, kept only where they give the same."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from sightline.data.atomic import atomic_path
+from sightline.export.engines import TorchEngine, open_engine
+from sightline.export.graph import ExportGraph
+from sightline.export.names import SUFFIXES, Format
+from sightline.export.onnx import export_onnx
+from sightline.export.openvino import export_openvino, ir_files
+from sightline.export.parity import ParityReport, check_parity
+
+
+def export_graphs(
+    graphs: Sequence[ExportGraph],
+    out: Path,
+    format: Format,  # noqa: A002 - the flag is --format
+) -> dict[Path, ParityReport]:
+    """Writes a network's graphs as files for ONNX Runtime or OpenVINO, and checks what they give.
+
+    The files take images of any size that the network's stride divides. They are kept, all or
+    none, if each gives on its cases what PyTorch gives.
+
+    Args:
+        graphs: Of one network.
+        out: File to write: .onnx, or .xml for OpenVINO, whose weights go beside it as .bin. Of
+            several graphs each gets its name added: out-NAME.onnx.
+        format: What to write.
+
+    Returns:
+        The differences to PyTorch, by file.
+
+    Raises:
+        ValueError: `out` has another suffix than the format, the extra `export` is not installed,
+            or a file differs by more than its graph allows.
+    """
+    if out.suffix != SUFFIXES[format]:
+        raise ValueError(
+            f"a file in the format {format} ends in {SUFFIXES[format]}, got {out}; rename it"
+        )
+    export, place = (export_onnx, atomic_path) if format == "onnx" else (export_openvino, ir_files)
+    reports = {}
+    with ExitStack() as kept_together:
+        for graph in graphs:
+            path = out.with_stem(f"{out.stem}-{graph.name}") if graph.name else out
+            aside = kept_together.enter_context(place(path))
+            export(graph.module, graph.example_inputs, aside, metadata=graph.metadata)
+            reports[path] = _check(graph, aside, path)
+    return reports
+
+
+def _check(graph: ExportGraph, aside: Path, path: Path) -> ParityReport:
+    """Compares a file, written aside, with PyTorch."""
+    reference = TorchEngine(graph.module, tuple(graph.example_inputs), metadata=graph.metadata)
+    report = check_parity(
+        reference, [open_engine(aside)], graph.cases(), unit=graph.unit, scale=graph.scale
+    )
+    if not report.is_within(graph.max_difference):
+        worst = report.worst
+        raise ValueError(
+            f"{path} was not kept: {worst.engine} differs from PyTorch by "
+            f"{worst.max_difference:.3g} {graph.unit} in {worst.output} at {worst.case}, expected "
+            f"at most {graph.max_difference:g} {graph.unit}; use --engine torch with these weights"
+        )
+    return report

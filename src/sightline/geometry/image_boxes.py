@@ -1,0 +1,84 @@
+"""Where the image shows a 3D box."""
+
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from sightline.geometry.boxes2d import Boxes2D
+
+_NEAR_M = 0.1  # what is nearer to the camera, or behind it, is not projected
+# Of the corners: ahead and behind along the length, to both sides, bottom and top.
+_ALONG = (0.5, 0.5, -0.5, -0.5, 0.5, 0.5, -0.5, -0.5)
+_ACROSS = (0.5, -0.5, -0.5, 0.5, 0.5, -0.5, -0.5, 0.5)
+_UP = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
+_STARTS = (0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3)  # corners that edges lead from
+_ENDS = (1, 2, 3, 0, 5, 6, 7, 4, 4, 5, 6, 7)  # and to
+
+
+def kitti_corners(
+    dimensions_hwl: Float64[Tensor, "num_boxes 3"],
+    bottom_centers: Float64[Tensor, "num_boxes 3"],
+    rotation_y: Float64[Tensor, " num_boxes"],
+) -> Float64[Tensor, "num_boxes 8 3"]:
+    """Corners [m] of KITTI's boxes, which stand upright in the rectified camera frame."""
+    height, width, length = (dimensions_hwl[:, [axis]] for axis in range(3))
+    along, across = length * length.new_tensor(_ALONG), width * width.new_tensor(_ACROSS)
+    cos, sin = rotation_y.cos()[:, None], rotation_y.sin()[:, None]
+    turned = torch.stack(
+        (
+            cos * along + sin * across,
+            -height * height.new_tensor(_UP),  # camera y points down
+            cos * across - sin * along,
+        ),
+        dim=-1,
+    )
+    return turned + bottom_centers[:, None]
+
+
+def project_boxes(
+    corners: Float64[Tensor, "num_boxes 8 3"],
+    image_from_camera: Float64[Tensor, "3 4"],
+    image_size: tuple[int, int],
+) -> Boxes2D:
+    """Bounds of the boxes' edges within the image of (height, width), as KITTI draws 2D boxes.
+
+    Edges are cut at the image's border and 0.1 m in front of the camera, then bounded: the corners'
+    bounds, cut afterwards, would be wider where a box stands next to the camera. In all 7,481 label
+    files a car's IoU with them is 0.98 (median), and the rest is calibration.
+
+    Args:
+        corners: As `kitti_corners` orders them; rectified camera frame [m].
+        image_from_camera: From the frame's calibration.
+        image_size: Height, width [px].
+
+    Returns:
+        One box each, in its order; NaN where the image shows no edge.
+    """
+    height, width = image_size
+    homogeneous = corners @ image_from_camera[:, :3].T + image_from_camera[:, 3]
+    # A place is within the image where none of these is negative.
+    sides = corners.new_tensor(
+        [(0, 0, 1), (1, 0, 0), (-1, 0, width - 1), (0, 1, 0), (0, -1, height - 1)]
+    )
+    margins = homogeneous @ sides.T - corners.new_tensor([_NEAR_M, 0, 0, 0, 0])
+    start, end = margins[:, list(_STARTS)], margins[:, list(_ENDS)]
+    crossing = start / torch.where(start == end, 1.0, start - end)
+    entry = torch.where(start < 0, torch.where(end < 0, torch.inf, crossing), 0.0).amax(dim=-1)
+    leave = torch.where(end < 0, crossing, 1.0).amin(dim=-1)
+    pixels = torch.stack(
+        [_pixels_at(homogeneous, entry), _pixels_at(homogeneous, leave)], dim=2
+    )  # num_boxes, 12 edges, 2 ends, x and y
+    is_shown = (entry <= leave)[:, :, None, None]
+    low = torch.where(is_shown, pixels, torch.inf).amin(dim=(1, 2))
+    high = torch.where(is_shown, pixels, -torch.inf).amax(dim=(1, 2))
+    boxes = Boxes2D(torch.cat((low, high), dim=-1)).clip(image_size).tensor
+    return Boxes2D(torch.where(is_shown.any(dim=1)[:, 0], boxes, torch.nan))
+
+
+def _pixels_at(
+    homogeneous: Float64[Tensor, "num_boxes 8 3"], share: Float[Tensor, "num_boxes 12"]
+) -> Float64[Tensor, "num_boxes 12 2"]:
+    """Where so large a share of each edge ends in the image; nonsense where it is infinite."""
+    start, end = homogeneous[:, list(_STARTS)], homogeneous[:, list(_ENDS)]
+    at = start + share[..., None] * (end - start)
+    return at[..., :2] / at[..., 2:]

@@ -1,0 +1,97 @@
+"""Trained networks of any task, by name or file."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+
+from torch import nn
+
+from sightline.data.plain_text import shortened
+from sightline.data.settings import parse_settings
+from sightline.data.weights import Weights, fill_network, read_weights
+from sightline.data.weights_header import find_weights
+from sightline.inference.size_limit import size_limit
+
+_REASON_LENGTH = 240  # characters
+
+Network = TypeVar("Network", bound=nn.Module)
+Network_co = TypeVar("Network_co", bound=nn.Module, covariant=True)
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class NetworkTask(Protocol[Network_co]):
+    """A task, as far as its network goes."""
+
+    @property
+    def name(self) -> str:
+        """Stands in its weights files."""
+        ...
+
+    def config_type(self) -> type[Any]:
+        """The dataclass of the network's settings."""
+        ...
+
+    def build(self, config: Any) -> Network_co:  # noqa: ANN401 - an instance of `config_type`
+        """The network of such settings, with weights drawn at random."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LoadedNetwork(Generic[Network]):
+    """A trained network with what is known about it."""
+
+    network: Network
+    """For inference, on the CPU; it takes no gradients."""
+    weights: Weights
+    name: str
+    """The weights' name: that of their file, without its ending."""
+    path: Path
+    sha256: str
+    """Of the file's content."""
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """Where the weights come from, and which they are."""
+        return {**self.weights.provenance, "weights": self.name, "sha256": self.sha256}
+
+
+def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwork[Network]:
+    """Builds a task's network and gives it its weights.
+
+    Args:
+        task: Whose network.
+        weights: Name of weights that come with the package, or a file: one of ours
+            (.safetensors) or a checkpoint of a training (.ckpt).
+
+    Raises:
+        ValueError: There are no such weights, they are of another task's network, or of a network
+            that this version cannot build.
+    """
+    path = find_weights(weights)
+    read = read_weights(path)
+    if read.task != task.name:
+        raise ValueError(
+            f"{path} holds weights for {shortened(read.task)}, expected {task.name}; name another "
+            "file"
+        )
+    try:
+        config = parse_settings(task.config_type(), read.config)
+        with size_limit(read.tensors):
+            network = task.build(config)
+        fill_network(network, read.tensors)
+    except Exception as error:
+        # Settings that nobody thought of raise nearly anything: OverflowError, TypeError, ..
+        made_by = shortened(read.provenance.get("sightline", "another version"), 24)
+        reason = shortened(" ".join(str(error).split()), _REASON_LENGTH)
+        raise ValueError(
+            f"{path} does not fit this version's network (it was made by sightline {made_by}): "
+            f"{reason}; use that version, or train the weights again"
+        ) from error
+    return LoadedNetwork(
+        network=network.eval().requires_grad_(requires_grad=False),
+        weights=read,
+        name=path.stem,
+        path=path,
+        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+    )

@@ -1,0 +1,121 @@
+"""Runs a task over a whole data set: files out for each sample, resumable and in parallel."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import SampleDataset, open_dataset
+from sightline.inference.predictor import AnsweringTask, Output, Predictor
+
+
+def predict(
+    task: AnsweringTask,
+    predictor: Predictor,
+    data: Path,
+    out: Path,
+    *,
+    also: Mapping[str, Path] | None = None,
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne = "velodyne",
+    workers: int = 2,
+    overwrite: bool = False,
+    shard_index: int = 0,
+    num_shards: int = 1,
+) -> JobResult:
+    """Answers every sample of a KITTI object tree, depth tree or raw drive, and writes files.
+
+    A file appears whole or not at all, and samples whose files are there are skipped, so a job
+    that was stopped goes on where it was: run it again. Each folder's sightline.json says what made
+    the files; those of two makers never share one.
+
+    Args:
+        task: Says which files there are.
+        predictor: Answers; the task's own.
+        data: Folder of the data set; see `open_dataset`.
+        out: Folder for the task's first output; made where it is missing.
+        also: Folders for further outputs, by name.
+        sample_list: Which samples; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder in an object tree.
+        workers: Processes that work; 1 is this process alone.
+        overwrite: Whether to make files anew that are there already.
+        shard_index: Which part of the samples to do, from 0.
+        num_shards: Number of parts; each part can be done on another machine, at the same time.
+
+    Raises:
+        ValueError: The data cannot be read, a folder holds what something else made or cannot be
+            written to, the predictor does not give an output, or the numbers of workers and shards
+            make no sense. Errors about a sample name it; samples done before stay done.
+    """
+    check_workers(workers)
+    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    places = _places(task, predictor, out, also or {})
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=predictor.parts)
+    indices = shard(range(len(dataset)), shard_index, num_shards)
+    names = dataset.sample_ids
+    present = _answered(places)
+    pending = [index for index in indices if overwrite or names[index] not in present]
+    for output, folder in places:
+        settings = {"task": task.name, "output": output.name, "method": predictor.name}
+        made_by = {"sightline": version("sightline"), **predictor.made_by}
+        claim_folder(folder, settings | made_by, results=(f"*{output.suffix}",))
+    works = [_SampleWork(dataset, index, names[index], predictor, places) for index in pending]
+    run_job(works, workers, description=f"{task.name} by {predictor.name}")
+    return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+
+
+@dataclass(frozen=True, slots=True)
+class _SampleWork:
+    """Answers a sample and writes its files."""
+
+    dataset: SampleDataset
+    index: int
+    name: str
+    predictor: Predictor
+    places: tuple[tuple[Output, Path], ...]
+
+    def __str__(self) -> str:
+        return f"sample {self.name}"
+
+    def run(self) -> None:
+        sample = self.dataset[self.index]
+        answer = self.predictor(sample)
+        for output, folder in self.places:
+            output.write(folder / f"{self.name}{output.suffix}", sample, answer)
+
+
+def _places(
+    task: AnsweringTask, predictor: Predictor, out: Path, also: Mapping[str, Path]
+) -> tuple[tuple[Output, Path], ...]:
+    """Each output that is asked for with its folder."""
+    by_name = {output.name: output for output in task.outputs}
+    first = task.outputs[0]
+    places = [(first, out)]
+    for name, folder in also.items():
+        if name not in by_name or name == first.name:
+            others = ", ".join(output.name for output in task.outputs[1:]) or "none"
+            raise ValueError(f"{task.name} has no further output {name}; it has {others}")
+        if name not in predictor.gives:
+            raise ValueError(
+                f"{predictor.name} gives no {name} to write to {folder}; name weights of a network "
+                f"that does, or leave the {name} out"
+            )
+        places.append((by_name[name], folder))
+    taken: dict[Path, Output] = {}
+    for output, folder in places:
+        other = taken.setdefault(folder.resolve(), output)
+        if other is not output:
+            raise ValueError(
+                f"{folder} cannot hold both {other.name} and {output.name}, whose files have the "
+                "same names; name another folder for one of them"
+            )
+    return tuple(places)
+
+
+def _answered(places: Collection[tuple[Output, Path]]) -> set[str]:
+    """Names of the samples all of whose files are there."""
+    return set.intersection(
+        *({path.stem for path in folder.glob(f"*{output.suffix}")} for output, folder in places)
+    )

@@ -1,0 +1,75 @@
+"""What answers, and what becomes of the answers; imports neither PyTorch nor any task."""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    from sightline.data.object_tree import Part
+    from sightline.structures.sample import CameraLidarSample
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class Predictor(Protocol):
+    """A task's answer to a sample, by a network or by a method that needs none.
+
+    Picklable where workers are started afresh (macOS, Windows).
+    """
+
+    @property
+    def name(self) -> str:
+        """Of the method or of the weights."""
+        ...
+
+    @property
+    def parts(self) -> "Collection[Part]":
+        """What it needs of a sample."""
+        ...
+
+    @property
+    def gives(self) -> Collection[str]:
+        """Names of those of the task's outputs that its answers have."""
+        ...
+
+    @property
+    def made_by(self) -> Mapping[str, str]:
+        """What a manifest says beside the name: the weights' hash and the engine, say."""
+        ...
+
+    def __call__(self, sample: "CameraLidarSample") -> Any:  # noqa: ANN401 - each task's own
+        """Answers.
+
+        Raises:
+            ValueError: The sample lacks what is needed.
+        """
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Output:
+    """One kind of file that a task writes for each sample."""
+
+    name: str
+    """E.g. depth; also the flag that names the folder, where it is not a task's first output."""
+    suffix: str
+    """Of the files, with its dot."""
+    summary: str
+    """What the folder holds, in one sentence."""
+    write: "Callable[[Path, CameraLidarSample, Any], None]"
+    """Writes the answer to a sample, whole or not at all; picklable."""
+
+
+@runtime_checkable
+class AnsweringTask(Protocol):
+    """A task, as far as its answers go."""
+
+    @property
+    def name(self) -> str:
+        """Stands in manifests."""
+        ...
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """What is written of an answer; the first is what everybody wants."""
+        ...

@@ -1,0 +1,62 @@
+"""Builds networks from settings that nobody vouches for, without taking all memory or minutes."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from torch import Tensor, nn
+from torch.nn.modules.module import (
+    register_module_buffer_registration_hook,
+    register_module_module_registration_hook,
+    register_module_parameter_registration_hook,
+)
+
+_SLACK_TENSORS = 64  # buffers that are not kept in files, for one
+_SLACK_NUMBERS = 2**20
+_SLACK_MODULES = 1024
+_MODULES_A_TENSOR = 16  # activations and containers hold none
+
+
+@contextmanager
+def size_limit(tensors: Mapping[str, Tensor]) -> Iterator[None]:
+    """Within it, a module that outgrows the weights it is to be given is not built to its end.
+
+    Each layer is counted when it joins its module, before its weights are drawn: at that time the
+    system has promised their memory and given none.
+
+    Args:
+        tensors: The weights.
+
+    Raises:
+        ValueError: Within: what is being built has far more or far larger parts than `tensors`.
+    """
+    room = {
+        "tensors": 2 * len(tensors) + _SLACK_TENSORS,
+        "numbers": 2 * sum(tensor.numel() for tensor in tensors.values()) + _SLACK_NUMBERS,
+        "modules": _MODULES_A_TENSOR * len(tensors) + _SLACK_MODULES,
+    }
+
+    def take(what: str, number: int) -> None:
+        room[what] -= number
+        if room[what] < 0:
+            raise ValueError("its settings make a network far larger than its weights")
+
+    def count_tensor(module: nn.Module, name: str, tensor: Tensor | None) -> None:
+        del module, name
+        if tensor is not None:
+            take("tensors", 1)
+            take("numbers", tensor.numel())
+
+    def count_module(module: nn.Module, name: str, submodule: nn.Module | None) -> None:
+        del module, name, submodule
+        take("modules", 1)
+
+    handles = (
+        register_module_parameter_registration_hook(count_tensor),
+        register_module_buffer_registration_hook(count_tensor),
+        register_module_module_registration_hook(count_module),
+    )
+    try:
+        yield
+    finally:
+        for handle in handles:
+            handle.remove()

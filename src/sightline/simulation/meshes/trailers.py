@@ -1,0 +1,230 @@
+"""What KITTI's labels call Misc: trailers, caravans and motorcycles."""
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from sightline.simulation.materials import Material
+from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP, TINTED_GLASS
+from sightline.simulation.meshes.car_parts import CHROME, LAMP_GLASS, wheel, wheels
+from sightline.simulation.meshes.coachwork import Coachwork, Face, Panel, coachwork_mesh
+from sightline.simulation.meshes.edits import both_sides, fitted
+from sightline.simulation.meshes.models import ActorModel, RigidShape
+from sightline.simulation.meshes.primitives import (
+    Finish,
+    box,
+    boxes,
+    disc,
+    moved,
+    superellipsoid,
+    tube,
+)
+from sightline.simulation.meshes.sizes import Size
+from sightline.simulation.meshes.trucks import (
+    LAMP_RED,
+    LIVERIES,
+    RIM,
+    STEEL,
+    WOOD,
+    rear_end,
+    semitrailer,
+)
+from sightline.simulation.scene import Mesh
+
+_WHITE = Finish(Material.CAR_PAINT, (0.66, 0.66, 0.64))
+_TWIGS = Finish(Material.WOOD, (0.13, 0.10, 0.06))
+_LEATHER = Finish(Material.CLOTH, (0.02, 0.02, 0.02))
+_TYRE_M: Final = 0.17
+
+
+class MiscKind(NamedTuple):
+    """A kind of the class: how common it is, how large, and what it is made of."""
+
+    share: float
+    mean_size: Size
+    deviation: Size
+    make: Callable[[np.random.Generator, Size], list[Mesh]]
+
+
+def make_misc(rng: np.random.Generator, kind: str | None = None) -> ActorModel:
+    """Something of KITTI's class Misc, its drawbar or handlebar ahead.
+
+    Args:
+        rng: Source of randomness.
+        kind: One of `MISC_KINDS`; None draws it.
+
+    Raises:
+        ValueError: If there is no such kind.
+    """
+    names = list(MISC_KINDS)
+    if kind is not None and kind not in names:
+        raise ValueError(f"no kind of Misc is called {kind!r}; use one of {names}")
+    shares = [each.share for each in MISC_KINDS.values()]
+    chosen = MISC_KINDS[kind or names[int(rng.choice(len(names), p=shares))]]
+    around = np.clip(rng.standard_normal(3), -1.8, 1.8) * chosen.deviation
+    size = Size(*(np.array(chosen.mean_size) + around).tolist())
+    mesh = fitted(Mesh.joined(chosen.make(rng, size)), size)
+    return ActorModel(class_name="Misc", size_lwh=size, shape=RigidShape(mesh=mesh))
+
+
+def _livery(rng: np.random.Generator, material: Material) -> Finish:
+    return Finish(material, LIVERIES[int(rng.integers(len(LIVERIES)))])
+
+
+def _running_gear(
+    rng: np.random.Generator, size: Size, radius: float, bar: float, axles: int
+) -> list[Mesh]:
+    """Wheels, drawbar, jockey wheel and all at the rear end of what has a drawbar of `bar` [m]."""
+    front, back = size.length / 2, -size.length / 2
+    middle = (front - bar + back) / 2 - 0.05
+    places = [middle + (index - (axles - 1) / 2) * 2.2 * radius for index in range(axles)]
+    one = wheel(rng, radius, _TYRE_M, rim=RIM)
+    coupling = (front, 0.0, 0.42)
+    beam = tube([(front - bar - 0.4, 0.42 * size.width, 0.42), coupling], 0.035, STEEL, num_sides=6)
+    fender = box((middle, size.width / 2 - 0.09, 2.1 * radius), (1.2 * radius, 0.09, 0.02), STEEL)
+    leg = tube([(front - 0.5 * bar, 0.06, 0.9), (front - 0.5 * bar, 0.06, 0.03)], 0.03, STEEL)
+    return [
+        wheels(one, places, size.width / 2 - _TYRE_M / 2, radius),
+        both_sides(beam, fender) if axles == 1 else both_sides(beam),
+        leg,
+        *rear_end(rng, back, size, radius),
+    ]
+
+
+def _open_trailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
+    """Boards around a floor, at times with a heap on it."""
+    bar, floor = 0.24 * size.length, 0.45
+    front, back = size.length / 2 - bar, -size.length / 2
+    half = size.width / 2 - (0.2 if size.width < 2 else 0.0)
+    loaded = rng.random() < 0.4
+    top = size.height - (0.25 if loaded else 0.0)
+    boards = WOOD if rng.random() < 0.4 else RIM
+    reach, middle, tall = (front - back) / 2, (front + back) / 2, (top - floor) / 2
+    side = box((middle, half, floor + tall), (reach, 0.02, tall), boards)
+    ends = np.array([(front, 0, floor + tall), (back + 0.02, 0, floor + tall)])
+    parts = [
+        box((middle, 0, floor), (reach, half, 0.04), STEEL),
+        both_sides(side),
+        boxes(ends, np.tile((0.02, half, tall), (2, 1)), boards),
+        *_running_gear(rng, size, 0.29, bar, 1 if size.length < 3 else 2),
+    ]
+    if loaded:
+        tall = (size.height - floor) / 2
+        heap = (0.85 * reach, 0.9 * half, tall)
+        parts.append(superellipsoid((middle, 0, floor + tall), heap, _TWIGS, exponents=(0.8, 0.6)))
+    return parts
+
+
+def _covered_trailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
+    """A trailer with a tarpaulin, or all of plywood: for luggage, horses or goods."""
+    bar, low, axles = 0.26 * size.length, 0.48, 1 if size.length < 2.6 else 2
+    tarpaulin = size.height < 2.2 or rng.random() < 0.3
+    cover = _livery(rng, Material.CLOTH if tarpaulin else Material.PLASTIC)
+    length, board = size.length - bar, low + 0.35
+    half = size.width / 2 - 0.19
+    panels = [
+        *(Panel(face, -9, 9, low, board, RIM) for face in Face),
+        *(Panel(face, -9, 9, board, board + 0.02, GAP) for face in Face),
+        Panel(Face.REAR, half - 0.06, half - 0.04, low, size.height - 0.1, GAP),
+    ]
+    if not tarpaulin:
+        panels.append(Panel(Face.FRONT, 0, 0.6 * half, 1.5, size.height - 0.4, TINTED_GLASS))
+    work = Coachwork(
+        length=length,
+        width=2 * half,
+        low=low,
+        high=size.height - 0.05,
+        corner=0.06,
+        crown=float(rng.uniform(0.03, 0.14)),
+        profile=((low, 0.0, 0.0), (size.height - 0.3, 0.0, 0.0), (size.height, 0.12, 0.05)),
+    )
+    shell = moved(coachwork_mesh(work, cover, panels), (-bar / 2, 0, 0))
+    return [shell, *_running_gear(rng, size, 0.29, bar, axles)]
+
+
+def _caravan(rng: np.random.Generator, size: Size) -> list[Mesh]:
+    bar, low = 1.05, 0.42
+    sill, top, half = 1.25, 1.95, size.width / 2 - 0.03
+    length = size.length - bar
+    stripe = _livery(rng, Material.CAR_PAINT)
+    places = (length * -0.30, length * 0.02, length * 0.30)
+    panels = [
+        Panel(Face.SIDES, -9, 9, 0.95, 1.08, stripe),
+        *(Panel(Face.SIDES, x - 0.42, x + 0.42, sill, top, TINTED_GLASS) for x in places),
+        *(Panel(face, 0, 0.75 * half, sill, top, TINTED_GLASS) for face in (Face.FRONT, Face.REAR)),
+        Panel(Face.REAR, 0.82 * half, 0.92 * half, 0.7, 1.1, LAMP_RED),
+    ]
+    work = Coachwork(
+        length=length,
+        width=2 * half,
+        low=low,
+        high=size.height - 0.06,
+        corner=0.22,
+        crown=0.06,
+        profile=(
+            (low, 0.25, 0.02),
+            (0.9, 0.0, 0.0),
+            (sill, 0.04, 0.0),
+            (top, 0.22, 0.02),
+            (size.height, 0.50, 0.10),
+        ),
+        rear_leans=True,
+    )
+    shell = moved(coachwork_mesh(work, _WHITE, panels), (-bar / 2, 0, 0))
+    center = (-bar / 2 - 0.05, half + 0.004, 0.33)
+    arch = disc(center, (0, 1, 0), 0.42, BLACK_PLASTIC)
+    bottle = superellipsoid(
+        (size.length / 2 - 0.7, 0, 0.72), (0.28, 0.5, 0.24), _WHITE, exponents=(0.4, 0.4)
+    )
+    return [shell, both_sides(arch), bottle, *_running_gear(rng, size, 0.31, bar, 1)]
+
+
+def _semitrailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
+    """A lorry's trailer that stands on its legs."""
+    front = size.length / 2
+    leg = box((front - 2.4, 0.9, 0.5), (0.07, 0.07, 0.5), STEEL)
+    cargo = _livery(rng, Material.PLASTIC)
+    return [both_sides(leg), *semitrailer(rng, size, front, -front, cargo)]
+
+
+def _motorcycle(rng: np.random.Generator, size: Size) -> list[Mesh]:
+    paint, radius = _livery(rng, Material.CAR_PAINT), float(rng.uniform(0.26, 0.32))
+    front, rear, grips = size.length / 2 - radius, radius - size.length / 2, size.width / 2
+    steering = [(front, 0.09, radius), (front - 0.22, 0.09, 0.85), (front - 0.30, 0.05, 1.02)]
+    bar = [(front - 0.30, 0, 1.02), (front - 0.32, 0.22, 1.06), (front - 0.42, grips, 1.02)]
+    exhaust = [(0.1, -0.16, 0.30), (rear - 0.1, -0.17, 0.38)]
+    lumps = (
+        ((0.12, 0, 0.80), (0.30, 0.15, 0.16), paint),  # tank
+        ((-0.30, 0, 0.78), (0.42, 0.14, 0.09), _LEATHER),
+        ((0.05, 0, 0.45), (0.28, 0.18, 0.20), STEEL),  # engine
+        ((rear - 0.02, 0, 0.70), (0.28, 0.11, 0.07), paint),
+        ((front - 0.12, 0, 0.90), (0.09, 0.10, 0.10), LAMP_GLASS),
+    )
+    return [
+        wheels(wheel(rng, radius, 0.07, rim=RIM), (front, rear), 0.03, radius),
+        both_sides(
+            tube(steering, 0.025, CHROME, num_sides=6),
+            tube(bar, 0.018, BLACK_PLASTIC, num_sides=6),
+            tube([(rear, 0.10, radius), (-0.1, 0.10, 0.42)], 0.03, STEEL, num_sides=6),
+            box((front - 0.32, grips - 0.08, 1.13), (0.01, 0.06, 0.04), BLACK_PLASTIC),
+        ),
+        tube(exhaust, (0.03, 0.05), CHROME),
+        *(superellipsoid(*lump, exponents=(0.7, 0.7), num_rings=9) for lump in lumps),
+        box((rear - 0.28, 0, 0.68), (0.02, 0.07, 0.03), LAMP_RED),
+        box((rear - 0.27, 0, 0.52), (0.006, 0.10, 0.09), _WHITE),
+    ]
+
+
+MISC_KINDS: Final = {
+    "motorcycle": MiscKind(0.28, Size(1.90, 0.64, 1.39), Size(0.27, 0.15, 0.22), _motorcycle),
+    "open trailer": MiscKind(0.17, Size(2.48, 1.62, 1.05), Size(0.25, 0.35, 0.19), _open_trailer),
+    "covered trailer": MiscKind(
+        0.20, Size(2.05, 1.36, 1.80), Size(0.35, 0.15, 0.25), _covered_trailer
+    ),
+    "horse box": MiscKind(0.12, Size(2.80, 1.90, 2.52), Size(0.60, 0.20, 0.25), _covered_trailer),
+    "caravan": MiscKind(0.11, Size(5.49, 2.11, 2.65), Size(0.27, 0.14, 0.20), _caravan),
+    "flat trailer": MiscKind(0.04, Size(5.82, 2.39, 0.93), Size(0.30, 0.10, 0.08), _open_trailer),
+    "semitrailer": MiscKind(0.08, Size(12.1, 2.62, 3.68), Size(0.46, 0.05, 0.21), _semitrailer),
+}
+"""By name; shares, as sizes, are those of KITTI's labels and sum to 1."""

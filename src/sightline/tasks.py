@@ -1,0 +1,171 @@
+"""The tasks by name, and what belongs to each: weights, recipes, predictors, exports.
+
+The one place that knows all tasks. Light: a task is imported when it is asked for, and its own
+module imports PyTorch only where it computes.
+"""
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
+
+from sightline.data.plain_text import shortened
+from sightline.data.weights_header import find_weights, read_description, shipped_names
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import UInt8
+
+    from sightline.depth_completion import registration as depth_completion
+    from sightline.export.graph import ExportGraph
+    from sightline.export.names import EngineName
+    from sightline.inference.demo import DemoPart
+    from sightline.inference.network import LoadedNetwork
+    from sightline.inference.predictor import Output, Predictor
+    from sightline.structures.sample import CameraLidarSample
+
+REGISTRY: Final[dict[str, str]] = {
+    "depth-completion": "sightline.depth_completion.registration:TASK",
+}
+"""Where the object of each task is: "module:object"."""
+
+PACKAGE_RECIPES: Final = Path(__file__).parent / "recipes"
+"""Recipes that `sightline fit --config` knows by name."""
+
+
+@runtime_checkable
+class Task(Protocol):
+    """What a task declares: an object in its folder's `registration` module."""
+
+    @property
+    def name(self) -> str:
+        """As in the registry, in weights files and in manifests."""
+        ...
+
+    @property
+    def summary(self) -> str:
+        """What `sightline predict NAME` does, in one sentence."""
+        ...
+
+    @property
+    def training_class(self) -> str:
+        """The class of its trainings, by which its recipes are told: "package.module.Class"."""
+        ...
+
+    @property
+    def trial_settings(self) -> "dict[str, str]":
+        """Settings that make a training by any of its recipes small: for its tests."""
+        ...
+
+    @property
+    def default_weights(self) -> str | None:
+        """What answers where nothing is named; None: something must be named."""
+        ...
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """What answers without a network."""
+        ...
+
+    @property
+    def outputs(self) -> "tuple[Output, ...]":
+        """What is written of an answer; the first always, the others where asked for."""
+        ...
+
+    def config_type(self) -> type[Any]:
+        """The dataclass of the network's settings."""
+        ...
+
+    def build(self, config: Any) -> Any:  # noqa: ANN401 - each task's own
+        """The network (`nn.Module`) of such settings."""
+        ...
+
+    def graphs(self, loaded: "LoadedNetwork[Any]") -> "tuple[ExportGraph, ...]":
+        """What is exported of a network; two for a detector of two stages."""
+        ...
+
+    def predictor(
+        self,
+        *,
+        method: str | None = None,
+        weights: str | Path | None = None,
+        engine: "EngineName" = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> "Predictor":
+        """What answers: a method, or a network with the weights; neither: the default weights.
+
+        Raises:
+            ValueError: Both are named, or there is no such one, or the engine cannot run it.
+        """
+        ...
+
+    def picture(
+        self,
+        sample: "CameraLidarSample",
+        predictor: Any,  # noqa: ANN401 - the task's own
+    ) -> "UInt8[np.ndarray, 'height width 3']":
+        """A sample and the answer to it, drawn; the sample alone where it lacks what is needed."""
+        ...
+
+    def demo(self, frames: Path, out: Path) -> "DemoPart | None":
+        """Shows itself on the frames that come with the package; None: has nothing to show."""
+        ...
+
+
+if TYPE_CHECKING:
+    _CHECKED: tuple[Task, ...] = (depth_completion.TASK,)
+
+
+def task_names() -> tuple[str, ...]:
+    """The tasks, the one that is taken where none is named first."""
+    return tuple(REGISTRY)
+
+
+def find_task(name: str) -> Task:
+    """The task of a name.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if name not in REGISTRY:
+        raise ValueError(f"there is no task {name}; name one of {', '.join(REGISTRY)}")
+    module, _, attribute = REGISTRY[name].partition(":")
+    task = getattr(importlib.import_module(module), attribute)
+    assert isinstance(task, Task), f"{REGISTRY[name]} declares all that a task has"
+    return task
+
+
+def choose_task(name: str | None, weights: str | Path | None) -> Task:
+    """The task that is named, else the one whose network the weights are of, else the first.
+
+    Raises:
+        ValueError: There is no such task, or there are no such weights.
+    """
+    if name is not None:
+        return find_task(name)
+    if weights is None:
+        return find_task(task_names()[0])
+    from sightline.data.weights import read_weights
+
+    path = find_weights(weights)
+    told = read_weights(path).task
+    if told not in REGISTRY:
+        raise ValueError(
+            f"{path} holds weights for {shortened(told)}, a task that this version does not have; "
+            f"it has {', '.join(REGISTRY)}"
+        )
+    return find_task(told)
+
+
+def weights_of(task: Task) -> tuple[str, ...]:
+    """Names of the weights that come with the package for a task."""
+    return tuple(
+        name for name in shipped_names() if read_description(find_weights(name)).task == task.name
+    )
+
+
+def recipes_of(task: Task) -> tuple[str, ...]:
+    """Names of the recipes that train a task."""
+    paths = PACKAGE_RECIPES.glob("*.yaml")
+    trained = (path.stem for path in paths if task.training_class in path.read_text().split())
+    return tuple(sorted(trained))

@@ -1,0 +1,138 @@
+"""What the training commands know of their arguments before PyTorch is there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Subcommand = Literal["fit", "validate", "test"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RunOption:
+    """An argument of a run, beside those of trainer, model and data."""
+
+    flag: str
+    kind: type
+    default: object
+    help: str
+
+
+RUN_FOLDER = RunOption(
+    flag="--run_folder",
+    kind=Path,
+    default=None,
+    help="Folder for all that the run writes; by default runs/NAME of the recipe.",
+)
+CHECKPOINT_EVERY_N_STEPS = RunOption(
+    flag="--checkpoint_every_n_steps",
+    kind=int,
+    default=500,
+    help="How often last.ckpt is written, besides at validations and the end of each epoch.",
+)
+
+_HELP = """usage: sightline {subcommand} --config NAME|FILE [--SETTING VALUE ...]
+
+{task}
+
+recipes (or a YAML file of one's own):
+{recipes}
+
+of the run:
+  --data.init_args.root FOLDER
+      Where the samples are.
+{options}
+  --ckpt_path last|best|FILE
+      {checkpoint}
+  --seed_everything SEED
+      Of all that is drawn. (default: 0)
+
+Every setting of a recipe is a flag:
+  sightline {subcommand} --config {name} --print_config    shows them all
+  sightline {subcommand} --config {name} --help            explains them (takes a while)"""
+_TASKS: dict[Subcommand, tuple[str, str]] = {
+    "fit": (
+        "Trains a network. Its folder gets the settings, TensorBoard's events, last.ckpt,\n"
+        "best.ckpt and weights.safetensors.",
+        "Goes on with a run: last is its folder's last checkpoint.",
+    ),
+    "validate": (
+        "Scores a network of a run on its validation data.",
+        "Which checkpoint of the run. (default: best)",
+    ),
+    "test": (
+        "Scores a network of a run on test data.",
+        "Which checkpoint of the run. (default: best)",
+    ),
+}
+
+
+def asks_for_help(arguments: Sequence[str]) -> bool:
+    """Whether help on the command itself is wanted, not on the settings of a recipe."""
+    has_recipe = any(argument.partition("=")[0] in ("--config", "-c") for argument in arguments)
+    return not has_recipe and any(argument in ("--help", "-h") for argument in arguments)
+
+
+def help_text(subcommand: Subcommand, recipes: Path) -> str:
+    """The help on a command."""
+    listed = {path.stem: _first_sentence(path) for path in sorted(recipes.glob("*.yaml"))}
+    width = max(map(len, listed), default=0)
+    options = (
+        f"  {option.flag} {option.kind.__name__.upper()}\n      {option.help}"
+        + ("" if option.default is None else f" (default: {option.default})")
+        for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS)
+    )
+    task, checkpoint = _TASKS[subcommand]
+    return _HELP.format(
+        subcommand=subcommand,
+        task=task,
+        checkpoint=checkpoint,
+        recipes="\n".join(f"  {name:<{width}}  {about}" for name, about in listed.items()),
+        options="\n".join(options),
+        name=next(iter(listed), "FILE"),
+    )
+
+
+def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str], str]:
+    """The arguments with files for names of recipes, and the name of the last recipe.
+
+    Raises:
+        ValueError: There is no such recipe.
+    """
+    resolved: list[str] = []
+    name = "unnamed"
+    expected = False
+    for argument in arguments:
+        option, equals, value = argument.partition("=")
+        if expected:
+            path = _find_recipe(argument, recipes)
+            resolved.append(str(path))
+            name = path.stem
+        elif equals and option == "--config":
+            path = _find_recipe(value, recipes)
+            resolved.append(f"{option}={path}")
+            name = path.stem
+        else:
+            resolved.append(argument)
+        expected = not expected and argument in ("--config", "-c")
+    return resolved, name
+
+
+def _find_recipe(name: str, recipes: Path) -> Path:
+    for path in (Path(name), recipes / f"{name}.yaml"):
+        if path.is_file():
+            return path
+    known = ", ".join(sorted(path.stem for path in recipes.glob("*.yaml"))) or "none"
+    raise ValueError(
+        f"there is no recipe {name}; name a YAML file or one of the package's: {known}"
+    )
+
+
+def _first_sentence(recipe: Path) -> str:
+    """Of the comment at a recipe's head."""
+    head = []
+    for line in recipe.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        head.append(line.removeprefix("#").strip())
+    return " ".join(head).partition(": ")[0].partition(". ")[0].rstrip(".:")

@@ -1,0 +1,92 @@
+"""Ctrl-C and SIGTERM, which batch systems send: a run ends between two steps, for both alike."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+
+class Interruption(KeyboardInterrupt):
+    """A run that was ended from outside; the message tells how to go on."""
+
+    def __init__(self, message: str, number: int) -> None:
+        """Takes the message and the number of the signal."""
+        super().__init__(message)
+        self.number = number
+
+    @property
+    def exit_status(self) -> int:
+        """What a shell reports for a program that the signal ended."""
+        return 128 + self.number
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""What ends a run."""
+
+
+def interrupt(number: int, frame: FrameType | None = None) -> None:
+    """Ends what is going on at once; a handler of signals."""
+    del frame
+    raise Interruption("", number)
+
+
+@contextmanager
+def ending_like_ctrl_c() -> Iterator[None]:
+    """Lets SIGTERM end the block as Ctrl-C does, and leaves both as they were before."""
+    previous: dict[int, Any] = {number: signal.getsignal(number) for number in SIGNALS}
+    signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+class InterruptionNote:
+    """Notes the first of the signals, so that a step can end; a second one ends it at once."""
+
+    def __init__(self) -> None:
+        """Has noted nothing, and is not listening yet."""
+        self.number: int | None = None
+        self._previous: dict[int, Any] = {}
+
+    def listen(self) -> None:
+        """Takes over the signals."""
+        if not self._previous:
+            self._previous = {number: signal.signal(number, self._note) for number in SIGNALS}
+
+    def give_back(self) -> None:
+        """Leaves the signals to whom they were before."""
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+        self._previous = {}
+
+    def raise_noted(self) -> None:
+        """Ends what is going on if a signal has been noted.
+
+        Raises:
+            Interruption: One has.
+        """
+        if self.number is not None:
+            interrupt(self.number)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        del frame
+        self.number = number
+        self.give_back()
+
+
+def leave_interruption_to_the_parent() -> None:
+    """For worker processes: Ctrl-C and a batch system's SIGTERM reach every process of a job.
+
+    Without its workers the parent could not finish its step. A second SIGTERM is the parent's own,
+    to a worker that did not end when it was told to.
+    """
+
+    def overhear(number: int, frame: FrameType | None) -> None:
+        del frame
+        signal.signal(number, signal.SIG_DFL)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, overhear)

@@ -1,0 +1,148 @@
+"""The checkpoint that a run goes on from, and how a run is ended from outside."""
+
+from pathlib import Path
+from typing import Any
+
+from lightning import LightningModule, Trainer
+from lightning.pytorch.callbacks import Checkpoint
+
+from sightline.training.interruption import InterruptionNote
+
+_OWED_KEY = "sightline_owed_validation"
+
+
+class LastCheckpoint(Checkpoint):
+    """Writes last.ckpt every so many steps, before validations, after epochs and when stopped.
+
+    A checkpoint of a step that is validated afterwards owes that validation: a run that resumes
+    from it validates first. So a run that is ended at any moment finds the same best weights later.
+
+    Ctrl-C and SIGTERM end the training after the step that they come in, a second one at once. On
+    several devices the latest written checkpoint stands: the ranks would not stop in the same step.
+    """
+
+    def __init__(self, folder: Path, *, every_n_steps: int) -> None:
+        """Takes where to and how often.
+
+        Raises:
+            ValueError: It is to be written every 0 steps.
+        """
+        if every_n_steps < 1:
+            raise ValueError(f"checkpoint_every_n_steps must be at least 1, got {every_n_steps}")
+        self.path = folder / "last.ckpt"
+        self._every_n_steps = every_n_steps
+        self._step = 0
+        self._note = InterruptionNote()
+        self._owes = False
+        self._resumed_owing_at: int | None = None
+
+    def on_save_checkpoint(
+        self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        """Notes whether the checkpoint owes a validation."""
+        del trainer, pl_module
+        if self._owes:
+            checkpoint[_OWED_KEY] = True
+            _enter_validation(checkpoint["loops"]["fit_loop"])
+
+    def on_load_checkpoint(
+        self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        """Notes at which step one owes a validation."""
+        del trainer, pl_module
+        if checkpoint.get(_OWED_KEY):
+            self._resumed_owing_at = checkpoint["global_step"]
+
+    def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Lets an owed validation come after the last step: the Trainer would stop at once."""
+        del pl_module
+        if self._resumed_owing_at is not None and self._resumed_owing_at == trainer.max_steps:
+            trainer.fit_loop.epoch_loop.max_steps += 1
+
+    def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Ends that leave."""
+        del pl_module
+        if self._resumed_owing_at is not None and self._resumed_owing_at == trainer.max_steps - 1:
+            trainer.fit_loop.epoch_loop.max_steps -= 1
+        self._resumed_owing_at = None
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Takes over the signals."""
+        del pl_module
+        self._step = trainer.global_step
+        if trainer.world_size == 1:
+            self._note.listen()
+
+    def on_train_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: object,
+        batch: object,
+        batch_idx: int,
+    ) -> None:
+        """Writes where it is time, and ends the training where that was asked for."""
+        del pl_module, outputs, batch, batch_idx
+        if trainer.global_step == self._step:
+            return  # gradients are being accumulated; no checkpoint holds those
+        self._step = trainer.global_step
+        epoch_loop, fetcher = trainer.fit_loop.epoch_loop, trainer.fit_loop._data_fetcher  # noqa: SLF001
+        assert fetcher is not None, "a batch came from it"
+        self._owes = epoch_loop._should_check_val_fx(fetcher)  # noqa: SLF001 - the Trainer's own word
+        is_time = trainer.global_step % self._every_n_steps == 0
+        if is_time or self._owes or self._note.number is not None:
+            self._write(trainer)
+        self._owes = False
+        self._note.raise_noted()
+
+    def on_validation_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: object,
+        batch: object,
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Ends the training where that was asked for: last.ckpt owes this validation."""
+        del trainer, pl_module, outputs, batch, batch_idx, dataloader_idx
+        self._note.raise_noted()
+
+    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Writes."""
+        del pl_module
+        self._write(trainer)
+
+    def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        """Gives the signals back."""
+        del trainer, pl_module, stage
+        self._note.give_back()
+
+    def on_exception(
+        self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
+    ) -> None:
+        """Gives the signals back."""
+        del trainer, pl_module, exception
+        self._note.give_back()
+
+    def _write(self, trainer: Trainer) -> None:
+        # All ranks take part in making the checkpoint, the first writes it.
+        aside = self.path.with_name(".last.ckpt.part")
+        trainer.save_checkpoint(aside)
+        if trainer.is_global_zero:
+            aside.replace(self.path)
+
+
+def _enter_validation(fit_loop: dict[str, Any]) -> None:
+    """Makes the Trainer's progress at the end of a step that within the validation after it.
+
+    It resumes such a checkpoint by validating; one from the end of a step by the next step.
+    """
+    trained, validated = (
+        fit_loop[f"epoch_loop.{name}batch_progress"] for name in ("", "val_loop.")
+    )
+    for span in ("total", "current"):
+        trained[span]["completed"] = trained[span]["processed"]
+        done = 0 if span == "current" else validated[span]["completed"]
+        begun = done + 1
+        validated[span] |= {"ready": begun, "started": begun, "processed": done, "completed": done}

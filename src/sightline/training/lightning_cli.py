@@ -1,0 +1,312 @@
+"""Lightning's command line with the folder of a run: settings, claims, checkpoints, scores."""
+
+import json
+import logging
+import signal
+import warnings
+from argparse import ArgumentError
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from jsonargparse import Namespace
+from lightning import LightningModule, Trainer
+from lightning.fabric.utilities.exceptions import MisconfigurationException
+from lightning.pytorch.callbacks import Callback, ProgressBar
+from lightning.pytorch.cli import LightningArgumentParser, LightningCLI, SaveConfigCallback
+from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.utilities import rank_zero_only
+
+from sightline.data.atomic import atomic_write_text
+from sightline.data.weights import read_checkpoint_weights
+from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
+from sightline.training.callbacks import LogShortRuns, checkpoint_callbacks
+from sightline.training.data import CameraLidarData
+from sightline.training.interruption import Interruption
+from sightline.training.module import TrainingModule
+from sightline.training.progress import RunProgress
+from sightline.training.run_folder import claimed
+
+LIGHTNING_NOISE = (
+    "The '.*_dataloader' does not have many workers",
+    "The number of training batches .* is smaller than the logging interval",
+    "Checkpoint directory .* exists and is not empty",
+    "You're using the WeightAveraging callback, but loading a checkpoint outside",
+    "`isinstance.treespec, LeafSpec.` is deprecated",
+    r"\s*By default only one JsonargparseDeprecationWarning",
+    r"\s*``instantiate_classes`` was deprecated",
+)
+"""Beginnings of Lightning's warnings that the user of a recipe can or need do nothing about."""
+
+_CONFIG_NAMES = {
+    "fit": "config.yaml",
+    "validate": "config_validate.yaml",
+    "test": "config_test.yaml",
+}
+_TRIED = (
+    "Does not validate against any of the Union subtypes",
+    "Subtypes: ",
+    "Errors:",
+    "Expected a <class 'NoneType'>",
+    "Given value type: ",
+    "Given value: NestedArg",
+)
+_LONG_VALUE = 80  # characters
+
+
+def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: Path) -> None:
+    """Trains, validates or tests what the arguments describe.
+
+    Args:
+        subcommand: What to do.
+        arguments: As Lightning's command line takes them.
+        run_folder: Where to, if the arguments name no folder.
+
+    Raises:
+        ValueError: The settings or the data are refused; in one sentence.
+        Interruption: Ctrl-C or SIGTERM; the message tells how to go on.
+    """
+    with _quiet_lightning(), ExitStack() as claims:
+        run = _Run(run_folder, claims)
+        try:
+            _TrainingCLI(subcommand, arguments, run)
+        except _RefusedError as error:
+            said = _shorten(str(error))
+            raise ValueError(f"{said}; see sightline {subcommand} --help") from error
+        except (MisconfigurationException, ValueError) as error:
+            raise ValueError(_shorten(str(error))) from error
+        except SystemExit as end:
+            # Lightning leaves this way after a KeyboardInterrupt.
+            if isinstance(end.__context__, KeyboardInterrupt):
+                raise _told(end.__context__, run, subcommand) from end
+            raise
+        except KeyboardInterrupt as interruption:
+            raise _told(interruption, run, subcommand) from interruption
+
+
+@dataclass
+class _Run:
+    """What is known of a run before its command line is whole."""
+
+    folder: Path
+    claims: ExitStack
+
+
+def _told(interrupt: KeyboardInterrupt, run: _Run, subcommand: Subcommand) -> Interruption:
+    """The same, with what can be done about it."""
+    how = "run the same command again"
+    if subcommand == "fit":
+        is_resumable = (run.folder / "last.ckpt").is_file()
+        how = (
+            "add --ckpt_path last to the same command to go on"
+            if is_resumable
+            else (f"there is no checkpoint yet: {how}")
+        )
+    number = interrupt.number if isinstance(interrupt, Interruption) else signal.SIGINT
+    return Interruption(f"interrupted; {how}", number)
+
+
+class _RefusedError(Exception):
+    """Arguments that cannot be understood. Not a ValueError, which jsonargparse catches."""
+
+
+class _Parser(LightningArgumentParser):
+    """Raises instead of leaving the process, and takes no flag that is cut short."""
+
+    def __init__(self, *positional: Any, **named: Any) -> None:  # noqa: ANN401 - as base
+        super().__init__(*positional, **{"allow_abbrev": False, **named})
+
+    def error(self, message: str, ex: Exception | None = None) -> NoReturn:
+        if isinstance(ex, ArgumentError):
+            message = ex.message
+        raise _RefusedError(message)
+
+
+class _SaveConfig(SaveConfigCallback):
+    """Writes the settings into the run's folder, where `fit --config` reads them again."""
+
+    def __init__(self, parser: LightningArgumentParser, config: Namespace, *, path: Path) -> None:
+        super().__init__(parser, config, save_to_log_dir=False)
+        self._path = path
+
+    def save_config(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        del trainer, pl_module, stage
+        config = self.config.clone()
+        config["ckpt_path"] = None  # to repeat the run, not to go on from its middle
+        atomic_write_text(self._path, self.parser.dump(config, skip_unset=False))
+
+
+class _TrainingCLI(LightningCLI):
+    """Lightning's command line with our run folder, checkpoints and logger."""
+
+    def __init__(self, subcommand: Subcommand, arguments: Sequence[str], run: _Run) -> None:
+        self._run = run
+        super().__init__(
+            TrainingModule,
+            CameraLidarData,
+            subclass_mode_model=True,
+            subclass_mode_data=True,
+            save_config_callback=_SaveConfig,
+            trainer_defaults={"use_distributed_sampler": False},
+            seed_everything_default=0,
+            parser_class=_Parser,
+            parser_kwargs={"prog": "sightline"},
+            auto_configure_optimizers=False,
+            load_from_checkpoint_support=False,
+            args=[subcommand, *arguments],
+        )
+
+    @staticmethod
+    def subcommands() -> dict[str, set[str]]:
+        """Those of a Trainer that this command line has, each with the arguments to leave out."""
+        skipped = {"model", "datamodule"}
+        return {
+            "fit": skipped | {"train_dataloaders", "val_dataloaders", "weights_only"},
+            "validate": skipped | {"dataloaders", "weights_only"},
+            "test": skipped | {"dataloaders", "weights_only"},
+        }
+
+    def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
+        """Adds what a run has beside model, data and trainer."""
+        defaults = {RUN_FOLDER: self._run.folder}
+        for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS):
+            default = defaults.get(option, option.default)
+            parser.add_argument(option.flag, type=option.kind, default=default, help=option.help)
+        parser.link_arguments("seed_everything", "data.init_args.seed", compute_fn=int)
+
+    def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:  # noqa: ANN401 - as base
+        """Parses; Lightning's own warns about arguments that do not come from sys.argv."""
+        self.config = parser.parse_args(args)
+
+    def _parse_ckpt_path(self) -> None:
+        """Does nothing: our checkpoints hold no arguments."""
+
+    def before_instantiate_classes(self) -> None:
+        """Finds the checkpoint, and refuses a run that would overwrite another."""
+        config = self.config[self.subcommand]
+        folder: Path = config["run_folder"]
+        self._run.folder = folder
+        given: str | None = config["ckpt_path"]
+        if self.subcommand == "fit":
+            if (
+                getattr(rank_zero_only, "rank", 0) == 0
+            ):  # the other processes of the run come after it
+                self._run.claims.enter_context(claimed(folder))
+            if given is None and (folder / "last.ckpt").exists():
+                raise ValueError(
+                    f"{folder} holds a run already; go on with it by --ckpt_path last, or name "
+                    "another folder with --run_folder"
+                )
+        elif given is None and not self._starts_elsewhere():
+            given = "best" if (folder / "best.ckpt").is_file() else "last"
+        if given is None:
+            return
+        path = folder / f"{given}.ckpt" if given in ("best", "last") else Path(given)
+        if not path.is_file():
+            raise ValueError(
+                f"there is no checkpoint {path}; name one with --ckpt_path, or the folder of "
+                "another run with --run_folder"
+            )
+        read_checkpoint_weights(path)  # says in one line what may be wrong with it
+        config["ckpt_path"] = str(path)
+
+    def instantiate_trainer(self, **kwargs: Any) -> Trainer:  # noqa: ANN401 - as base
+        """Adds the logger and the callbacks of a run to what the recipe asks for."""
+        config = self.config[self.subcommand]
+        folder: Path = config["run_folder"]
+        self.save_config_kwargs = {"path": folder / _CONFIG_NAMES[str(self.subcommand)]}
+        settings = self.config_init[self.subcommand]["trainer"]
+        if settings["logger"] in (None, True):
+            kwargs["logger"] = TensorBoardLogger(folder, name="", version="")
+        if settings["default_root_dir"] is None:
+            kwargs["default_root_dir"] = folder
+        given = settings["callbacks"] or []
+        given = list(given) if isinstance(given, list) else [given]
+        kwargs["callbacks"] = given + self._run_callbacks(folder, config, settings, given)
+        return super().instantiate_trainer(**kwargs)
+
+    def before_fit(self) -> None:
+        """Scores weights from elsewhere before they are changed."""
+        is_resumed = self.config[self.subcommand]["ckpt_path"] is not None
+        if self._starts_elsewhere() and not is_resumed and self.datamodule.sources["validation"]:
+            self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
+
+    def after_fit(self) -> None:
+        """Says where the weights are."""
+        if self.trainer.is_global_zero:
+            print(f"{self._run.folder}: the weights are in weights.safetensors")
+
+    def after_validate(self) -> None:
+        """Writes the metrics."""
+        self._write_metrics()
+
+    def after_test(self) -> None:
+        """Writes the metrics."""
+        self._write_metrics()
+
+    def _run_callbacks(
+        self,
+        folder: Path,
+        config: Namespace,
+        settings: Namespace,
+        given: Sequence[Callback],
+    ) -> list[Callback]:
+        """The callbacks of every run."""
+        callbacks: list[Callback] = []
+        has_bar = any(isinstance(callback, ProgressBar) for callback in given)
+        if settings["enable_progress_bar"] is not False and not has_bar:
+            callbacks.append(RunProgress())
+        if settings["log_every_n_steps"] is None:
+            callbacks.append(LogShortRuns())
+        if settings["enable_checkpointing"] is False or settings["fast_dev_run"]:
+            return callbacks
+        return callbacks + checkpoint_callbacks(
+            folder,
+            every_n_steps=config["checkpoint_every_n_steps"],
+            monitored=self.model.monitored if self.datamodule.sources["validation"] else None,
+        )
+
+    def _starts_elsewhere(self) -> bool:
+        config = self.config[self.subcommand]
+        return config["model"]["init_args"].get("initial_weights") is not None
+
+    def _write_metrics(self) -> None:
+        if not self.trainer.is_global_zero:
+            return
+        config = self.config[self.subcommand]
+        report = {
+            "checkpoint": config["ckpt_path"],
+            "metrics": {
+                name: float(value) for name, value in self.trainer.callback_metrics.items()
+            },
+        }
+        path = config["run_folder"] / f"{self.subcommand}.json"
+        atomic_write_text(path, json.dumps(report, indent=2) + "\n")
+
+
+def _shorten(message: str) -> str:
+    """Takes out of jsonargparse's messages which types it tried before it gave up."""
+    lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
+    told = [line for line in lines if not line.startswith(_TRIED)]
+    return " ".join(
+        line for line in told if not line.startswith("Given value: ") or len(line) < _LONG_VALUE
+    )
+
+
+@contextmanager
+def _quiet_lightning() -> Iterator[None]:
+    """Keeps Lightning from telling what nobody asked for; its real warnings stay."""
+    loggers = [logging.getLogger(f"lightning.{part}") for part in ("pytorch", "fabric")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            for beginning in LIGHTNING_NOISE:
+                warnings.filterwarnings("ignore", beginning)
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

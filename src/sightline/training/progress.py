@@ -1,0 +1,221 @@
+"""How far a run is: bars on a terminal, lines in a file."""
+
+import math
+import sys
+import time
+from datetime import timedelta
+from typing import Protocol, runtime_checkable
+
+from lightning import LightningModule, Trainer
+from lightning.pytorch.callbacks import ProgressBar
+from rich.console import Console
+from rich.progress import TaskID
+
+from sightline.data.progress import progress_bars
+from sightline.training.module import TrainingModule
+
+_FIRST_LINE_S, _LINE_EVERY_S = 5.0, 30.0
+_LOOK_EVERY_S = 0.5  # at the loss: an accelerator has to be waited for
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class _Display(Protocol):
+    """Shows jobs of many pieces, by name, on stderr."""
+
+    def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
+        """How many pieces of a job are done; None: nobody knows how many there are."""
+
+    def end(self, name: str) -> None:
+        """The job is done."""
+
+    def say(self, text: str) -> None:
+        """A line that stays."""
+
+    def close(self) -> None:
+        """Nothing comes any more."""
+
+
+class _Bars:
+    """A bar for each job."""
+
+    def __init__(self, console: Console) -> None:
+        self._progress = progress_bars(console)
+        self._tasks: dict[str, TaskID] = {}
+        self._progress.start()
+
+    def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
+        described = f"{name}{note and f', {note}'}"
+        if name not in self._tasks:
+            self._tasks[name] = self._progress.add_task(described, total=total, completed=done)
+        self._progress.update(self._tasks[name], completed=done, description=described)
+
+    def end(self, name: str) -> None:
+        if name in self._tasks:
+            self._progress.remove_task(self._tasks.pop(name))
+
+    def say(self, text: str) -> None:
+        self._progress.console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def close(self) -> None:
+        self._progress.stop()
+
+
+class _Lines:
+    """A line at a job's start, a few seconds later, then now and again."""
+
+    def __init__(self) -> None:
+        self._begun: dict[str, tuple[float, int]] = {}
+        self._next: dict[str, float] = {}
+
+    def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
+        now = time.monotonic()
+        if now < self._next.get(name, now):
+            return
+        is_new = name not in self._begun
+        begun_s, first = self._begun.setdefault(name, (now, done))
+        self._next[name] = now + (_FIRST_LINE_S if is_new else _LINE_EVERY_S)
+        parts = [f"{name}: {done} of {'?' if total is None else total}", *([note] if note else [])]
+        if done > first:
+            rate = (done - first) / max(now - begun_s, 1e-9)
+            parts.append(f"{rate:.2f}/s")
+            if total is not None:
+                parts.append(f"{timedelta(seconds=round((total - done) / rate))} left")
+        self.say(", ".join(parts))
+
+    def end(self, name: str) -> None:
+        self._begun.pop(name, None)
+        self._next.pop(name, None)
+
+    def say(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Leaves the lines where they are."""
+
+
+class RunProgress(ProgressBar):
+    """Shows the steps of the whole run, each validation's batches, and its score."""
+
+    def __init__(self) -> None:
+        """Shows nothing yet."""
+        super().__init__()
+        self._is_enabled = True
+        self._display: _Display | None = None
+        self._looked_s = -math.inf
+
+    def disable(self) -> None:
+        """Shows nothing in this process: another one does."""
+        self._is_enabled = False
+
+    def enable(self) -> None:
+        """Shows again."""
+        self._is_enabled = True
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Shows where the run stands."""
+        del pl_module
+        self._show_training(trainer)
+
+    def on_train_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: object,
+        batch: object,
+        batch_idx: int,
+    ) -> None:
+        """Counts."""
+        del pl_module, outputs, batch, batch_idx
+        self._show_training(trainer)
+
+    def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Shows that it goes on."""
+        del pl_module
+        self._show("validation", 0, self._num_batches(trainer))
+
+    def on_validation_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: object,
+        batch: object,
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Counts."""
+        del pl_module, outputs, batch, dataloader_idx
+        self._show("validation", batch_idx + 1, self._num_batches(trainer))
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Tells the score by which the best weights are chosen."""
+        display = self._displayed()
+        if display is None:
+            return
+        display.end("validation")
+        if trainer.sanity_checking or not isinstance(pl_module, TrainingModule):
+            return
+        name, _ = pl_module.monitored
+        if name in trainer.callback_metrics:
+            score = float(trainer.callback_metrics[name])
+            display.say(f"step {trainer.global_step}: {name} {score:.6g}")
+
+    def on_test_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: object,
+        batch: object,
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Counts."""
+        del pl_module, outputs, batch, dataloader_idx
+        total = trainer.num_test_batches[0]
+        self._show("test", batch_idx + 1, int(total) if math.isfinite(total) else None)
+
+    def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        """Clears the bars away."""
+        del trainer, pl_module, stage
+        self._close()
+
+    def on_exception(
+        self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
+    ) -> None:
+        """Clears the bars away."""
+        del trainer, pl_module, exception
+        self._close()
+
+    def _show_training(self, trainer: Trainer) -> None:
+        now = time.monotonic()
+        if now - self._looked_s < _LOOK_EVERY_S:
+            return
+        self._looked_s = now
+        steps = trainer.estimated_stepping_batches
+        loss = trainer.progress_bar_metrics.get("loss")
+        note = "" if loss is None else f"loss {float(loss):.4g}"
+        total = int(steps) if math.isfinite(steps) else None
+        self._show("training", trainer.global_step, total, note)
+
+    def _show(self, name: str, done: int, total: int | None, note: str = "") -> None:
+        display = self._displayed()
+        if display is not None:
+            display.show(name, done, total, note)
+
+    def _num_batches(self, trainer: Trainer) -> int | None:
+        counts = (
+            trainer.num_sanity_val_batches if trainer.sanity_checking else trainer.num_val_batches
+        )
+        total = sum(counts) if isinstance(counts, list) else counts
+        return int(total) if math.isfinite(total) else None
+
+    def _displayed(self) -> _Display | None:
+        """Where to show; None in a process that does not."""
+        if self._is_enabled and self._display is None:
+            console = Console(stderr=True)
+            self._display = _Bars(console) if console.is_terminal else _Lines()
+        return self._display if self._is_enabled else None
+
+    def _close(self) -> None:
+        if self._display is not None:
+            self._display.close()
+            self._display = None

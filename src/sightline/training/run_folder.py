@@ -1,0 +1,42 @@
+"""The folder of a run: one training at a time."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_CLAIM = ".claim"
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Keeps other trainings out of a folder until the block ends, or the process however it ends.
+
+    The operating system holds the claim, on a file that stays; nothing is left to clear away.
+
+    Raises:
+        ValueError: Another process is training in the folder, or it cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / _CLAIM).open("a+")
+    except OSError as error:
+        raise ValueError(
+            f"{folder} cannot be written to ({error.strerror}); name another with --run_folder"
+        ) from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            file.seek(0)
+            raise ValueError(
+                f"another training (process {file.read().strip()}) is at work in {folder}; wait "
+                "for its end, or name another folder with --run_folder"
+            ) from error
+        # A worker process that outlives this one for a moment must not hold the claim.
+        os.register_at_fork(after_in_child=file.close)
+        file.truncate(0)
+        file.write(f"{os.getpid()}\n")
+        file.flush()
+        yield

@@ -1,0 +1,86 @@
+"""Where the samples of a training come from."""
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from sightline.data.object_tree import Part, Velodyne, list_files
+from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.sample_list import read_sample_list
+
+_SPLITS = ("training", "testing")
+_VALIDATION_SHARE = 10  # one frame of so many validates where no list says which
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceConfig:
+    """Samples from one folder."""
+
+    path: Path
+    """A KITTI object tree, depth completion tree or raw drive, simulated ones included."""
+    sample_list: str | None = None
+    """Which frames: a list in ImageSets, kitti-object-train, kitti-object-val or a text file with
+    one name a line. None: all. Where there is no list train or val, the first tenth of the frames
+    is val and the others are train."""
+    velodyne: Velodyne | None = None
+    """Folder of the sweeps in an object tree. None: velodyne, or else velodyne_reduced."""
+    repeat: int = 1
+    """How often each frame comes in an epoch: the weight of this source beside others."""
+
+    def __post_init__(self) -> None:
+        """Checks the range."""
+        if self.repeat < 1:
+            raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
+
+
+def open_source(
+    source: SourceConfig, root: Path, parts: Collection[Part], *, divides: bool
+) -> SampleDataset:
+    """The samples of a source.
+
+    Args:
+        source: What to open.
+        root: Folder that a relative path starts from.
+        parts: What the samples shall hold.
+        divides: Whether its folder is to be validated on too.
+
+    Raises:
+        ValueError: There is no such data, or it lacks files.
+    """
+    path = root / source.path
+    velodyne = source.velodyne or find_velodyne(path)
+    lists = path.parent if path.name in _SPLITS else path
+    has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
+    is_listed = (has_val and has_train) or (has_train and not divides)
+    frames: str | tuple[str, ...] | None = source.sample_list
+    if frames in ("train", "val") and not is_listed and not (has_val and frames == "val"):
+        everything = (
+            read_sample_list("train", lists)
+            if has_train
+            else open_dataset(path, velodyne=velodyne, parts=parts).sample_ids
+        )
+        num_validated = math.ceil(len(everything) / _VALIDATION_SHARE) if divides else 0
+        held = read_sample_list("val", lists) if has_val else everything[:num_validated]
+        rest = tuple(frame for frame in everything if frame not in set(held))
+        frames = held if frames == "val" else rest
+        if not frames:
+            raise ValueError(
+                f"{path} holds {len(everything)} frames, too few to train and to validate on; take "
+                "more, or set the sample_list of the sources to null"
+            )
+    return open_dataset(path, sample_list=frames, velodyne=velodyne, parts=parts)
+
+
+def find_velodyne(path: Path) -> Velodyne:
+    """The folder of the sweeps that an object tree, or one of its splits, has."""
+    folders = [path / split for split in _SPLITS] + [path]
+    has_whole, has_reduced = (
+        any(list_files(folder / name, (".bin",)) for folder in folders)
+        for name in ("velodyne", "velodyne_reduced")
+    )
+    return "velodyne_reduced" if has_reduced and not has_whole else "velodyne"
+
+
+def _has_list(folder: Path, name: str) -> bool:
+    return Path(name).is_file() or (folder / "ImageSets" / f"{name}.txt").is_file()

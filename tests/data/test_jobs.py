@@ -1,0 +1,146 @@
+import json
+import multiprocessing
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from sightline.data import atomic
+from sightline.data.atomic import atomic_create_text
+from sightline.data.jobs import claim_folder, run_job, shard
+
+SETTINGS = {"task": "toy", "seed": 3, "size": (2, 4)}
+
+
+@dataclass(frozen=True)
+class Note:
+    """Writes its number, unless it is 3."""
+
+    folder: Path
+    number: int
+
+    def __str__(self):
+        return f"note {self.number}"
+
+    def run(self):
+        if self.number == 3:
+            raise ValueError("is at fault; leave it out")
+        (self.folder / f"{self.number}.txt").write_text(str(self.number))
+
+
+def claim(folder, settings=SETTINGS, results=("*.txt",)):
+    claim_folder(folder, settings, results=results)
+
+
+def claim_when_told(folder, settings, start, said):
+    start.wait()
+    try:
+        claim(folder, settings)
+        said.put("")
+    except ValueError as error:
+        said.put(str(error))
+
+
+def claims_at_once(folder, settings):
+    """What each of several processes is told, which claim a folder in the same moment."""
+    context = multiprocessing.get_context("spawn")
+    start, said = context.Barrier(len(settings)), context.Queue()
+    jobs = [
+        context.Process(target=claim_when_told, args=(folder, each, start, said))
+        for each in settings
+    ]
+    for job in jobs:
+        job.start()
+    answers = [said.get(timeout=60) for _ in jobs]
+    for job in jobs:
+        job.join()
+    return answers
+
+
+def test_a_claim_stands_in_the_folder_and_is_repeated_by_the_same_job(tmp_path):
+    folder = tmp_path / "deep" / "out"
+    claim(folder)
+    (folder / "0.txt").touch()
+    claim(folder)
+    assert json.loads((folder / "sightline.json").read_text()) == SETTINGS | {"size": [2, 4]}
+    assert sorted(path.name for path in folder.iterdir()) == ["0.txt", "sightline.json"]
+
+
+def test_of_jobs_that_claim_a_folder_at_once_those_of_one_kind_get_it(tmp_path):
+    folder = tmp_path / "out"
+    answers = claims_at_once(folder, [{"method": name} for name in ("a", "b", "a", "b")])
+    method = json.loads((folder / "sightline.json").read_text())["method"]
+    other = {"a": "b", "b": "a"}[method]
+    assert answers.count("") == 2
+    refused = [answer for answer in answers if answer]
+    assert all(f"made with method {method} instead of {other}" in answer for answer in refused)
+    assert [path.name for path in folder.iterdir()] == ["sightline.json"]
+
+
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        (SETTINGS | {"seed": 4}, "holds files made with seed 4 instead of 3, which would mix"),
+        ({"task": "toy", "size": [2, 4]}, "seed none instead of 3"),
+        (SETTINGS | {"more": "x" * 999}, r"more x{60}\.\.\. instead of none"),
+        (dict(reversed(SETTINGS.items())), "the same settings, written otherwise"),
+    ],
+)
+def test_a_job_of_other_settings_is_refused_by_name(tmp_path, there, said):
+    claim(tmp_path, there)
+    before = (tmp_path / "sightline.json").read_bytes()
+    with pytest.raises(ValueError, match=said):
+        claim(tmp_path)
+    assert (tmp_path / "sightline.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("text", ["", "{", "[3]", "[" * 20_000, "\0"])
+def test_a_manifest_that_is_none_is_refused(tmp_path, text):
+    (tmp_path / "sightline.json").write_text(text)
+    with pytest.raises(ValueError, match="holds a damaged manifest, which would mix"):
+        claim(tmp_path)
+
+
+def test_results_without_a_manifest_are_not_mixed_with(tmp_path):
+    (tmp_path / "other.md").touch()
+    claim(tmp_path)
+    (tmp_path / "sightline.json").unlink()
+    (tmp_path / "0.txt").touch()
+    with pytest.raises(ValueError, match=r"holds data without a sightline\.json, which would mix"):
+        claim(tmp_path)
+    assert not (tmp_path / "sightline.json").exists()
+
+
+@pytest.mark.parametrize("has_hard_links", [True, False])
+def test_a_file_is_created_once(tmp_path, monkeypatch, has_hard_links):
+    def refuse(*_):
+        raise OSError(atomic.errno.EPERM, "no hard links here")
+
+    if not has_hard_links:
+        monkeypatch.setattr(os, "link", refuse)
+    assert atomic_create_text(tmp_path / "a" / "note", "grün\n")
+    assert not atomic_create_text(tmp_path / "a" / "note", "blue\n")
+    assert (tmp_path / "a" / "note").read_bytes() == "grün\n".encode()
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["note"]
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_job_ends_at_the_first_piece_that_fails_by_its_name(tmp_path, workers):
+    with pytest.raises(ValueError, match=r"^note 3: is at fault; leave it out$"):
+        run_job([Note(tmp_path, number) for number in range(6)], workers, description="noting")
+    assert {"0.txt", "1.txt", "2.txt"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_shards_part_the_items_and_a_wrong_one_is_refused():
+    shards = [list(shard(range(10), index, 3)) for index in range(3)]
+    assert sorted(number for part in shards for number in part) == list(range(10))
+    for index, count in ((-1, 2), (2, 2), (0, 0)):
+        with pytest.raises(ValueError, match="shard_index must be between 0 and num_shards - 1"):
+            shard((), index, count)
+
+
+def test_a_job_without_a_worker_is_refused():
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        run_job([], 0, description="nothing")

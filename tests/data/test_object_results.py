@@ -1,0 +1,123 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.data.kitti_labels import read_labels, read_results, write_objects
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.object_labels import labels_from_kitti
+from sightline.data.object_results import kitti_from_detections
+from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.structures.predictions import Detections2D, Detections3D
+from tests.geometry.cameras import IMAGE_FROM_CAMERA, kitti_like_calibration
+from tests.reference import image_boxes as reference
+
+SIZE = (375, 1242)
+boxes = st.tuples(
+    st.floats(-20, 80), st.floats(-30, 30), st.floats(-3, 2),
+    st.floats(0.3, 16), st.floats(0.3, 3), st.floats(0.3, 4), st.floats(-3.14, 3.14),
+)  # fmt: skip
+
+
+def found_3d(rows, dtype=torch.float64):
+    table = torch.tensor(rows, dtype=dtype).reshape(-1, 7)
+    names = tuple(f"Kind{number}" for number in range(len(table)))
+    return Detections3D(
+        class_names=names, boxes=Boxes3D(table), scores=torch.linspace(-1, 2, len(table))
+    )
+
+
+def found_2d(rows):
+    table = torch.tensor(rows).reshape(-1, 4)
+    names = ("Car",) * len(table)
+    return Detections2D(
+        class_names=names, boxes=Boxes2D(table), scores=torch.linspace(0, 1, len(table))
+    )
+
+
+@given(rows=st.lists(boxes, max_size=4))
+def test_3d_detections_become_rows_in_the_camera_frame_where_the_image_shows_them(rows):
+    results = kitti_from_detections(found_3d(rows), kitti_like_calibration(), SIZE)
+    expected = []
+    for number, (x, y, z, length, width, height, yaw) in enumerate(rows):
+        # The mount of the tests' camera: its axes are those of the LiDAR, renamed.
+        place = (-y - 0.01, -z - 0.08 + height / 2, x - 0.27)
+        rotation_y = math.remainder(-yaw - math.pi / 2, 2 * math.pi)
+        size = (height, width, length)
+        box = reference.image_box(size, place, rotation_y, IMAGE_FROM_CAMERA, SIZE)
+        if box is not None:
+            expected.append((f"Kind{number}", size, place, rotation_y, box))
+    assert results.class_names == tuple(row[0] for row in expected)
+    for index, (_, size, place, rotation_y, box) in enumerate(expected):
+        np.testing.assert_allclose(results.dimensions_hwl[index], size)
+        np.testing.assert_allclose(results.locations[index], place, atol=1e-9)
+        np.testing.assert_allclose(results.boxes2d[index], box, atol=1e-6)
+        alpha = rotation_y - math.atan2(place[0], place[2])
+        turned = results.rotation_y[index] - rotation_y, results.alpha[index] - alpha
+        assert all(abs(math.remainder(angle, 2 * math.pi)) < 1e-9 for angle in turned)
+        assert -math.pi <= results.alpha[index] < math.pi
+    assert set(results.truncation) | set(results.occlusion) <= {-1.0}
+
+
+def test_what_is_found_survives_the_way_through_a_result_file(tmp_path):
+    rows = [(20.0, 3.0, -1.0, 4.0, 1.6, 1.5, 0.4), (9.0, -4.0, -1.0, 0.8, 0.6, 1.8, -2.0)]
+    calibration = kitti_like_calibration()
+    found = found_3d(rows)
+    results = kitti_from_detections(found, calibration, SIZE)
+    write_objects(tmp_path / "000000.txt", results, decimals=None)
+    back = read_results(tmp_path / "000000.txt")
+    assert back.class_names == found.class_names
+    np.testing.assert_array_equal(back.scores, found.scores.double().numpy())
+    labels = labels_from_kitti(back, calibration)
+    torch.testing.assert_close(labels.boxes3d.tensor, found.boxes.tensor, rtol=0, atol=1e-9)
+
+
+def test_2d_detections_are_cut_at_the_image_and_have_no_3d_part():
+    rows = [[-5.0, 10.0, 50.0, 500.0], [-30.0, 10.0, -1.0, 50.0], [5.0, 6.0, 7.0, 8.0]]
+    results = kitti_from_detections(found_2d(rows), kitti_like_calibration(), SIZE)
+    np.testing.assert_array_equal(results.boxes2d, [[0, 10, 50, 374], [5, 6, 7, 8]])
+    np.testing.assert_array_equal(results.scores, [0, 1])
+    assert set(results.alpha) | set(results.rotation_y) == {-10.0}
+    assert results.dimensions_hwl.tolist() == [[-1] * 3] * 2
+    assert results.locations.tolist() == [[-1000] * 3] * 2
+
+
+@pytest.mark.parametrize("found", [found_2d([]), found_3d([])])
+def test_a_frame_without_detections_is_an_empty_file(tmp_path, found):
+    results = kitti_from_detections(found, kitti_like_calibration(), SIZE)
+    write_objects(tmp_path / "000000.txt", results)
+    assert (tmp_path / "000000.txt").read_bytes() == b""
+    assert len(read_results(tmp_path / "000000.txt")) == 0
+
+
+def test_float32_detections_are_written_too():
+    found = found_3d([(20.0, 3.0, -1.0, 4.0, 1.6, 1.5, 0.4)], torch.float32)
+    results = kitti_from_detections(found, kitti_like_calibration(), SIZE)
+    assert results.boxes2d.dtype == np.float64
+    assert len(results) == 1
+
+
+def test_real_labels_written_as_detections_have_the_labels_boxes_and_angles(kitti_root):
+    dataset = KittiObjectDataset(kitti_root, parts={"image", "objects"})
+    overlaps, turns = [], []
+    for index in range(20):
+        sample = dataset[index]
+        label = read_labels(kitti_root / "training" / "label_2" / f"{sample.sample_id}.txt")
+        objects = sample.objects.select(sample.objects.has_box3d)
+        found = Detections3D(
+            class_names=objects.class_names,
+            boxes=objects.boxes3d,
+            scores=torch.arange(len(objects)).double(),
+        )
+        results = kitti_from_detections(found, sample.calibration, sample.image_size)
+        kept = results.scores.astype(int)
+        ours, theirs = Boxes2D(torch.tensor(results.boxes2d)), Boxes2D(objects.boxes2d.tensor[kept])
+        overlaps += pairwise_iou2d(ours, theirs).diagonal().tolist()
+        real_alpha = label.alpha[sample.objects.has_box3d.numpy()][kept]
+        turns += np.abs(np.angle(np.exp(1j * (results.alpha - real_alpha)))).tolist()
+    assert np.median(overlaps) > 0.9
+    assert np.median(turns) < 0.02

@@ -1,0 +1,194 @@
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
+from sightline.depth_completion.predictor import (
+    DepthCompleter,
+    DepthPredictor,
+    choose_completer,
+)
+from sightline.depth_completion.registration import TASK
+from sightline.depth_completion.sparse_map import inside_hull
+from sightline.geometry.projection import sparse_depth_map
+from sightline.inference.network import load_network
+from sightline.structures.sample import CameraLidarSample
+from tests.depth_completion.networks import write_tiny_weights
+from tests.inference.trees import IMAGE_SIZE, small_calibration
+
+FILLED = {"filled_input": True, "residual": True, "uncertainty": True}
+
+
+@pytest.fixture
+def weights(tmp_path):
+    return write_tiny_weights(tmp_path / "tiny.safetensors")
+
+
+@pytest.fixture
+def filled_weights(tmp_path):
+    return write_tiny_weights(tmp_path / "tiny-filled.safetensors", **FILLED)
+
+
+def random_frame(height, width, *, density=0.2, seed=0):
+    """A sparse map and an image."""
+    generator = torch.Generator().manual_seed(seed)
+    depth_m = 5 + 40 * torch.rand(height, width, generator=generator)
+    is_measured = torch.rand(height, width, generator=generator) < density
+    image = torch.randint(0, 256, (3, height, width), generator=generator).to(torch.uint8)
+    return torch.where(is_measured, depth_m, 0.0), image
+
+
+def test_a_map_whose_sides_the_stride_divides_is_what_the_network_says(filled_weights):
+    sparse, image = random_frame(16, 20)
+    filled = complete_depth(sparse, "adaptive")
+    network = load_network(TASK, filled_weights).network
+    expected = network(image[None] / 255, sparse[None, None], filled.depth_m[None, None])
+    dense = DepthPredictor.load(filled_weights).complete(sparse, image)
+    torch.testing.assert_close(
+        dense.depth_m, expected.depth_m[0, 0].clamp(NEAREST_M, FARTHEST_M), rtol=1e-5, atol=1e-5
+    )
+    torch.testing.assert_close(
+        dense.uncertainty_m, expected.uncertainty_m[0, 0], rtol=1e-5, atol=1e-5
+    )
+    assert not (dense.valid & ~filled.valid).any()
+
+
+def test_a_network_without_a_completion_to_start_from_is_valid_among_the_measurements(weights):
+    sparse, image = random_frame(16, 20, density=0.05)
+    dense = DepthPredictor.load(weights).complete(sparse, image)
+    assert dense.uncertainty_m is None
+    assert np.array_equal(dense.valid.numpy(), inside_hull(sparse.numpy() > 0))
+
+
+@pytest.mark.parametrize("size", [(15, 20), (16, 19), (13, 17), (1, 1), (2, 1)])
+@pytest.mark.parametrize("number_of_measurements", ["few", "all"])
+def test_any_size_is_completed(filled_weights, size, number_of_measurements):
+    sparse, image = random_frame(*size, density=1.0 if number_of_measurements == "all" else 0.0)
+    sparse[-1, 0] = 10.0
+    dense = DepthPredictor.load(filled_weights).complete(sparse, image)
+    assert tuple(dense.depth_m.shape) == size
+    assert (dense.depth_m > 0).all()
+
+
+def test_what_is_added_to_reach_the_stride_lies_at_the_top_and_right_and_holds_no_returns(weights):
+    sparse, image = random_frame(15, 19, density=1.0)
+    padded_sparse = torch.nn.functional.pad(sparse, (0, 1, 1, 0))
+    padded_image = torch.cat((image[:, :1], image), dim=1)
+    padded_image = torch.cat((padded_image, padded_image[:, :, -1:]), dim=2)
+    predictor = DepthPredictor.load(weights)
+    expected = predictor.complete(padded_sparse, padded_image).depth_m[1:, :-1]
+    assert torch.equal(predictor.complete(sparse, image).depth_m, expected)
+
+
+def test_arrays_and_tensors_give_the_same_even_if_they_run_backwards_or_are_read_only(weights):
+    sparse, image = random_frame(16, 20)
+    predictor = DepthPredictor.load(weights)
+    expected = predictor.complete(sparse, image).depth_m
+    bgr = np.ascontiguousarray(image.permute(1, 2, 0).numpy()[:, :, ::-1])
+    bgr.flags.writeable = False
+    array = sparse.numpy().astype(np.float64)
+    array.flags.writeable = False
+    assert torch.equal(predictor.complete(array, bgr[:, :, ::-1]).depth_m, expected)
+
+
+def test_points_in_a_camera_give_what_their_sparse_map_gives(weights):
+    generator = torch.Generator().manual_seed(0)
+    points = torch.rand(300, 4, generator=generator) * torch.tensor([30.0, 20, 10, 1])
+    points -= torch.tensor([-5.0, 10, 5, 0])
+    sparse = sparse_depth_map(points, small_calibration(), IMAGE_SIZE)
+    assert sparse.any()
+    predictor = DepthPredictor.load(weights)
+    expected = predictor.complete(sparse).depth_m
+    for given in (points, points[:, :3].numpy()):
+        dense = predictor.complete_points(given, small_calibration(), IMAGE_SIZE)
+        assert torch.equal(dense.depth_m, expected)
+
+
+def test_a_missing_camera_is_a_black_image(weights):
+    sparse, image = random_frame(16, 20)
+    predictor = DepthPredictor.load(weights)
+    without = predictor.complete(sparse).depth_m
+    assert torch.equal(without, predictor.complete(sparse, torch.zeros_like(image)).depth_m)
+    assert not torch.equal(without, predictor.complete(sparse, image).depth_m)
+    assert (without > 0).all()
+
+
+def test_an_empty_sweep_gives_no_depth_and_nothing_valid(filled_weights):
+    _, image = random_frame(15, 20)
+    predictor = DepthPredictor.load(filled_weights)
+    for given in (image, None):
+        dense = predictor.complete(torch.zeros(15, 20), given)
+        assert not dense.depth_m.any()
+        assert not dense.valid.any()
+        assert dense.uncertainty_m.isinf().all()
+
+
+def test_a_sample_is_completed_with_its_image(weights):
+    _, image = random_frame(*IMAGE_SIZE)
+    points = torch.tensor([[10.0, 0, 0, 0.5], [12, 2, 1, 0.5]])
+    sample = CameraLidarSample(
+        sample_id="one",
+        calibration=small_calibration(),
+        image_size=IMAGE_SIZE,
+        image=image,
+        points=points,
+    )
+    predictor = DepthPredictor.load(weights)
+    expected = predictor.complete_points(points, small_calibration(), IMAGE_SIZE, image)
+    assert torch.equal(predictor(sample).depth_m, expected.depth_m)
+
+
+@pytest.mark.parametrize("completer", ["method", "network"])
+def test_a_sample_without_a_sweep_is_refused(weights, completer):
+    sample = CameraLidarSample(
+        sample_id="blind", calibration=small_calibration(), image_size=IMAGE_SIZE
+    )
+    made = DepthCompleter("nearest") if completer == "method" else DepthPredictor.load(weights)
+    with pytest.raises(ValueError, match="sample blind has no sweep"):
+        made(sample)
+
+
+@pytest.mark.parametrize(
+    ("sparse", "image", "said"),
+    [
+        (torch.full((4, 4), -1.0), None, "holds -1.0 in row 0, column 0"),
+        (np.full((4, 4), np.nan), None, "holds nan"),
+        (torch.ones(1, 4, 4), None, r"shape \(1, 4, 4\), expected height and width"),
+        (torch.ones(4, 4), torch.zeros(3, 4, 5, dtype=torch.uint8), r"expected torch.uint8"),
+        (torch.ones(4, 4), np.zeros((3, 4, 4), np.uint8), r"of shape \(4, 4, 3\)"),
+        (torch.ones(4, 4), torch.zeros(3, 4, 4), "the image is torch.float32"),
+    ],
+)
+def test_inputs_that_make_no_sense_are_refused_in_one_line(weights, sparse, image, said):
+    with pytest.raises(ValueError, match=said) as raised:
+        DepthPredictor.load(weights).complete(sparse, image)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("was_used", [False, True])
+def test_a_predictor_survives_pickling(filled_weights, was_used):
+    sparse, image = random_frame(15, 20)
+    predictor = DepthPredictor.load(filled_weights)
+    if was_used:
+        predictor.complete(sparse, image)
+    copied = pickle.loads(pickle.dumps(predictor))
+    assert copied.sha256 == predictor.sha256
+    expected = predictor.complete(sparse, image)
+    assert torch.equal(copied.complete(sparse, image).depth_m, expected.depth_m)
+
+
+def test_a_network_tells_what_it_can(weights, filled_weights):
+    assert not DepthPredictor.load(weights).estimates_uncertainty
+    assert DepthPredictor.load(filled_weights).estimates_uncertainty
+    assert DepthPredictor.load(weights).has_shift_conv
+
+
+def test_weights_or_a_method_is_chosen_and_never_both(weights):
+    assert choose_completer().name == TASK.default_weights
+    assert choose_completer(method="linear") == DepthCompleter("linear")
+    assert choose_completer(weights=weights).name == "tiny"
+    with pytest.raises(ValueError, match=r"got method linear and weights .*name one of them"):
+        choose_completer(method="linear", weights=weights)

@@ -1,0 +1,107 @@
+import multiprocessing
+import pickle
+
+import pytest
+import torch
+
+from sightline.depth_completion.config import TrunkConfig
+from sightline.depth_completion.export_graph import export_graph
+from sightline.depth_completion.predictor import DepthPredictor
+from sightline.depth_completion.registration import TASK
+from sightline.export import process_engine
+from sightline.export.process_engine import ProcessEngine
+from sightline.inference.network import load_network
+from tests.depth_completion.networks import write_tiny_weights
+from tests.depth_completion.test_predictor import random_frame
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    return write_tiny_weights(
+        path,
+        shift_conv=None,
+        trunk=TrunkConfig(channels=(4,), modules=1, blocks=1),
+        trunk_stride=2,
+        filled_input=True,
+        residual=True,
+        uncertainty=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def exported(weights):
+    """The network as an ONNX file: made once, as it takes seconds."""
+    return process_engine._to_onnx(export_graph(load_network(TASK, weights)), "onnxruntime")
+
+
+@pytest.fixture
+def load(weights, exported, monkeypatch):
+    monkeypatch.setattr(process_engine, "_to_onnx", lambda *_: exported)
+    return lambda engine: DepthPredictor.load(weights, engine=engine, threads=2)
+
+
+def complete_in_a_forked_process(predictor, sparse, image):
+    """The depth, or what the error says."""
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+
+    def send():
+        try:
+            sender.send(predictor.complete(sparse, image).depth_m.tolist())
+        except ValueError as error:
+            sender.send(str(error))
+
+    process = context.Process(target=send, daemon=True)
+    process.start()
+    assert receiver.poll(60), "the forked process does not answer"
+    return receiver.recv()
+
+
+@pytest.mark.parametrize("engine", ["onnxruntime", "openvino"])
+@pytest.mark.parametrize("size", [(16, 20), (27, 33)])
+def test_every_engine_gives_what_pytorch_gives(load, engine, size):
+    sparse, image = random_frame(*size)
+    expected = load("torch").complete(sparse, image)
+    dense = load(engine).complete(sparse, image)
+    torch.testing.assert_close(dense.depth_m, expected.depth_m, rtol=1e-4, atol=1e-3)
+    torch.testing.assert_close(dense.uncertainty_m, expected.uncertainty_m, rtol=1e-4, atol=1e-3)
+    assert torch.equal(dense.valid, expected.valid)
+
+
+@pytest.mark.parametrize("engine", ["torch", "onnxruntime", "openvino"])
+def test_an_engine_survives_pickling(load, engine):
+    sparse, image = random_frame(16, 20)
+    predictor = load(engine)
+    expected = predictor.complete(sparse, image).depth_m
+    copied = pickle.loads(pickle.dumps(predictor))
+    assert torch.equal(copied.complete(sparse, image).depth_m, expected)
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+def test_onnx_runtime_that_was_used_can_be_used_in_a_forked_process(load):
+    sparse, image = random_frame(16, 20)
+    predictor = load("onnxruntime")
+    expected = predictor.complete(sparse, image).depth_m.tolist()
+    assert complete_in_a_forked_process(predictor, sparse, image) == expected
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_openvino_says_that_it_cannot_be_used_again_in_a_forked_process(load):
+    sparse, image = random_frame(16, 20)
+    predictor = load("openvino")
+    predictor.complete(sparse, image)
+    said = complete_in_a_forked_process(predictor, sparse, image)
+    assert "openvino has run before this process was forked" in said
+
+
+def test_a_device_that_an_engine_cannot_use_is_refused(weights):
+    graph = export_graph(load_network(TASK, weights))
+    with pytest.raises(ValueError, match="openvino runs on the cpu only, got cuda"):
+        ProcessEngine(graph, name="openvino", device="cuda")
+    engine = ProcessEngine(graph, name="torch", device="warp")
+    with pytest.raises(
+        ValueError, match=r"device warp cannot be used \(.*\); choose cpu"
+    ) as raised:
+        engine(graph.example_inputs)
+    assert "\n" not in str(raised.value)

@@ -1,0 +1,334 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.depth_png import read_depth_png
+from sightline.data.jobs import JobResult
+from sightline.data.kitti_files import read_points, write_points
+from sightline.data.open import open_dataset
+from sightline.depth_completion.predictor import DepthCompleter
+from sightline.depth_completion.registration import TASK
+from sightline.geometry.projection import sparse_depth_map
+from sightline.inference.predict import predict
+from sightline.structures.predictions import DepthMap
+from tests.inference.trees import IMAGE_SIZE, contents_of, write_object_tree
+
+
+@dataclass(frozen=True)
+class Answering:
+    """A predictor out of a function."""
+
+    answer: Callable
+    name: str = "sparse"
+    parts: tuple[str, ...] = ("points",)
+    gives: tuple[str, ...] = ("depth",)
+    made_by: dict[str, str] = field(default_factory=dict)
+
+    def __call__(self, sample):
+        return self.answer(sample)
+
+
+@pytest.fixture
+def data(tmp_path):
+    return write_object_tree(tmp_path / "data", 6)
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "out"
+
+
+def sparse(sample):
+    """The projected sweep itself: quick, and each frame's is its own."""
+    depth_m = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+    return DepthMap(depth_m=depth_m, valid=depth_m > 0)
+
+
+def write(data, out, answer=sparse, *, workers=1, overwrite=False, **told):
+    predictor = Answering(answer, **told)
+    return predict(TASK, predictor, data, out, workers=workers, overwrite=overwrite)
+
+
+def write_nearest(data, out, **job):
+    return predict(TASK, DepthCompleter("nearest"), data, out, **job)
+
+
+def test_each_sample_gets_a_depth_png_of_its_images_size(data, tmp_path):
+    out = tmp_path / "deep" / "out"
+    assert write_nearest(data, out) == JobResult(written=6, skipped=0)
+    samples = open_dataset(data, parts={"points"})
+    assert sorted(path.stem for path in out.glob("*.png")) == list(samples.sample_ids)
+    for sample in (samples[index] for index in range(6)):
+        depth_m = read_depth_png(out / f"{sample.sample_id}.png")
+        assert depth_m.shape == IMAGE_SIZE
+        expected = DepthCompleter("nearest")(sample).depth_m.numpy()
+        assert np.abs(depth_m - expected).max() <= 0.5 / 256
+
+
+def test_the_manifest_says_what_made_the_files(data, tmp_path):
+    write_nearest(data, tmp_path, sample_list=["000001"])
+    assert json.loads((tmp_path / "sightline.json").read_text()) == {
+        "task": "depth-completion",
+        "output": "depth",
+        "method": "nearest",
+        "sightline": version("sightline"),
+    }
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+def test_the_number_of_workers_changes_nothing(data, tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    write(data, one, workers=1)
+    write(data, two, workers=2)
+    assert contents_of(one) == contents_of(two)
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_several_workers_take_the_work_off_this_process(data, out):
+    def process_id(sample):
+        depth_m = torch.full(sample.image_size, os.getpid() % 50_000 / 256)
+        return DepthMap(depth_m=depth_m, valid=depth_m > 0)
+
+    write(data, out, process_id, workers=2)
+    ids = {round(read_depth_png(path)[0, 0] * 256) for path in out.glob("*.png")}
+    assert len(ids) == 2
+    assert os.getpid() % 50_000 not in ids
+
+
+def test_shards_part_the_samples(data, tmp_path):
+    results = [
+        write_nearest(data, tmp_path / "out", workers=1, shard_index=i, num_shards=4)
+        for i in range(4)
+    ]
+    assert [result.written for result in results] == [2, 2, 1, 1]
+    write_nearest(data, tmp_path / "whole", workers=1)
+    assert contents_of(tmp_path / "out") == contents_of(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(("shard_index", "num_shards"), [(-1, 2), (2, 2), (0, 0)])
+def test_a_shard_that_there_is_not_is_refused(data, out, shard_index, num_shards):
+    with pytest.raises(ValueError, match="shard_index must be between 0 and num_shards - 1"):
+        write_nearest(data, out, shard_index=shard_index, num_shards=num_shards)
+
+
+def test_files_that_are_there_are_skipped_and_missing_ones_are_made(data, out):
+    write(data, out)
+    before = contents_of(out)
+    (out / "000003.png").unlink()
+    (out / "000004.png").write_bytes(b"left as it is")
+    done = []
+    assert write(data, out, lambda s: (done.append(s.sample_id), sparse(s))[1]) == JobResult(
+        written=1, skipped=5
+    )
+    assert done == ["000003"]
+    assert contents_of(out) == before | {"000004.png": b"left as it is"}
+
+
+def test_overwrite_makes_all_files_anew(data, out):
+    write(data, out)
+    before = contents_of(out)
+    (out / "000004.png").write_bytes(b"damaged")
+    assert write(data, out, overwrite=True) == JobResult(written=6, skipped=0)
+    assert contents_of(out) == before
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"name": "other"}, "method sparse instead of other"),
+        ({"made_by": {"weights_sha256": "ab"}}, "weights_sha256 none instead of ab"),
+        ({"made_by": {"sightline": "9"}}, r"sightline [\d.]+ instead of 9"),
+    ],
+)
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_results_of_different_methods_or_versions_do_not_mix(data, out, other, said, overwrite):
+    write(data, out)
+    before = contents_of(out)
+    with pytest.raises(ValueError, match=f"out holds files made with {said}, .* mix") as raised:
+        write(data, out, overwrite=overwrite, **other)
+    assert "\n" not in str(raised.value)
+    assert contents_of(out) == before
+
+
+def test_pngs_of_unknown_origin_are_not_mixed_with(data):
+    with pytest.raises(ValueError, match=r"image_2 holds data without a sightline\.json"):
+        write(data, data / "training" / "image_2")
+
+
+def test_of_two_jobs_at_one_time_that_differ_one_is_refused_before_it_writes(data, out):
+    def begin_another(sample):
+        with pytest.raises(ValueError, match="method first instead of second"):
+            write(data, out, name="second")
+        assert list(out.glob("*.png")) == []
+        return sparse(sample)
+
+    predict(TASK, Answering(begin_another, name="first"), data, out, sample_list=["000000"],
+            workers=1)  # fmt: skip
+    assert sorted(path.name for path in out.iterdir()) == ["000000.png", "sightline.json"]
+
+
+def test_two_jobs_at_one_time_that_are_the_same_share_the_folder(data, out):
+    def do_all(sample):
+        write(data, out)
+        return sparse(sample)
+
+    assert write(data, out, do_all).written == 6
+    write(data, out.with_name("alone"))
+    assert contents_of(out) == contents_of(out.with_name("alone"))
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_bad_frame_stops_the_job_in_one_line_and_once_repaired_it_goes_on(
+    data, tmp_path, workers
+):
+    sweep = data / "training" / "velodyne" / "000003.bin"
+    whole = sweep.read_bytes()
+    sweep.write_bytes(whole[:-3])
+    out = tmp_path / "out"
+    with pytest.raises(ValueError, match=r"^sample 000003: [^\n]*000003\.bin[^\n]*$"):
+        write(data, out, workers=workers)
+    assert {"000000.png", "000001.png", "000002.png"} <= set(contents_of(out))
+    assert "000003.png" not in contents_of(out)
+    sweep.write_bytes(whole)
+    assert write(data, out).skipped >= 3
+    assert len(list(out.glob("*.png"))) == 6
+
+
+def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later(
+    data, tmp_path, monkeypatch
+):
+    from sightline.data import depth_png
+
+    def stop_while_writing(path, content):
+        with original(path) as temporary:
+            temporary.write_bytes(content[: len(content) // 2])
+            raise KeyboardInterrupt
+
+    write(data, tmp_path / "expected")
+    out = tmp_path / "out"
+    write(data, out)
+    (out / "000001.png").unlink()
+    (out / "000004.png").unlink()
+    from sightline.data.atomic import atomic_path as original
+
+    with monkeypatch.context() as patched:
+        patched.setattr(depth_png, "atomic_write_bytes", stop_while_writing)
+        with pytest.raises(KeyboardInterrupt):
+            write(data, out)
+    left = contents_of(out)
+    assert sorted(left) == sorted(
+        set(contents_of(tmp_path / "expected")) - {"000001.png", "000004.png"}
+    )
+    assert write(data, out) == JobResult(written=2, skipped=4)
+    assert contents_of(out) == contents_of(tmp_path / "expected")
+
+
+SLOW_JOB = """
+    import sys, time
+    from pathlib import Path
+    from tests.inference.test_predict import sparse, write
+
+    def slow(sample):
+        time.sleep(0.2)
+        return sparse(sample)
+
+    if __name__ == "__main__":
+        try:
+            write(Path(sys.argv[1]), Path(sys.argv[2]), slow, workers=2)
+        except KeyboardInterrupt:
+            sys.exit("interrupted")
+"""
+
+
+def wait_for_files(job, out, number):
+    limit = time.monotonic() + 120
+    while len(list(out.glob("*.png"))) < number:
+        assert job.poll() is None, job.communicate()
+        assert time.monotonic() < limit, "the job wrote nothing"
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("to_all", [True, False], ids=["as a terminal does", "to the parent only"])
+def test_ctrl_c_ends_a_parallel_job_in_one_line_without_half_written_files(tmp_path, to_all):
+    data, out = write_object_tree(tmp_path / "data", 24), tmp_path / "out"
+    job = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(SLOW_JOB), data, out],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    wait_for_files(job, out, 3)
+    (os.killpg if to_all else os.kill)(job.pid, signal.SIGINT)
+    _, said = job.communicate(timeout=60)
+    assert said == "interrupted\n"
+    left = [path.name for path in out.iterdir() if path.suffix != ".png"]
+    assert left == ["sightline.json"]
+    written = sorted(out.glob("*.png"))
+    assert 3 <= len(written) < 24
+    assert all(read_depth_png(path).shape == IMAGE_SIZE for path in written)
+    assert write(data, out) == JobResult(written=24 - len(written), skipped=len(written))
+
+
+def test_a_sweep_without_points_gives_a_map_without_depths(data, tmp_path):
+    write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
+    for method in ("nearest", "linear", "classical", "adaptive"):
+        out = tmp_path / method
+        predict(TASK, DepthCompleter(method), data, out, sample_list=["000000"])
+        assert not read_depth_png(out / "000000.png").any()
+
+
+@pytest.mark.parametrize("method", ["nearest", "linear", "classical", "adaptive"])
+def test_a_return_beyond_the_formats_reach_does_not_end_the_job(data, tmp_path, method):
+    path = data / "training" / "velodyne" / "000000.bin"
+    stray = torch.tensor([[300.0, 0.0, 0.0, 0.5]])
+    write_points(path, torch.cat((read_points(path), stray)))
+    out = tmp_path / method
+    predict(TASK, DepthCompleter(method), data, out, sample_list=["000000"])
+    depth_m = read_depth_png(out / "000000.png")
+    assert depth_m.any()
+    assert depth_m.max() < 200
+
+
+def test_a_job_without_anything_to_do_is_done(data, out):
+    write(data, out)
+    assert write(data, out, workers=2) == JobResult(written=0, skipped=6)
+
+
+def test_an_output_that_is_no_folder_is_refused(data, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="file is no folder; name another output folder"):
+        write(data, tmp_path / "file")
+    with pytest.raises(ValueError, match="cannot be written"):
+        write(data, tmp_path / "file" / "below")
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        write(data, tmp_path / "out", workers=0)
+
+
+def test_a_sample_without_a_sweep_says_so(data):
+    sample = open_dataset(data, parts=())[0]
+    with pytest.raises(ValueError, match="sample 000000 has no sweep"):
+        DepthCompleter("nearest")(sample)
+
+
+def test_real_frames_and_a_real_drive_are_completed_at_full_size(kitti_root, tmp_path):
+    drive = kitti_root / "raw" / "2011_09_26_drive_0052_sync"
+    for data, name in ((kitti_root, "000002"), (drive, "0000000007")):
+        out = tmp_path / name
+        write_nearest(data, out, sample_list=[name], workers=1)
+        sample = open_dataset(data, sample_list=[name], parts={"points"})[0]
+        depth_m = read_depth_png(out / f"{name}.png")
+        assert depth_m.shape == sample.image_size
+        sparse_m = sparse(sample).depth_m.numpy()
+        assert np.abs(depth_m - sparse_m)[sparse_m > 0].max() <= 0.5 / 256

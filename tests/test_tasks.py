@@ -1,0 +1,56 @@
+import subprocess
+import sys
+
+import pytest
+
+from sightline import tasks
+from sightline.data.weights_header import shipped_names
+from sightline.tasks import Task, choose_task, find_task, task_names, weights_of
+from tests.depth_completion.networks import write_tiny_weights
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_a_task_declares_what_the_registry_says(name):
+    task = find_task(name)
+    assert isinstance(task, Task)
+    assert task.name == name
+    assert task.outputs
+    assert len({output.name for output in task.outputs}) == len(task.outputs)
+    assert task.default_weights is None or task.default_weights in weights_of(task)
+
+
+def test_all_weights_that_come_with_the_package_are_of_a_task():
+    owned = [each for name in task_names() for each in weights_of(find_task(name))]
+    assert sorted(owned) == list(shipped_names())
+
+
+def test_a_task_is_chosen_by_its_name_then_by_its_weights_and_else_is_the_first(tmp_path):
+    weights = write_tiny_weights(tmp_path / "tiny.safetensors")
+    first = find_task(task_names()[0])
+    assert choose_task(None, None) is first
+    assert choose_task(None, weights) is find_task("depth-completion")
+    assert choose_task("depth-completion", None) is find_task("depth-completion")
+
+
+def test_a_task_that_there_is_not_is_refused_with_those_that_there_are(tmp_path):
+    with pytest.raises(ValueError, match="no task tarot; name one of depth-completion"):
+        find_task("tarot")
+    weights = write_tiny_weights(tmp_path / "tiny.safetensors", task="tarot")
+    with pytest.raises(ValueError, match=r"tiny\.safetensors holds weights for tarot, a task that"):
+        choose_task(None, weights)
+
+
+def test_the_registry_and_what_tasks_declare_need_no_heavy_library():
+    script = (
+        "import sys; from sightline.tasks import *\n"
+        "for name in task_names(): weights_of(find_task(name)); recipes_of(find_task(name))\n"
+        "print(sorted({'torch', 'numba', 'scipy', 'cv2'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[]\n"
+
+
+def test_every_place_in_the_registry_is_in_the_package():
+    assert all(place.startswith("sightline.") for place in tasks.REGISTRY.values())

@@ -1,0 +1,186 @@
+"""A task that nothing outside its folder knows but one line of the registry lives a whole life."""
+
+import json
+import logging
+import os
+import re
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from lightning.pytorch.callbacks import Callback
+
+from sightline import tasks
+from sightline.cli.main import main
+from sightline.data.image_file import read_rgb
+from sightline.data.kitti_labels import read_results
+from sightline.data.open import open_dataset
+from sightline.data.weights import read_weights
+from sightline.export.engines import open_engine
+from sightline.structures.batch import concatenate
+from sightline.training.data import CameraLidarData, SourceConfig
+from sightline.training.lightning_cli import LIGHTNING_NOISE
+from tests import toy_task
+from tests.data.trees import LABELS, write_object_tree
+from tests.toy_task.examples import FinderExamples
+
+pytestmark = [
+    *(pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE),
+    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),  # forks, threads around
+]
+RECIPE = Path(toy_task.__file__).parent / "recipe.yaml"
+NAMES = tuple(f"{number:06}" for number in range(5))
+CARS = (2, 0, 1, 3, 1)  # of each frame
+
+
+class PressCtrlC(Callback):
+    """Does so in the third step."""
+
+    def on_train_batch_start(self, trainer, *_):
+        if trainer.global_step == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    root = write_object_tree(tmp_path_factory.mktemp("frames"), *NAMES)
+    car, other = LABELS.splitlines()
+    for name, cars in zip(NAMES, CARS, strict=True):
+        lines = "\n".join([car] * cars + [other])
+        (root / "training" / "label_2" / f"{name}.txt").write_text(lines)
+    return root
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _registered():
+    """The one line."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(tasks.REGISTRY, "toy-finder", "tests.toy_task.registration:TASK")
+        yield
+
+
+@pytest.fixture(scope="module")
+def trained(frames, tmp_path_factory):
+    """The folder of a run."""
+    run = tmp_path_factory.mktemp("runs") / "run"
+    assert fit(frames, run) == 0
+    return run
+
+
+def fit(frames, run, *flags):
+    given = ["--data.init_args.root", str(frames), "--run_folder", str(run)]
+    previous = signal.getsignal(signal.SIGINT)
+    try:
+        return main(["fit", "--config", str(RECIPE), *given, *flags])
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def test_its_batches_hold_truth_of_as_many_objects_as_each_frame_has(frames):
+    examples = FinderExamples(crop_size=(12, 40))
+    sources = (SourceConfig(path=Path()),)
+    data = CameraLidarData(examples, root=frames, validation=sources, validation_batch_size=5,
+                           workers=0)  # fmt: skip
+    (batch,) = data.val_dataloader()
+    assert batch.sample_ids == NAMES
+    assert tuple(map(len, batch.boxes)) == CARS
+    assert batch.image.shape == (5, 3, 12, 40)
+    assert tuple(map(len, concatenate([batch, batch]).boxes)) == CARS * 2
+
+
+def test_it_trains_validates_and_leaves_weights_of_its_own(frames, trained, capsys):
+    weights = read_weights(trained / "weights.safetensors")
+    assert (weights.task, weights.config) == ("toy-finder", {"channels": 3, "cell_px": 4})
+    assert float(weights.provenance["validation/wrong_share"]) <= 1
+    assert main(["validate", "--config", str(RECIPE), "--data.init_args.root", str(frames),
+                 "--run_folder", str(trained)]) == 0  # fmt: skip
+    report = json.loads((trained / "validate.json").read_text())
+    assert report["metrics"].keys() == {"validation/wrong_share"}
+    assert "validation/wrong_share" in capsys.readouterr().out
+
+
+def test_it_resumes_exactly(frames, trained, tmp_path):
+    run = tmp_path / "run"
+    press = "--trainer.callbacks+=tests.test_toy_task.PressCtrlC"
+    assert fit(frames, run, press) == 130
+    assert fit(frames, run, "--ckpt_path", "last") == 0
+    parts, whole = (read_weights(folder / "last.ckpt").tensors for folder in (run, trained))
+    assert all(torch.equal(parts[name], whole[name]) for name in whole)
+
+
+@pytest.mark.parametrize("engine", ["torch", "onnxruntime", "openvino"])
+def test_it_answers_into_result_files_and_a_further_output(frames, trained, tmp_path, engine):
+    out, further = tmp_path / "results", tmp_path / "likelihood"
+    command = ["predict", "toy-finder", str(frames), str(out), "--likelihood", str(further)]
+    command += ["--weights", str(trained / "weights.safetensors"), "--engine", engine]
+    assert main([*command, "--workers", "2" if engine == "torch" else "1"]) == 0
+    assert sorted(path.stem for path in out.glob("*.txt")) == list(NAMES)
+    assert sorted(path.stem for path in further.glob("*.png")) == list(NAMES)
+    results = read_results(out / "000000.txt")
+    assert set(results.class_names) == {"Car"}
+    assert ((results.scores > 0) & (results.scores < 1)).all()
+    assert json.loads((further / "sightline.json").read_text())["output"] == "likelihood"
+
+
+def test_its_answers_do_not_depend_on_the_engine(frames, trained):
+    task = tasks.find_task("toy-finder")
+    weights = trained / "weights.safetensors"
+    sample = open_dataset(frames)[0]
+    likely = [
+        task.predictor(weights=weights, engine=engine)(sample)[1]
+        for engine in ("torch", "onnxruntime", "openvino")
+    ]
+    for other in likely[1:]:
+        torch.testing.assert_close(other, likely[0], rtol=0, atol=1e-5)
+
+
+def test_it_is_exported_as_two_graphs(trained, tmp_path, capsys):
+    out = tmp_path / "out" / "finder.onnx"
+    weights = str(trained / "weights.safetensors")
+    assert main(["export", str(out), "--weights", weights]) == 0
+    files = [out.with_stem("finder-features"), out.with_stem("finder-likelihood")]
+    assert sorted(out.parent.iterdir()) == files
+    printed = capsys.readouterr().out.splitlines()
+    assert [line for line in printed if line.endswith(".onnx")] == [str(path) for path in files]
+    first, second = map(open_engine, files)
+    assert (first.metadata.task, first.metadata.stride) == ("toy-finder", 4)
+    features = first({"image": torch.rand(1, 3, 8, 12), "sparse_depth_m": torch.rand(1, 1, 8, 12)})
+    assert second({"features": features["output"]})["logits"].shape == (1, 1, 2, 3)
+
+
+def test_it_draws_a_frame_by_its_weights_alone(frames, trained, tmp_path):
+    out = tmp_path / "000000.png"
+    weights = str(trained / "weights.safetensors")
+    assert main(["show", str(frames), "000000", "--weights", weights, "--out", str(out)]) == 0
+    with_answer = read_rgb(out)
+    assert main(["show", str(frames), "000000", "--method", "nearest", "--out", str(out)]) == 0
+    assert not np.array_equal(with_answer, read_rgb(out))
+
+
+def test_it_is_listed_and_explains_itself(capsys):
+    assert main(["tasks"]) == 0
+    listed = capsys.readouterr().out
+    assert "toy-finder: Finds cells" in listed
+    with pytest.raises(SystemExit):
+        main(["predict", "toy-finder", "--help"])
+    explained = capsys.readouterr().out
+    assert "--likelihood LIKELIHOOD" in explained
+    assert "--method" not in explained
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "answers by a network: name its weights"),
+        (["--weights", "depth-best"], "holds weights for depth-completion, expected toy-finder"),
+    ],
+)
+def test_what_it_cannot_answer_by_is_refused_in_one_line(frames, tmp_path, capsys, arguments, said):
+    assert main(["predict", "toy-finder", str(frames), str(tmp_path / "out"), *arguments]) == 2
+    err = capsys.readouterr().err
+    assert re.search(said, err)
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()

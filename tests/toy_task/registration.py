@@ -1,0 +1,106 @@
+"""The finder as a task."""
+
+from functools import partial
+from typing import Final
+
+from sightline.inference.predictor import Output
+
+
+def _write_results(path, sample, answer):
+    from sightline.data.kitti_labels import write_objects
+    from sightline.data.object_results import kitti_from_detections
+
+    found, _ = answer
+    write_objects(path, kitti_from_detections(found, sample.calibration, sample.image_size))
+
+
+def _write_likelihood(path, sample, answer):
+    del sample
+    from sightline.data.depth_png import write_depth_png
+
+    write_depth_png(path, answer[1].numpy())
+
+
+def _cases(names, channels, stride):
+    import torch
+
+    generator = torch.Generator().manual_seed(0)
+    size = (3 * stride, 5 * stride)
+    planes = {
+        name: torch.rand(1, count, *size, generator=generator)
+        for name, count in zip(names, channels, strict=True)
+    }
+    return {f"{size[0]}x{size[1]}": planes}
+
+
+class FinderTask:
+    name = "toy-finder"
+    summary = "Finds cells that objects stand in and writes them as KITTI's result files."
+    training_class = "tests.toy_task.task.Finder"
+    trial_settings: Final = {"data.init_args.batch_size": "2"}
+    default_weights = None
+    methods = ()
+    outputs = (
+        Output(name="results", suffix=".txt", summary="Result files.", write=_write_results),
+        Output(name="likelihood", suffix=".png", summary="Of cells.", write=_write_likelihood),
+    )
+
+    def config_type(self):
+        from tests.toy_task.config import FinderConfig
+
+        return FinderConfig
+
+    def build(self, config):
+        from tests.toy_task.model import FinderNet
+
+        return FinderNet(config)
+
+    def graphs(self, loaded):
+        from sightline.export.graph import ExportGraph
+        from sightline.export.metadata import ExportMetadata
+
+        config = loaded.network.config
+        stages = (
+            ("features", loaded.network.features, ("image", "sparse_depth_m"), (3, 1)),
+            ("likelihood", loaded.network.likelihood, ("features",), (config.channels,)),
+        )
+        graphs = []
+        for name, module, names, channels in stages:
+            stride = config.cell_px if name == "features" else 1
+            cases = partial(_cases, names, channels, stride)
+            (example,) = _cases(names, channels, 2 * stride).values()
+            metadata = ExportMetadata(
+                task=self.name,
+                config=loaded.weights.config,
+                stride=stride,
+                provenance=loaded.provenance,
+            )
+            graphs.append(
+                ExportGraph(
+                    name=name,
+                    module=module,
+                    example_inputs=example,
+                    metadata=metadata,
+                    cases=cases,
+                    max_difference=1e-4,
+                )
+            )
+        return tuple(graphs)
+
+    def predictor(self, *, method=None, weights=None, engine="torch", device="cpu", threads=None):
+        from tests.toy_task.predictor import FinderPredictor
+
+        if method is not None or weights is None:
+            raise ValueError("toy-finder answers by a network: name its weights")
+        return FinderPredictor(weights, engine, device, threads)
+
+    def picture(self, sample, predictor):
+        from sightline.visualization.sheet import frame_sheet
+
+        return frame_sheet(sample, detections2d=predictor(sample)[0])
+
+    def demo(self, frames, out):
+        del frames, out
+
+
+TASK = FinderTask()

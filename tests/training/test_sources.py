@@ -1,0 +1,82 @@
+from pathlib import Path
+
+import pytest
+
+from sightline.training.sources import SourceConfig, find_velodyne, open_source
+from tests.training import toy
+
+PARTS = {"image", "points"}
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """Twelve frames without lists."""
+    return toy.write_frames(tmp_path / "tree", count=12)
+
+
+def frames(root, name, *, divides=True, path="."):
+    source = SourceConfig(path=Path(path), sample_list=name)
+    return [int(n) for n in open_source(source, root, PARTS, divides=divides).sample_ids]
+
+
+def write_list(root, name, numbers):
+    folder = root / "ImageSets"
+    folder.mkdir(exist_ok=True)
+    (folder / f"{name}.txt").write_text("".join(f"{number:06}\n" for number in numbers))
+
+
+@pytest.mark.parametrize("path", [".", "training"])
+def test_without_lists_the_first_tenth_validates_and_the_others_train(tree, path):
+    assert frames(tree, "val", path=path) == [0, 1]
+    assert frames(tree, "train", path=path) == list(range(2, 12))
+
+
+def test_a_list_of_training_frames_alone_is_divided_as_the_simulator_writes_it(tree):
+    write_list(tree, "train", range(12))
+    assert frames(tree, "val") == [0, 1]
+    assert frames(tree, "train") == list(range(2, 12))
+
+
+def test_where_nothing_validates_on_the_folder_all_of_it_trains(tree):
+    assert frames(tree, "train", divides=False) == list(range(12))
+    write_list(tree, "train", (3, 4))
+    assert frames(tree, "train", divides=False) == [3, 4]
+
+
+def test_what_a_list_of_validation_frames_leaves_trains(tree):
+    write_list(tree, "val", (5, 7))
+    assert frames(tree, "val") == [5, 7]
+    assert frames(tree, "train") == [0, 1, 2, 3, 4, 6, 8, 9, 10, 11]
+
+
+def test_lists_that_are_there_are_taken_as_they_are(tree):
+    write_list(tree, "train", (1, 2))
+    write_list(tree, "val", (2, 3))
+    assert (frames(tree, "train"), frames(tree, "val")) == ([1, 2], [2, 3])
+
+
+def test_another_list_that_is_missing_is_still_refused(tree):
+    with pytest.raises(ValueError, match="there is no list 'trian'"):
+        frames(tree, "trian")
+
+
+def test_one_frame_cannot_be_divided(tmp_path):
+    root = toy.write_frames(tmp_path, count=1)
+    with pytest.raises(ValueError, match="holds 1 frames, too few to train and to validate on"):
+        frames(root, "train")
+
+
+def test_sweeps_are_found_whole_or_cut_to_the_image(tree):
+    assert find_velodyne(tree) == "velodyne"
+    (tree / "training" / "velodyne").rename(tree / "training" / "velodyne_reduced")
+    assert find_velodyne(tree) == "velodyne_reduced"
+    assert find_velodyne(tree / "training") == "velodyne_reduced"
+    assert len(frames(tree, None)) == 12
+
+
+def test_what_is_wrong_with_the_data_names_the_flags(tree):
+    data = toy.data(tree / "gone", validation=(SourceConfig(path=Path("x")),))
+    with pytest.raises(
+        ValueError, match=r"gone/x does .* --data\.init_args\.root and .*validation"
+    ):
+        data.val_dataloader()
