@@ -27,7 +27,7 @@ def membership(sample):
 def with_points_in_the_box(seed):
     """A scene with points in and around the labelled car."""
     sample = sample_of(seed)
-    offsets = torch.rand(200, 3, generator=torch.Generator().manual_seed(seed)) * 8 - 4
+    offsets = torch.rand(200, 3, generator=torch.Generator().manual_seed(seed)) * 4 - 2
     points = sample.points.clone()
     points[:200, :3] = offsets + sample.objects.boxes3d.centers[0].float()
     return replace(sample, points=points)
