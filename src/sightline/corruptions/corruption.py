@@ -54,6 +54,7 @@ class Corrupted:
     lidar_mask: Bool[Tensor, "height width"]
 
 
+@dataclass(frozen=True, kw_only=True)
 class Corruption(Fault):
     """A fault that tells what it did; its fields are what it draws from, in the sensor's units.
 
