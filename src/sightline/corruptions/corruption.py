@@ -15,7 +15,8 @@ from sightline.data.faults import Fault
 from sightline.structures.sample import CameraLidarSample
 
 Sensor = Literal["camera", "lidar"]
-Parameter = float | int | str | Sequence[float | int]
+Number = float | int
+Parameter = Number | str | Sequence[Number]
 """What JSON can hold."""
 
 
@@ -183,7 +184,7 @@ class LidarCorruption(Corruption):
         """
 
 
-def check_range(name: str, bounds: tuple[float, float], lowest: float, highest: float) -> None:
+def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
     """Refuses a range to draw from that is empty or beyond what makes sense.
 
     Raises:

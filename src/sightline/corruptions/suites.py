@@ -14,6 +14,8 @@ from sightline.data.faults import fault_rng
 from sightline.data.plain_text import shortened
 from sightline.structures.sample import CameraLidarSample
 
+_LIKENESS = 0.7  # of a misspelt name with the one that is meant; with less, sensors are mixed up
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Case:
@@ -66,7 +68,7 @@ class Suite:
         """
         chosen = set(names)
         for name in sorted(chosen - set(self.case_names)):
-            raise ValueError(_unknown(f"case of suite {self.name}", name, self.case_names))
+            raise ValueError(_unknown(f"suite {self.name} has no case", name, self.case_names))
         return tuple(case for case in self.cases if case.name in chosen)
 
 
@@ -119,12 +121,12 @@ def find_suite(name: str) -> Suite:
         ValueError: There is none.
     """
     if name not in SUITES:
-        raise ValueError(_unknown("suite", name, tuple(SUITES)))
+        raise ValueError(_unknown("there is no suite", name, tuple(SUITES)))
     return SUITES[name]
 
 
-def _unknown(what: str, name: str, known: Sequence[str]) -> str:
-    """That there is no such name, the nearest ones, and all of them."""
-    close = difflib.get_close_matches(name, known, n=3)
+def _unknown(problem: str, name: str, known: Sequence[str]) -> str:
+    """The problem with a name, the nearest ones that there are, and all of them."""
+    close = difflib.get_close_matches(name, known, n=2, cutoff=_LIKENESS)
     meant = f"perhaps {' or '.join(close)} is meant; " if close else ""
-    return f"there is no {what} '{shortened(name)}'; {meant}name one of {', '.join(known)}"
+    return f"{problem} '{shortened(name)}'; {meant}name one of {', '.join(known)}"
