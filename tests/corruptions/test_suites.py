@@ -1,5 +1,6 @@
 from collections import Counter
 
+import jsonargparse
 import numpy as np
 import pytest
 import torch
@@ -87,9 +88,9 @@ def test_what_there_is_not_is_refused_with_the_nearest_names(ask, said):
 def test_a_suite_that_contradicts_itself_is_refused():
     case = Case(name="clean", title="sound", corruption=NoCorruption(), probability=0.5)
     with pytest.raises(ValueError, match="a name for each case, got"):
-        Suite(name="two", summary="", cases=(case, case))
+        Suite(name="two", cases=(case, case))
     with pytest.raises(ValueError, match=r"sum to 1, got 0\.5"):
-        Suite(name="half", summary="", cases=(case,))
+        Suite(name="half", cases=(case,))
 
 
 @pytest.mark.parametrize(
@@ -120,6 +121,15 @@ def test_the_images_of_an_update_share_a_case_only_where_that_is_set(seed, num_i
 def test_images_have_cases_of_their_own_by_default():
     drawn = CaseDrawing().draw(np.random.default_rng(0), 200)
     assert {case.name for case in drawn} == set(DGFN7.case_names)
+
+
+def test_a_recipe_can_set_how_cases_are_drawn():
+    parser = jsonargparse.ArgumentParser(exit_on_error=False)
+    parser.add_argument("--drawing", type=CaseDrawing, default=CaseDrawing())
+    given = {"drawing": {"probabilities": {"clean": 0.5, "lidar_blank": 0.5}, "per": "update"}}
+    found = parser.instantiate(parser.parse_object(given)).drawing
+    expected = CaseDrawing(probabilities={"clean": 0.5, "lidar_blank": 0.5}, per="update")
+    assert found == expected
 
 
 def test_a_drawn_case_is_applied_with_the_generator_that_drew_it():

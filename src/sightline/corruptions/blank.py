@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
-from torch import Tensor
 
 from sightline.corruptions.corruption import (
     CameraCorruption,
+    Image,
     ImageChange,
     LidarCorruption,
     PointsChange,
+    Sweep,
 )
 from sightline.structures.sample import CameraLidarSample
 
@@ -23,10 +23,7 @@ class CameraBlank(CameraCorruption):
     kind = "camera_blank"
 
     def change_image(
-        self,
-        image: UInt8[Tensor, "3 height width"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """Zeros; draws nothing."""
         del rng
@@ -41,10 +38,7 @@ class LidarBlank(LidarCorruption):
     kind = "lidar_blank"
 
     def change_points(
-        self,
-        points: Float32[Tensor, "num_points 4"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
         """No points; draws nothing."""
         del rng

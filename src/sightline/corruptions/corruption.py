@@ -15,6 +15,8 @@ from sightline.data.faults import Fault
 from sightline.structures.sample import CameraLidarSample
 
 Sensor = Literal["camera", "lidar"]
+Image = UInt8[Tensor, "3 height width"]
+Sweep = Float32[Tensor, "num_points 4"]
 Number = float | int
 Parameter = Number | str | Sequence[Number]
 """What JSON can hold."""
@@ -105,7 +107,7 @@ class NoCorruption(Corruption):
 class ImageChange(NamedTuple):
     """What a fault makes of an image."""
 
-    image: UInt8[Tensor, "3 height width"]
+    image: Image
     mask: Bool[Tensor, "height width"]
     parameters: Mapping[str, Parameter]
 
@@ -113,7 +115,7 @@ class ImageChange(NamedTuple):
 class PointsChange(NamedTuple):
     """What a fault makes of a sweep."""
 
-    points: Float32[Tensor, "num_points 4"]
+    points: Sweep
     mask: Bool[Tensor, "height width"]
     parameters: Mapping[str, Parameter]
 
@@ -137,10 +139,7 @@ class CameraCorruption(Corruption):
 
     @abstractmethod
     def change_image(
-        self,
-        image: UInt8[Tensor, "3 height width"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """The image as the faulty camera takes it, in new memory.
 
@@ -170,10 +169,7 @@ class LidarCorruption(Corruption):
 
     @abstractmethod
     def change_points(
-        self,
-        points: Float32[Tensor, "num_points 4"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
         """The sweep as the faulty LiDAR takes it, in new memory.
 

@@ -9,7 +9,7 @@ import numpy as np
 from sightline.corruptions.suites import Case, Suite, find_suite
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class CaseDrawing:
     """How cases of a suite are drawn for training.
 

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from sightline.corruptions.corruption import (
     CameraCorruption,
+    Image,
     ImageChange,
     Parameter,
     check_range,
@@ -37,10 +38,7 @@ class CameraIllumination(CameraCorruption):
         check_range("added_levels", self.added_levels, 0, 255)
 
     def change_image(
-        self,
-        image: UInt8[Tensor, "3 height width"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """See `disc_mask` and `brighten`."""
         height, width = sample.image_size

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, UInt8
 from torch import Tensor
 
-from sightline.corruptions.corruption import CameraCorruption, ImageChange, check_range
+from sightline.corruptions.corruption import CameraCorruption, Image, ImageChange, check_range
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -29,10 +29,7 @@ class CameraGaussianNoise(CameraCorruption):
         check_range("sigma_levels", self.sigma_levels, 0, 255)
 
     def change_image(
-        self,
-        image: UInt8[Tensor, "3 height width"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """See `add_gaussian_noise`."""
         sigma_levels = rng.uniform(*self.sigma_levels)
@@ -55,10 +52,7 @@ class CameraDeadPixels(CameraCorruption):
         check_range("share", self.share, 0, 1)
 
     def change_image(
-        self,
-        image: UInt8[Tensor, "3 height width"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """See `draw_pixels`; all channels of a dead pixel are black."""
         share = rng.uniform(*self.share)

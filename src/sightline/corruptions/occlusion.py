@@ -8,9 +8,11 @@ from torch import Tensor
 
 from sightline.corruptions.corruption import (
     CameraCorruption,
+    Image,
     ImageChange,
     LidarCorruption,
     PointsChange,
+    Sweep,
 )
 from sightline.corruptions.pixel_box import BoxDrawing, PixelBox
 from sightline.geometry.calibration import Calibration
@@ -26,10 +28,7 @@ class CameraOcclusion(CameraCorruption):
     box: BoxDrawing = field(default_factory=BoxDrawing)
 
     def change_image(
-        self,
-        image: UInt8[Tensor, "3 height width"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """See `occlude_image`."""
         box = self.box.draw(sample, rng)
@@ -47,10 +46,7 @@ class LidarOcclusion(LidarCorruption):
     box: BoxDrawing = field(default_factory=BoxDrawing)
 
     def change_points(
-        self,
-        points: Float32[Tensor, "num_points 4"],
-        sample: CameraLidarSample,
-        rng: np.random.Generator,
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
         """See `occlude_points`."""
         box = self.box.draw(sample, rng)

@@ -14,6 +14,9 @@ from sightline.data.faults import fault_rng
 from sightline.data.plain_text import shortened
 from sightline.structures.sample import CameraLidarSample
 
+CLEAN: Final = "clean"
+"""The case of sound sensors, in every suite."""
+
 _LIKENESS = 0.7  # of a misspelt name with the one that is meant; with less, sensors are mixed up
 
 
@@ -43,7 +46,6 @@ class Suite:
     """
 
     name: str
-    summary: str
     cases: tuple[Case, ...]
 
     def __post_init__(self) -> None:
@@ -72,7 +74,7 @@ class Suite:
         return tuple(case for case in self.cases if case.name in chosen)
 
 
-def _dgfn7(name: str, summary: str, noise: Corruption) -> Suite:
+def _dgfn7(name: str, noise: Corruption) -> Suite:
     """Kim et al. 2018, Table I; its row "Full" is the mean of the seven.
 
     They draw one of five operations, none among them, and for blank and occlusion the sensor, all
@@ -91,25 +93,14 @@ def _dgfn7(name: str, summary: str, noise: Corruption) -> Suite:
         Case(name=case, title=title, corruption=corruption, probability=probability)
         for case, title, corruption, probability in rows
     )
-    return Suite(name=name, summary=summary, cases=cases)
+    return Suite(name=name, cases=cases)
 
-
-CLEAN: Final = "clean"
-"""The case of sound sensors, in every suite."""
 
 SUITES: Final[dict[str, Suite]] = {
     suite.name: suite
     for suite in (
-        _dgfn7(
-            "dgfn7",
-            "Kim et al. 2018, Table I; noise as the text has it, normal",
-            CameraGaussianNoise(),
-        ),
-        _dgfn7(
-            "dgfn7-figure",
-            "the same with noise as Fig. 3c shows it: 63 % of the pixels black",
-            CameraDeadPixels(share=(0.63, 0.63)),
-        ),
+        _dgfn7("dgfn7", CameraGaussianNoise()),  # as the text has it
+        _dgfn7("dgfn7-figure", CameraDeadPixels(share=(0.63, 0.63))),  # as Fig. 3c shows it
     )
 }
 
