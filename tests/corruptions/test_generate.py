@@ -105,7 +105,10 @@ def test_what_is_there_is_kept_and_what_is_missing_is_made_alike(
     assert make(data, out) == JobResult(written=0, skipped=28)
     for gone in ("camera_noise/training/image_2/000042.png", "clean/training/calib/000000.txt"):
         (out / gone).unlink()
-    assert make(data, out) == JobResult(written=2, skipped=26)
+    for gone in (out / "lidar_blank/training").glob("[!c]*/000011.*"):  # all but calib, corruption
+        gone.unlink()
+    (out / "lidar_blank/training/calib/000011.txt").unlink()
+    assert make(data, out) == JobResult(written=3, skipped=25)
     assert kept.stat().st_mtime_ns == before
     without_masks = {k: v for k, v in content(cases).items() if "_mask/" not in k}
     assert content(out) == without_masks

@@ -13,6 +13,8 @@ from sightline.corruptions.occlusion import (
     occlude_points,
 )
 from sightline.corruptions.pixel_box import BoxDrawing, PixelBox
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import sparse_depth_map
 from tests.corruptions.samples import ANYWHERE, LABELS, described, objects_at
 from tests.data.scenes import SIZE, sample_of, seeds
 from tests.geometry.cameras import kitti_like_calibration
@@ -105,6 +107,21 @@ def test_points_are_occluded_as_loops_say(seed, box):
         *(box.left, box.top, box.right, box.bottom),
     )
     assert found.tolist() == expected
+
+
+def test_a_point_on_the_border_of_two_pixels_is_on_the_latter_as_in_depth_maps():
+    camera_from_lidar = torch.tensor(
+        [[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=torch.float64
+    )
+    plain = Calibration(
+        image_from_camera=torch.eye(3, 4, dtype=torch.float64), camera_from_lidar=camera_from_lidar
+    )
+    point = torch.tensor([[1.0, -2.5, -3.5, 0.0]])  # of pixel (2.5, 3.5)
+    assert sparse_depth_map(point, plain, (9, 9))[4, 3] == 1
+    for box in (PixelBox(0, 0, 3, 9), PixelBox(0, 0, 9, 4)):
+        assert len(occlude_points(point, plain, box)) == 1
+    for box in (PixelBox(3, 0, 9, 9), PixelBox(0, 4, 9, 9)):
+        assert len(occlude_points(point, plain, box)) == 0
 
 
 def test_points_behind_and_beside_the_camera_stay():
