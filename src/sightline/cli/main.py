@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import jsonargparse
 
+from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
     evaluate_depth,
     evaluate_held_out,
@@ -208,6 +209,7 @@ def _commands() -> dict[str, Any]:
         "check": check,
         "show": show,
         "simulate": simulate,
+        "corrupt": corrupt,
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,
         "predict": predict_commands(),
