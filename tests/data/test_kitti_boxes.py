@@ -7,11 +7,12 @@ from sightline.data.calibration_text import read_object_matrices
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import read_labels
-from sightline.simulation.simulator import SimulationConfig
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import calibration_of
 from tests.reference import label_boxes as reference
 
 SIZE = (375, 1242)
-CAMERA = SimulationConfig().calibration.image_from_camera
+CAMERA = calibration_of(SimulationConfig()).image_from_camera
 
 
 def projected(location, size_hwl, rotation_y: float, image_size=SIZE):
