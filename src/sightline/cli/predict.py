@@ -25,7 +25,8 @@ Args:
 {others}    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
         a text file with one name a line. Default: all.
     velodyne: Folder of the sweeps in an object tree.
-    workers: Processes; of several, each runs a network on one thread.
+    workers: Processes, each of one thread: as many as there are cores is fastest. Any number gives
+        the same files.
     overwrite: Makes files anew that are there already.
     shard_index: Which part of the frames to do, from 0.
     num_shards: Number of parts, each of which can run on another machine.
@@ -101,7 +102,7 @@ def _run(
         weights=weights,
         engine=engine,
         device=device,
-        threads=None if workers == 1 else 1,
+        threads=1,  # of each worker; of several threads PyTorch gives other last digits
     )
     result = predict(
         task,
