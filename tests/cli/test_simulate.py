@@ -67,7 +67,7 @@ def test_every_setting_is_an_option_with_its_text_and_default(capsys):
     assert "Resizes the picture before it is cut: half of KITTI's shows as much" in said
     assert "Width, height [px]." in said
     assert "Default: 1242 375." in said
-    assert "null" not in said
+    assert "default: null" not in said
 
 
 def test_options_reach_the_settings_of_their_names(asked: list[dict]):
