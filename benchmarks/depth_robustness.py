@@ -15,7 +15,8 @@ from benchmarks.machine import describe_machine
 from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar, fault_rng
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import Completer, choose_completer
-from sightline.evaluation.held_out import BEAMS, evaluate_held_out
+from sightline.evaluation.held_out import evaluate_held_out
+from sightline.evaluation.held_out_frame import BEAMS
 from sightline.export.names import EngineName
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample

@@ -26,7 +26,8 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.classical import ClassicalConfig, classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth
-from sightline.evaluation.held_out import BEAMS, CROP_SIZE, evaluate_held_out
+from sightline.evaluation.held_out import evaluate_held_out
+from sightline.evaluation.held_out_frame import BEAMS, CROP_SIZE
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample

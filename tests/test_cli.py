@@ -28,6 +28,7 @@ def run(capsys, *arguments):
         ["check"],
         ["show"],
         ["simulate"],
+        ["corrupt"],
         ["tasks"],
         ["predict"],
         ["predict", "depth-completion"],
@@ -87,6 +88,8 @@ def test_what_scores_does_not_wait_for_libraries_that_it_does_not_need(module, u
         (["evaluate", "held-out", "DATA", "--engine", "steam"], "steam"),
         (["reproduce", "shiftconv"], "name a data set with --data"),
         (["check", "DATA", "--wrokers", "2"], "wrokers"),
+        (["corrupt", "DATA", "out", "--suite", "dgnf7"], "perhaps dgfn7 is meant"),
+        (["corrupt", "DATA", "out", "--cases", "lidr_blank"], "perhaps lidar_blank is meant"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_line(capsys, tmp_path, arguments, said):
@@ -132,6 +135,7 @@ def test_a_frame_that_there_is_not_is_answered_with_one_that_there_is(capsys, tm
         ["check", "nowhere"],
         ["show", "nowhere", "000000"],
         ["predict", "depth-completion", "nowhere", "out"],
+        ["corrupt", "nowhere", "out"],
         ["evaluate", "objects", "nowhere", "nowhere"],
         ["evaluate", "proposals", "nowhere", "nowhere"],
         ["evaluate", "depth", "nowhere", "nowhere"],
@@ -198,6 +202,20 @@ def test_the_demo_names_what_it_wrote(capsys, tmp_path):
     assert "depth by depth-best" in out
     assert "depth-best" in page
     assert 'src="000001.png"' in page
+
+
+def test_corrupted_data_can_be_given_to_the_other_commands(capsys, tmp_path):
+    out = tmp_path / "cases"
+    command_line = ["corrupt", str(PACKAGED_FRAMES), str(out), "--suite", "dgfn7", "--seed", "3"]
+    command_line += ["--workers", "1", "--cases", "camera_blank", "lidar_blank"]
+    status, said, _ = run(capsys, *command_line)
+    assert (status, said) == (0, f"{out}: 4 frames of suite dgfn7 written, 0 were there already\n")
+    for case in ("camera_blank", "lidar_blank"):
+        status, said, _ = run(capsys, "check", str(out / case))
+        assert (status, said.splitlines()[-1]) == (0, "no problems")
+        depth = str(tmp_path / case)
+        answering = ["predict", "depth-completion", str(out / case), depth, "--method", "adaptive"]
+        assert run(capsys, *answering)[0] == 0
 
 
 def test_ctrl_c_before_the_command_line_is_imported_is_one_line():

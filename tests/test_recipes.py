@@ -144,20 +144,11 @@ def recipe(name):
     return yaml.safe_load((PACKAGE_RECIPES / f"{name}.yaml").read_text())
 
 
-@pytest.mark.parametrize("name", ["depth-best", "depth-fast-cpu"])
-def test_the_second_stage_goes_on_from_the_first_with_other_truth(name):
-    first, second = recipe(name), recipe(f"{name}-held-out")
-    first_model, second_model = (stage["model"]["init_args"] for stage in (first, second))
-    assert second_model.pop("initial_weights") == f"runs/{name}/weights.safetensors"
-    assert first_model.pop("network")
-    rates = [model["optimizer"].pop("learning_rate") for model in (first_model, second_model)]
-    assert rates == [1e-3, 5e-4]
-    examples = [
-        stage["data"]["init_args"]["preparation"]["init_args"]["settings"]
-        for stage in (first, second)
-    ]
-    assert [settings.pop("truth") for settings in examples] == ["both", "held_out"]
-    assert first == second
+def test_the_shipped_networks_are_trained_alike():
+    best, fast = (recipe(name) for name in ("depth-best", "depth-fast-cpu"))
+    for settings in (best, fast):
+        assert settings["model"]["init_args"].pop("network")
+    assert best == fast
 
 
 def test_fine_tuning_starts_from_the_shipped_network():

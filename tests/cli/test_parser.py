@@ -14,6 +14,10 @@ def framed(*, image_size: tuple[int, int] | None = None):
     _seen.append(image_size)
 
 
+def chosen(*, cases: tuple[str, ...] | None = None):
+    _seen.append(cases)
+
+
 def run(function, *arguments):
     jsonargparse.auto_cli(function, args=list(arguments), parser_class=OneLineParser)
     return _seen.pop()
@@ -39,6 +43,14 @@ def test_numbers_are_of_the_type_and_count_that_the_option_has():
     assert run(command, "DATA", "--ious", "0.5", "0.7") == ("DATA", None, (0.5, 0.7))
     assert run(framed, "--image-size", "1920,1200") == (1920, 1200)
     assert run(framed, "--image-size", "1920", "1200") == (1920, 1200)
+
+
+@pytest.mark.parametrize(
+    "words", [["--cases", "clean", "fog"], ["--cases", "clean,fog"], ["--cases=[clean,fog]"]]
+)
+def test_several_names_are_taken_however_people_write_them(words):
+    assert run(chosen, *words) == ("clean", "fog")
+    assert run(chosen) is None
 
 
 @pytest.mark.parametrize(

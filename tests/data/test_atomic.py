@@ -4,7 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.atomic import atomic_path, atomic_write_bytes, atomic_write_text
+from sightline.data.atomic import (
+    atomic_link,
+    atomic_path,
+    atomic_write_bytes,
+    atomic_write_text,
+)
 
 
 def names(folder: Path) -> list[str]:
@@ -126,3 +131,42 @@ def test_a_full_disk_is_told_with_the_final_place_of_a_file_within_another(tmp_p
 def test_errors_of_other_files_in_the_block_stay_what_they_are(tmp_path):
     with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "0.png"):
         (tmp_path / "absent").read_bytes()
+
+
+def test_a_linked_file_is_the_same_file_until_one_of_its_names_is_written_anew(tmp_path):
+    source, name = tmp_path / "a/source", tmp_path / "b/name"
+    atomic_write_text(source, "whole")
+    for _ in range(2):  # a link to itself stays one
+        atomic_link(name, source)
+        assert name.samefile(source)
+    atomic_write_text(name, "another")
+    assert source.read_text() == "whole"
+    atomic_link(name, source)
+    assert name.read_text() == "whole"
+    assert names(tmp_path / "b") == ["name"]
+
+
+def test_of_a_symbolic_link_what_it_leads_to_is_linked(tmp_path):
+    (tmp_path / "source").write_text("whole")
+    (tmp_path / "symbol").symlink_to("source")
+    atomic_link(tmp_path / "deep/name", tmp_path / "symbol")
+    assert (tmp_path / "deep/name").samefile(tmp_path / "source")
+    assert not (tmp_path / "deep/name").is_symlink()
+
+
+@pytest.mark.parametrize("reason", [errno.EXDEV, errno.EPERM])
+def test_where_no_link_can_be_made_a_whole_copy_is(tmp_path, monkeypatch, reason):
+    def refuse(*_):
+        raise OSError(reason, "no hard links here")
+
+    monkeypatch.setattr(os, "link", refuse)
+    (tmp_path / "source").write_bytes(b"whole")
+    atomic_link(tmp_path / "name", tmp_path / "source")
+    assert (tmp_path / "name").read_bytes() == b"whole"
+    assert not (tmp_path / "name").samefile(tmp_path / "source")
+
+
+def test_a_file_that_is_not_there_cannot_be_linked(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        atomic_link(tmp_path / "name", tmp_path / "source")
+    assert names(tmp_path) == []

@@ -19,7 +19,7 @@ from sightline.data.augmentation import (
 )
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.rings import ring_numbers
-from sightline.evaluation.held_out import split_rings
+from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.projection import project_points, sparse_depth_map

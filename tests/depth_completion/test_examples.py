@@ -12,7 +12,7 @@ from sightline.depth_completion.examples import (
     ExampleConfig,
     make_example,
 )
-from sightline.evaluation.held_out import split_rings
+from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
@@ -22,7 +22,6 @@ ALL_FAULTS = ExampleConfig(
     crop_size=(64, 128),
     beams=(64, 32, 16, 8),
     augmentation=AugmentationConfig(
-        guessed_share=0.3,
         mirror=True,
         yaw_error_deg=0.3,
         outliers=0.05,
@@ -82,15 +81,15 @@ def test_the_network_never_sees_a_return_that_is_its_truth(sample, seed):
     assert both.sum() < 0.05 * (seen.depth_m > 0).sum()
 
 
-def test_the_depth_map_is_truth_where_no_ring_is_held_out(sample):
+def test_the_depth_map_stands_beside_the_rings_that_are_held_out(sample):
     seen = example(sample, ExampleConfig(truth="both"), training=False)
-    held_out_m = split_rings(sample).truth_m
-    is_held_out = held_out_m > 0
+    alone = example(sample, ExampleConfig(truth="depth"), training=False)
+    assert torch.equal(seen.depth_m[0, 0], split_rings(sample).truth_m)
+    assert torch.equal(seen.dense_depth_m, alone.depth_m)
+    assert alone.dense_depth_m is None
     top, left = sample.depth.shape[0] - 352, (sample.depth.shape[1] - 1216) // 2
     dense_m = sample.depth[top:, left : left + 1216]
-    dense_m = torch.where(dense_m <= 90, dense_m, 0.0)
-    assert torch.equal(seen.depth_m[0, 0][is_held_out], held_out_m[is_held_out])
-    assert torch.equal(seen.depth_m[0, 0][~is_held_out], dense_m[~is_held_out])
+    assert torch.equal(seen.dense_depth_m[0, 0], torch.where(dense_m <= 90, dense_m, 0.0))
 
 
 def test_truth_beyond_the_reach_of_a_sweep_is_left_out(sample):
@@ -99,16 +98,6 @@ def test_truth_beyond_the_reach_of_a_sweep_is_left_out(sample):
     near = whole.depth_m <= 30
     assert (~near).any()
     assert torch.equal(seen.depth_m, torch.where(near, whole.depth_m, 0.0))
-
-
-def test_where_the_completion_guesses_only_a_share_of_the_truth_is_kept(sample):
-    config = ExampleConfig(filled=True)
-    whole = example(sample, config)
-    seen = example(sample, replace(config, augmentation=AugmentationConfig(guessed_share=0.25)))
-    is_measured = adaptive_depth(seen.sparse_depth_m[0, 0].numpy()).valid[None, None]
-    assert torch.equal(seen.depth_m[is_measured], whole.depth_m[is_measured])
-    guessed = (whole.depth_m > 0) & ~is_measured
-    assert (seen.depth_m[guessed] > 0).float().mean() == pytest.approx(0.25, abs=0.02)
 
 
 def test_fewer_beams_give_fewer_measurements(sample):
@@ -121,11 +110,11 @@ def test_fewer_beams_give_fewer_measurements(sample):
 
 
 def test_a_mirror_turns_all_maps_alike(sample):
-    config = ExampleConfig(filled=True, augmentation=AugmentationConfig(mirror=True))
+    config = ExampleConfig(truth="both", filled=True, augmentation=AugmentationConfig(mirror=True))
     plain = example(sample, replace(config, augmentation=AugmentationConfig()))
     seen = [example(sample, config, seed=seed) for seed in range(8)]
     mirrored = next(one for one in seen if not torch.equal(one.image, plain.image))
-    for name in ("image", "sparse_depth_m", "filled_depth_m", "depth_m"):
+    for name in ("image", "sparse_depth_m", "filled_depth_m", "depth_m", "dense_depth_m"):
         assert torch.equal(getattr(mirrored, name).flip(-1), getattr(plain, name))
 
 
@@ -169,7 +158,6 @@ def test_a_crop_larger_than_the_image_is_refused_with_both_sizes(sample):
         ({"beams": (64, 12)}, "beams must name some of"),
         ({"farthest_m": 300.0}, "farthest_m must be from 0 to 256"),
         ({"augmentation": {"outliers": 1.5}}, "outliers must be from 0 to 1"),
-        ({"augmentation": {"guessed_share": 0.5}}, "set filled too"),
         ({"augmentation": {"yaw_error_deg": -1.0}}, "yaw_error_deg must be from 0 to 90"),
     ],
 )

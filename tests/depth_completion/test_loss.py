@@ -12,6 +12,7 @@ from tests.depth_completion.sparse_maps import random_map
 from tests.reference import emd as reference
 
 ALL_TERMS = {"mse": 0.7, "rmse": 0.6, "l1": 0.5, "emd": 0.4, "uncertainty": 0.3}
+DENSE_TERMS = {"dense_l1": 0.8, "dense_relative": 0.9, "uncertainty": 0.3}
 NO_TERMS = dict.fromkeys(ALL_TERMS, 0.0)
 
 sizes = st.tuples(st.integers(1, 20), st.integers(1, 26))
@@ -64,6 +65,39 @@ def test_depth_errors_are_per_image_means_over_the_valid_pixels(seed, shape, den
     terms = [found.mse, found.rmse, found.l1, found.uncertainty]
     np.testing.assert_allclose([term.item() for term in terms], expected, rtol=1e-9)
     assert found.total.item() == pytest.approx(np.dot(expected, (0.7, 0.6, 0.5, 0.3)))
+
+
+@given(st.integers(0, 2**31), sizes, densities)
+def test_dense_truth_counts_beside_the_rings_and_tells_the_uncertainty(seed, shape, density):
+    truth_m = batch_of(*(random_map(seed + index, shape, density) for index in range(3)))
+    dense_m = batch_of(*(random_map(seed + index, shape, density) for index in (7, 8, 9)))
+    output = random_output(seed, truth_m)
+    config = DepthLossConfig(unit_m=10.0, **{**NO_TERMS, **DENSE_TERMS})
+    found = depth_completion_loss(output, truth_m, config, step=0, dense_truth_m=dense_m)
+    rows = []
+    for depth, truth, scale in zip(output.depth_m, dense_m, output.uncertainty_m, strict=True):
+        valid = truth > 0
+        if valid.any():
+            given, true = depth[valid].detach().numpy(), truth[valid].numpy()
+            error, b = abs(given - true) / 10, scale[valid].detach().numpy() / 10
+            logarithm = np.log(np.maximum(given / true, 0.01))
+            rows.append((error.mean(), abs(logarithm).mean(), np.mean(error / b + np.log(b))))
+    expected = np.mean(rows, axis=0) if rows else np.zeros(3)
+    terms = [found.dense_l1, found.dense_relative, found.uncertainty]
+    np.testing.assert_allclose([term.item() for term in terms], expected, rtol=1e-5)
+    assert found.total.item() == pytest.approx(np.dot(expected, (0.8, 0.9, 0.3)), rel=1e-5)
+
+
+def test_a_depth_of_zero_or_less_costs_no_more_than_a_hundredth_of_the_true_one():
+    truth_m = torch.full((1, 1, 2, 2), 20.0)
+    truth_m[..., 1, 1] = 0  # nothing is known there
+    depth_m = torch.tensor([[[[0.0, -5.0], [0.2, 0.0]]]], requires_grad=True)
+    config = DepthLossConfig(**{**NO_TERMS, "dense_relative": 1.0})
+    output = depth_only(depth_m)
+    found = depth_completion_loss(output, truth_m * 0, config, step=0, dense_truth_m=truth_m)
+    assert found.total.item() == pytest.approx(np.log(100))
+    found.total.backward()
+    assert depth_m.grad.isfinite().all()
 
 
 @settings(max_examples=50)
@@ -177,7 +211,7 @@ def test_a_batch_without_truth_has_loss_0_and_gradient_0():
     truth_m = torch.zeros(2, 1, 10, 10)
     output = random_output(0, truth_m)
     found = losses(output, truth_m, **ALL_TERMS)
-    assert [term.item() for term in found] == [0.0] * 6
+    assert [term.item() for term in found] == [0.0] * 8
     found.total.backward()
     assert all(one.grad is None or not one.grad.any() for one in output)
     assert output.depth_m.grad is not None

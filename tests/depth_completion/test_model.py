@@ -43,6 +43,7 @@ CONFIGS = {
     "stride 4": replace(RESIDUAL, trunk_stride=4, propagation_steps=1),
     "full": FULL,
     "folded refinement": replace(FULL, trunk_stride=4, refinement_stride=2),
+    "dead zone": replace(FULL, dead_zone=0.02),
 }
 each_config = pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS.keys())
 
@@ -111,6 +112,27 @@ def test_a_log_correction_stays_within_a_factor_of_four():
     net = trained(replace(FULL, propagation_steps=0))
     nn.init.constant_(net.refinement[-1].bias, 1e3)
     torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m, 4 * filled_m)
+
+
+def test_corrections_within_the_dead_zone_are_none_and_others_are_smaller_by_it():
+    config = replace(FULL, propagation_steps=0)
+    plain, careful = trained(config), trained(replace(config, dead_zone=0.1))
+    image, sparse_m, filled_m = inputs()
+    filled_m = filled_m.clamp(min=1)
+    with torch.no_grad():
+        whole = (plain(image, sparse_m, filled_m).depth_m / filled_m).log()
+        found = (careful(image, sparse_m, filled_m).depth_m / filled_m).log()
+    expected = torch.where(whole.abs() <= 0.1, 0.0, whole - 0.1 * whole.sign())
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-5)
+    assert (expected == 0).any()
+    assert (expected != 0).any()
+
+
+def test_what_lies_in_the_dead_zone_still_learns():
+    net = network(replace(FULL, dead_zone=0.1)).train()
+    image, sparse_m, filled_m = inputs()
+    net(image, sparse_m, filled_m).depth_m.sum().backward()
+    assert net.refinement[-1].bias.grad[0] != 0
 
 
 @pytest.mark.parametrize("stride", [1, 2, 4])
@@ -225,6 +247,8 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
         ),
         ({"trunk_stride": 2, "refinement_stride": 2}, "set refinement_channels too"),
         ({"correction": "log"}, "set residual"),
+        ({"dead_zone": 0.1}, "set correction log"),
+        ({"dead_zone": -0.1}, "dead_zone must be from 0"),
         ({"depth_scale_m": 0.0}, "depth_scale_m must be positive"),
         ({"stem_channels": 0}, "stem_channels must be at least 1"),
         ({"propagation_steps": -1}, "propagation_steps must be at least 0, got -1"),

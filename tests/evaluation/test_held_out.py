@@ -9,7 +9,8 @@ from scipy import ndimage
 
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.rings import count_beams
-from sightline.evaluation.held_out import CROP_SIZE, evaluate_held_out, split_rings
+from sightline.evaluation.held_out import evaluate_held_out
+from sightline.evaluation.held_out_frame import CROP_SIZE, split_rings
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import DepthMap
@@ -289,6 +290,34 @@ def test_a_perfect_completion_has_no_error_and_one_that_is_off_by_a_metre_has_10
     report = evaluate_held_out([wall_sample()], flat(11), beams=(32,))
     (score,) = report.scores
     assert (score.beams, score.rmse_mm, score.mae_mm, score.coverage) == (32, 1000, 1000, 1)
+    assert score.median_mm == 1000
+
+
+def test_simulated_frames_can_be_scored_on_their_dense_depth():
+    depth_m = torch.full(SMALL, 20.0)
+    depth_m[0], depth_m[1] = 0, 81  # none, and too far
+    sample = replace(wall_sample(), depth=depth_m)
+    report = evaluate_held_out([sample], flat(17), truth="depth")
+    assert [score.median_mm for score in report.scores] == [3000] * 4
+    assert report.to_json()["truth"] == "depth"
+    frame = split_rings(sample, truth="depth")
+    assert torch.equal(frame.truth_m, torch.where(depth_m <= 80, depth_m, 0.0))
+    assert torch.equal(frame.sample.points, split_rings(sample).sample.points)
+    with pytest.raises(ValueError, match="sample wall has no depth map to be scored on"):
+        evaluate_held_out([wall_sample()], flat(17), truth="depth")
+
+
+def test_above_the_highest_return_of_the_columns_around_nothing_is_scored():
+    sample = replace(wall_sample(), depth=torch.full(SMALL, 20.0))
+    sparse_m = sparse_depth_map(sample.points, sample.calibration, SMALL)
+    found = split_rings(sample, truth="depth_in_reach").truth_m > 0
+    height, width = SMALL
+    for row in range(height):
+        for column in range(width):
+            around = sparse_m[: row + 1, max(column - 15, 0) : column + 16]
+            assert found[row, column] == bool((around > 0).any())
+    assert found.any()
+    assert not found.all()
 
 
 def test_scores_are_means_over_frames_and_not_over_pixels():

@@ -1,6 +1,7 @@
 """The commands that measure: `evaluate` and `reproduce`."""
 
 from pathlib import Path
+from typing import Literal
 
 from sightline.cli.parser import Device
 from sightline.cli.report import check_writable, deliver
@@ -106,6 +107,7 @@ def evaluate_held_out(
     engine: EngineName = "torch",
     device: Device = "cpu",
     beams: tuple[int, ...] | None = None,
+    truth: Literal["rings", "depth", "depth_in_reach"] = "rings",
     sample_list: str | None = None,
     velodyne: Velodyne = "velodyne",
     json: Path | None = None,
@@ -121,6 +123,8 @@ def evaluate_held_out(
         device: Where PyTorch runs the network.
         beams: How many of the sensor's beams the method gets, one or several numbers. Default:
             all, half, a quarter and an eighth of them.
+        truth: rings, or of simulated frames their dense depth up to 80 m: all of it (depth), or
+            what lies below the highest ring (depth_in_reach).
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
         velodyne: Folder of the sweeps in an object tree.
@@ -132,9 +136,11 @@ def evaluate_held_out(
     from sightline.evaluation.held_out import evaluate_held_out as evaluate
 
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=completer.parts)
+    parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     samples = (dataset[index] for index in range(len(dataset)))
-    deliver(evaluate(samples, completer, beams=beams, total=len(dataset)), json)
+    report = evaluate(samples, completer, beams=beams, truth=truth, total=len(dataset))
+    deliver(report, json)
 
 
 def evaluate_realism(

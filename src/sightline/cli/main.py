@@ -13,6 +13,7 @@ from typing import Any
 
 import jsonargparse
 
+from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
     evaluate_depth,
     evaluate_held_out,
@@ -140,6 +141,7 @@ def _commands() -> dict[str, Any]:
         "check": check,
         "show": show,
         "simulate": simulate_command(),
+        "corrupt": corrupt,
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,
         "predict": predict_commands(),

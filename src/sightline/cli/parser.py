@@ -12,12 +12,13 @@ Device = Literal["cpu", "cuda"]
 REFUSED = 2
 """Exit status."""
 
-_NUMBER_LISTS: dict[str, tuple[type[int] | type[float], int | None]] = {
+_LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--beams": (int, None),
     "--ious": (float, None),
     "--image-size": (int, 2),
+    "--cases": (str, None),
 }
-"""Options that take several numbers: of which type, and how many where that is fixed."""
+"""Options that take several values: of which type, and how many where that is fixed."""
 
 
 class OneLineParser(jsonargparse.ArgumentParser):
@@ -32,8 +33,8 @@ class OneLineParser(jsonargparse.ArgumentParser):
         if settings.get("type") is bool:  # `--overwrite`, not `--overwrite true`
             del settings["type"]
             settings["action"] = jsonargparse.ActionYesNo(no_prefix="no-")
-        if dashed[0] in _NUMBER_LISTS:
-            settings["action"] = _NumberList
+        if dashed[0] in _LISTS:
+            settings["action"] = _ValueList
         return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
@@ -42,11 +43,13 @@ class OneLineParser(jsonargparse.ArgumentParser):
         sys.exit(fail(f"{message}; see sightline --help", REFUSED))
 
 
-class _NumberList(argparse.Action):
+class _ValueList(argparse.Action):
     """Takes `--beams 64 32` and `--beams 64,32`, where jsonargparse knows `--beams=[64,32]`."""
 
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - as argparse
-        super().__init__(nargs="+", metavar="NUMBER", **settings)
+        value_type, _ = _LISTS[settings["option_strings"][0]]
+        metavar = "NAME" if value_type is str else "NUMBER"
+        super().__init__(nargs="+", metavar=metavar, **settings)
 
     def __call__(
         self,
@@ -58,18 +61,18 @@ class _NumberList(argparse.Action):
         """Sets the tuple that the words which follow the option stand for."""
         del parser, option_string
         option = self.option_strings[0]
-        number_type, count = _NUMBER_LISTS[option]
+        value_type, count = _LISTS[option]
         try:
             words = [word for value in values for word in value.strip("[]").split(",")]
-            numbers = tuple(map(number_type, words))
+            parsed = tuple(map(value_type, words))
         except ValueError:
             raise argparse.ArgumentError(
                 self,
                 f"expected numbers, got {' '.join(values)}; write them last or as {option}=1,2",
             ) from None
-        if count is not None and len(numbers) != count:
-            raise argparse.ArgumentError(self, f"expected {count} numbers, got {len(numbers)}")
-        setattr(namespace, self.dest, numbers)
+        if count is not None and len(parsed) != count:
+            raise argparse.ArgumentError(self, f"expected {count} numbers, got {len(parsed)}")
+        setattr(namespace, self.dest, parsed)
 
 
 def fail(message: str, status: int) -> int:

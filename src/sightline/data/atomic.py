@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,7 @@ from sightline.data.aside import final_place, folder_beside
 
 _DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
+_OTHER_DISK = errno.EXDEV
 
 
 @contextmanager
@@ -73,6 +75,30 @@ def atomic_write_bytes(path: Path | str, content: bytes) -> None:
 def atomic_write_text(path: Path | str, text: str) -> None:
     """Writes a whole text file (UTF-8, line ends as given) or none, as `atomic_path` does."""
     atomic_write_bytes(path, text.encode())
+
+
+def atomic_link(path: Path | str, source: Path | str) -> None:
+    """Gives a file a second name that takes no room, by a hard link; elsewhere makes a whole copy.
+
+    Elsewhere is another disk, or one without hard links. Whatever rewrites one of the two names as
+    `atomic_path` does leaves the other as it was; what writes into the file in place changes both.
+
+    Args:
+        path: The new name; a file there is replaced.
+        source: The file; of a symbolic link, what it leads to.
+
+    Raises:
+        ValueError: As `atomic_path`.
+        OSError: The source cannot be read.
+    """
+    original = os.path.realpath(source)
+    with atomic_path(path) as temporary:
+        try:
+            os.link(original, temporary)
+        except OSError as error:
+            if error.errno not in (*_NO_HARD_LINKS, _OTHER_DISK):
+                raise
+            shutil.copyfile(original, temporary)
 
 
 def atomic_create_text(path: Path | str, text: str) -> bool:

@@ -9,6 +9,8 @@ import numpy as np
 from sightline.data.augmentation import add_outliers, drop_camera, rotate_extrinsics, thin_rings
 from sightline.structures.sample import CameraLidarSample
 
+_END_OF_NAME = 256  # no byte
+
 
 class Fault(ABC):
     """Something wrong with a sensor, so and so much of it; `str` names it in tables.
@@ -119,9 +121,18 @@ class NoCamera(Fault):
         return drop_camera(sample)
 
 
-def fault_rng(sample: CameraLidarSample, seed: int = 0) -> np.random.Generator:
-    """A generator that depends on the sample's name alone: each method meets the same faults."""
-    return np.random.default_rng([seed, *sample.sample_id.encode()])
+def fault_rng(sample: CameraLidarSample, seed: int = 0, kind: str = "") -> np.random.Generator:
+    """A generator that depends on these names alone: each method meets the same faults.
+
+    Args:
+        sample: Whose name counts.
+        seed: Not negative.
+        kind: Of the fault, where several kinds shall draw independently of each other.
+    """
+    names = [*sample.sample_id.encode()]
+    if kind:
+        names += [_END_OF_NAME, *kind.encode()]
+    return np.random.default_rng([seed, *names])
 
 
 def draw_turned_lidar(error_deg: float, rng: np.random.Generator) -> TurnedLidar:

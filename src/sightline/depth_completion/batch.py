@@ -26,3 +26,5 @@ class DepthBatch(FieldwiseBatch):
     """The sparse map completed by a classical method, for networks that start from one."""
     depth_m: Float32[Tensor, "batch 1 height width"] | None = None
     """Truth to train on or to score against."""
+    dense_depth_m: Float32[Tensor, "batch 1 height width"] | None = None
+    """Dense truth to train on besides, where `depth_m` holds but a few rings."""

@@ -5,12 +5,13 @@ from typing import Literal
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from sightline.data.augmentation import crop, jitter_color
 from sightline.data.faults import FalseEchoes, NoCamera, draw_turned_lidar
 from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.methods import complete_depth
-from sightline.evaluation.held_out import (
+from sightline.evaluation.held_out_frame import (
     BEAMS,
     CROP_SIZE,
     FIRST_HELD_OUT,
@@ -24,7 +25,8 @@ from sightline.training.data import SamplePreparation
 TruthKind = Literal["depth", "held_out", "both"]
 """`depth`: the depth map that comes with the data: dense from the simulator, or the benchmark's.
 `held_out`: every eighth ring of the sweep, which the network never sees (self-supervision; the
-sweep must be in KITTI's order). `both`: held-out returns where there are, the depth map elsewhere.
+sweep must be in KITTI's order). `both`: held-out rings, and the depth map beside them as dense
+truth, which the loss weighs by itself.
 """
 
 _SIZE_STEP = 32  # validation crops are multiples of it, so that any network of ours can take them
@@ -51,14 +53,11 @@ class AugmentationConfig:
     """Whether every second example is seen in a mirror."""
     random_crop: bool = True
     """Whether the place of the crop is drawn; otherwise it is the bottom centre."""
-    guessed_share: float = 1.0
-    """Share of the truth that is kept where the adaptive completion only guesses, such as above the
-    highest beam; needs `filled`. Errors there are so large that they would drown all others."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
         _check_up_to("yaw_error_deg", self.yaw_error_deg, 90)
-        for name in ("outliers", "camera_dropout", "guessed_share"):
+        for name in ("outliers", "camera_dropout"):
             _check_up_to(name, getattr(self, name), 1)
 
 
@@ -80,10 +79,8 @@ class ExampleConfig:
     """For training only."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and what belongs together."""
+        """Checks the ranges."""
         _check_up_to("farthest_m", self.farthest_m, 256)
-        if self.augmentation.guessed_share < 1 and not self.filled:
-            raise ValueError("guessed_share goes by the adaptive completion: set filled too")
         if not self.beams or not set(self.beams) <= set(BEAMS):
             raise ValueError(
                 f"beams must name some of {', '.join(map(str, BEAMS))}, got {self.beams}"
@@ -121,26 +118,23 @@ def make_example(
     Raises:
         ValueError: The sample lacks its sweep or the truth that is asked for, or is too small.
     """
-    given = _given(sample, config, rng, training=training)
+    given, dense_m = _given(sample, config, rng, training=training)
     if training:
         given = _perturbed(given, config.augmentation, rng)
     assert given.points is not None, "_given has checked"
     assert given.depth is not None, "_given has set it"
     sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
     image = given.image
-    truth_m = torch.where(given.depth <= config.farthest_m, given.depth, 0.0)
+    truth_m = _up_to(config.farthest_m, given.depth)
     maps = {
         "image": torch.zeros(3, *given.image_size) if image is None else image.float() / 255,
         "sparse_depth_m": sparse_m[None],
         "depth_m": truth_m[None],
     }
+    if dense_m is not None:
+        maps["dense_depth_m"] = _up_to(config.farthest_m, dense_m)[None]
     if config.filled:  # of the whole width: a crop has too few rings to measure their spacing
-        filled = complete_depth(sparse_m, "adaptive")
-        maps["filled_depth_m"] = filled.depth_m[None]
-        if training and config.augmentation.guessed_share < 1:
-            kept_share = config.augmentation.guessed_share
-            is_kept = torch.from_numpy(rng.random(given.image_size) < kept_share)
-            maps["depth_m"] = torch.where(filled.valid | is_kept, truth_m, 0.0)[None]
+        maps["filled_depth_m"] = complete_depth(sparse_m, "adaptive").depth_m[None]
     top, left, height, width = _window(given.image_size, config, rng, training=training)
     cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
     if training and config.augmentation.mirror and rng.random() < 0.5:
@@ -149,10 +143,14 @@ def make_example(
     return DepthBatch(sample_ids=(sample.sample_id,), **stacked)
 
 
+def _up_to(farthest_m: float, depth_m: Tensor) -> Tensor:
+    return torch.where(depth_m <= farthest_m, depth_m, 0.0)
+
+
 def _given(
     sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator, *, training: bool
-) -> CameraLidarSample:
-    """What the network may see, and as its depth map the truth."""
+) -> tuple[CameraLidarSample, Tensor | None]:
+    """What the network may see, and as its depth map the truth; dense truth beside it."""
     if sample.points is None:
         raise ValueError(
             f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
@@ -165,19 +163,19 @@ def _given(
         )
     largest = _whole_steps(sample)
     if config.truth == "depth" and set(config.beams) == {64}:  # needs no ring numbers
-        return _bottom_centre(sample, largest)
+        return _bottom_centre(sample, largest), None
     first = int(rng.integers(HELD_OUT_EVERY)) if training else FIRST_HELD_OUT
     frame = split_rings(sample, first_held_out=first)
     beams = int(rng.choice(config.beams))
     start = int(rng.integers(64 // beams)) if training else 0
     given = frame.with_beams(beams, start=start)
-    truth_m = frame.truth_m
+    dense_m = None
     if config.truth != "held_out":
-        dense_m = _bottom_centre(sample, given.image_size).depth
-        assert dense_m is not None, "checked above"
-        keeps_dense = truth_m == 0 if config.truth == "both" else torch.ones_like(truth_m) > 0
-        truth_m = torch.where(keeps_dense, dense_m, truth_m)
-    return _bottom_centre(replace(given, depth=truth_m), largest)
+        dense_m = _bottom_centre(_bottom_centre(sample, given.image_size), largest).depth
+    given = _bottom_centre(replace(given, depth=frame.truth_m), largest)
+    if config.truth == "depth":
+        return replace(given, depth=dense_m), None
+    return given, dense_m
 
 
 def _whole_steps(sample: CameraLidarSample) -> tuple[int, int]:

@@ -14,6 +14,8 @@ from sightline.depth_completion.targets import ExpansionConfig, expand_depth
 
 EmdKind = Literal["tiles", "global"]
 
+_LEAST_RATIO = 0.01  # of predicted to true depth: predictions may be zero or less
+
 
 @dataclass(frozen=True, kw_only=True)
 class DepthLossConfig:
@@ -25,6 +27,12 @@ class DepthLossConfig:
     """Weight of the root of each image's mean squared error."""
     l1: float = 0.0
     """Weight of the mean absolute error of the depth."""
+    dense_l1: float = 0.0
+    """Weight of the mean absolute error against the dense truth that comes beside held-out rings
+    (`truth: both`)."""
+    dense_relative: float = 0.0
+    """Weight of the mean absolute error of the depth's logarithm against it, which holds near
+    ground and walls to the centimetre."""
     emd: float = 0.1
     """Weight of the earth mover's distance from the E-Point to the expanded ground truth."""
     uncertainty: float = 0.0
@@ -66,6 +74,8 @@ class DepthLosses(NamedTuple):
     mse: Float[Tensor, ""]
     rmse: Float[Tensor, ""]
     l1: Float[Tensor, ""]
+    dense_l1: Float[Tensor, ""]
+    dense_relative: Float[Tensor, ""]
     emd: Float[Tensor, ""]
     uncertainty: Float[Tensor, ""]
 
@@ -76,6 +86,7 @@ def depth_completion_loss(
     config: DepthLossConfig = DepthLossConfig(),
     *,
     step: int,
+    dense_truth_m: Float[Tensor, "batch 1 height width"] | None = None,
 ) -> DepthLosses:
     """Loss of a batch: depth against ground truth, E-Point against expanded ground truth.
 
@@ -85,33 +96,48 @@ def depth_completion_loss(
 
     Uncertainty: |error| / b + log b, the negative log-likelihood of a Laplace distribution but for
     a constant. The error is taken as it is, without gradient, so b learns the expected absolute
-    error and the depth does not change. Outputs that the network does not have cost nothing.
+    error and the depth does not change; it learns from the dense truth where there is one. Outputs
+    that the network does not have cost nothing.
 
     Args:
         output: What the network gave.
         truth_m: Ground truth; 0 = none.
         config: Weights and readings.
         step: Number of the training step; odd ones shift the tiles of the EMD.
+        dense_truth_m: Dense truth besides, where `truth_m` holds but a few rings; 0 = none.
     """
     truth = truth_m / config.unit_m
     is_valid = truth > 0
     error = torch.where(is_valid, _in_units(output.depth_m, config) - truth, 0.0)
     zero = error.sum() * 0  # hangs on the network, so that `backward` works on any batch
-    mse = rmse = l1 = emd = uncertainty = zero
+    mse = rmse = l1 = dense_l1 = dense_relative = emd = uncertainty = zero
     if config.mse or config.rmse:
         per_image = _image_means(error.square(), is_valid)
         mse = _mean_over_images(per_image, is_valid) if config.mse else zero
         rmse = _mean_over_images(_root(per_image), is_valid) if config.rmse else zero
     if config.l1:
         l1 = _mean_over_images(_image_means(error.abs(), is_valid), is_valid)
+    if dense_truth_m is not None:
+        is_dense = dense_truth_m > 0
+        if config.dense_relative:
+            # Not 0 / 0 where there is no truth: its gradient would not be a number.
+            divisor = torch.where(is_dense, dense_truth_m, 1.0)
+            ratio = torch.where(is_dense, output.depth_m, 1.0) / divisor
+            distance = ratio.clamp(min=_LEAST_RATIO).log().abs()
+            dense_relative = _mean_over_images(_image_means(distance, is_dense), is_dense)
+        dense_error = torch.where(is_dense, _in_units(output.depth_m - dense_truth_m, config), 0.0)
+        if config.dense_l1:
+            dense_l1 = _mean_over_images(_image_means(dense_error.abs(), is_dense), is_dense)
     if config.emd and output.e_point_m is not None:
         expanded = expand_depth(truth, config.expansion)
         emd = _earth_movers_distance(_in_units(output.e_point_m, config), expanded, config, step)
     if config.uncertainty and output.uncertainty_m is not None:
         scale = _in_units(output.uncertainty_m, config)
+        if dense_truth_m is not None:
+            is_valid, error = is_dense, dense_error
         surprise = torch.where(is_valid, error.detach().abs() / scale + scale.log(), 0.0)
         uncertainty = _mean_over_images(_image_means(surprise, is_valid), is_valid)
-    terms = (mse, rmse, l1, emd, uncertainty)
+    terms = (mse, rmse, l1, dense_l1, dense_relative, emd, uncertainty)
     weights = (getattr(config, name) for name in DepthLosses._fields[1:])
     total = sum((weight * term for weight, term in zip(weights, terms, strict=True)), start=zero)
     return DepthLosses(total, *terms)

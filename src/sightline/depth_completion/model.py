@@ -160,6 +160,10 @@ class DepthCompletionNet(nn.Module):
         if self.config.correction == "metres":
             return filled_depth_m + predicted * self.config.depth_scale_m
         bounded = _MAX_LOG_CORRECTION * torch.tanh(predicted / _MAX_LOG_CORRECTION)
+        if self.config.dead_zone:
+            # Detached: within the zone the gradient is as outside, else nothing ever left it.
+            zone = self.config.dead_zone
+            bounded = bounded - bounded.detach().clamp(-zone, zone)
         return filled_depth_m * bounded.exp()
 
 

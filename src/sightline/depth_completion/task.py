@@ -76,7 +76,13 @@ class DepthCompletion(TrainingModule):
 
     def losses(self, batch: DepthBatch) -> DepthLosses:
         """The loss of a batch and its terms."""
-        return depth_completion_loss(self(batch), _truth(batch), self.loss, step=self.global_step)
+        return depth_completion_loss(
+            self(batch),
+            _truth(batch),
+            self.loss,
+            step=self.global_step,
+            dense_truth_m=batch.dense_depth_m,
+        )
 
     def score(self, batch: DepthBatch) -> DepthCompletionOutput:
         """Scores a batch."""

@@ -109,7 +109,8 @@ class TrainingModule(lightning.LightningModule, ABC):
             ValueError: The initial weights cannot be read or are another network's.
         """
         super().__init__()
-        self.network = network
+        # Convolutions on a CPU, and with halved precision on a GPU, are up to twice as fast so.
+        self.network = network.to(memory_format=torch.channels_last)
         self.metric = metric
         self.optimizer = optimizer
         self._num_steps: int | None = None  # that the schedule is made for

@@ -1,0 +1,58 @@
+"""Times the cases of all suites: `python -m benchmarks.corruptions`.
+
+A simulated frame of KITTI's size with a whole turn of the LiDAR, one thread, processor time: of
+every repeat another seed, so that boxes and discs of all sizes are among them. Its last line is
+kept in benchmarks/results/corruptions.json.
+"""
+
+import json
+import statistics
+import time
+
+import cv2
+import jsonargparse
+import torch
+
+from benchmarks.machine import describe_machine
+from sightline.corruptions.suites import SUITES, Case
+from sightline.simulation.dataset import sample_of
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import simulate_frame
+from sightline.structures.sample import CameraLidarSample
+
+
+def main(repeats: int = 40) -> None:
+    """Prints a table, then one line of JSON.
+
+    Args:
+        repeats: Calls of each case that are timed, after one that is not.
+    """
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    sample = sample_of(simulate_frame(SimulationConfig(seed=7), 0))
+    assert sample.points is not None, "a simulated sample has a sweep"
+    results = []
+    for suite in SUITES.values():
+        for case in suite.cases:
+            case.corrupt(sample, repeats)
+            times = [_milliseconds(case, sample, seed) for seed in range(repeats)]
+            row = {
+                "suite": suite.name,
+                "case": case.name,
+                "median_ms": round(statistics.median(times), 2),
+                "max_ms": round(max(times), 2),
+            }
+            print("{suite:<14} {case:<20} {median_ms:8.2f} ms  (largest {max_ms})".format(**row))
+            results.append(row)
+    setting = {"image": sample.image_size, "points": len(sample.points), "repeats": repeats}
+    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+
+
+def _milliseconds(case: Case, sample: CameraLidarSample, seed: int) -> float:
+    start = time.process_time()
+    case.corrupt(sample, seed)
+    return (time.process_time() - start) * 1e3
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main)

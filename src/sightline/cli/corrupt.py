@@ -1,0 +1,61 @@
+"""`sightline corrupt`: a data set as faulty sensors would have taken it."""
+
+from pathlib import Path
+
+from sightline.data.object_tree import Velodyne
+
+
+def corrupt(
+    data: Path,
+    out: Path,
+    *,
+    suite: str = "dgfn7",
+    seed: int = 0,
+    cases: tuple[str, ...] | None = None,
+    sample_list: str | None = None,
+    velodyne: Velodyne = "velodyne",
+    masks: bool = False,
+    workers: int = 2,
+    shard_index: int = 0,
+    num_shards: int = 1,
+) -> None:
+    """Breaks the sensors of a data set: a KITTI object tree for each case of a suite.
+
+    OUT/CASE can be given to every other command. The same settings give the same files for any
+    number of workers; an interrupted run is finished by running it again. Files that a case leaves
+    as they are become hard links to those of DATA, which is never changed.
+
+    Args:
+        data: A KITTI object tree.
+        out: Folder for the cases, not within DATA.
+        suite: Which cases there are: dgfn7, the seven of Kim et al. 2018; dgfn7-figure, with noise
+            as their picture shows it.
+        seed: Another seed draws other boxes, discs and noise.
+        cases: Which of the suite's cases. Default: all.
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
+            a text file with one name a line. Default: all.
+        velodyne: Folder of the sweeps.
+        masks: Writes the pixels of each sensor that may have changed, too.
+        workers: Processes.
+        shard_index: Which part of the frames to do, from 0.
+        num_shards: Number of parts, each of which can run on another machine.
+    """
+    from sightline.corruptions.generate import corrupt_dataset
+
+    result = corrupt_dataset(
+        data,
+        out,
+        suite=suite,
+        seed=seed,
+        cases=cases,
+        sample_list=sample_list,
+        velodyne=velodyne,
+        masks=masks,
+        workers=workers,
+        shard_index=shard_index,
+        num_shards=num_shards,
+    )
+    print(
+        f"{out}: {result.written} frames of suite {suite} written, {result.skipped} were there "
+        "already"
+    )

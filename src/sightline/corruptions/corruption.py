@@ -1,0 +1,208 @@
+"""What every kind of corruption is: a fault of sensors that tells what it did, and where."""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+import torch
+from beartype import beartype
+from jaxtyping import Bool, Float32, UInt8, jaxtyped
+from torch import Tensor
+
+from sightline.data.faults import Fault
+from sightline.structures.sample import CameraLidarSample
+
+Sensor = Literal["camera", "lidar"]
+Image = UInt8[Tensor, "3 height width"]
+Sweep = Float32[Tensor, "num_points 4"]
+Number = float | int
+Parameter = Number | str | Sequence[Number]
+"""What JSON can hold."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Record:
+    """What was done to a sample."""
+
+    kind: str
+    sensors: tuple[Sensor, ...]
+    """Those that the kind is a fault of."""
+    parameters: Mapping[str, Parameter]
+    """What was drawn, by name with unit; empty where a sensor was absent, so nothing was done."""
+
+    def to_json(self) -> dict[str, object]:
+        """What a record file holds."""
+        return {
+            "kind": self.kind,
+            "sensors": list(self.sensors),
+            "parameters": dict(self.parameters),
+        }
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Corrupted:
+    """A sample as faulty sensors took it, with what was done to it.
+
+    The masks mark the pixels that may have changed: nothing outside of them has. The LiDAR's is in
+    the image plane, where its projected maps (`geometry.projection`) are; what it delivers out of
+    the camera's view has no pixel.
+    """
+
+    sample: CameraLidarSample
+    record: Record
+    camera_mask: Bool[Tensor, "height width"]
+    lidar_mask: Bool[Tensor, "height width"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corruption(Fault):
+    """A fault that tells what it did; its fields are what it draws from, in the sensor's units.
+
+    To add a kind: subclass `CameraCorruption`, `LidarCorruption` or, for both sensors, this class,
+    in a file of its own, and name it in a suite.
+    """
+
+    kind: ClassVar[str]
+    """Name, which also keeps its random numbers apart from other kinds'."""
+    sensors: ClassVar[tuple[Sensor, ...]]
+    """What it changes; all other parts of a sample stay."""
+
+    def __str__(self) -> str:
+        """The kind."""
+        return self.kind.replace("_", " ")
+
+    def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
+        """The sample as the faulty sensors take it; as it is where they are absent already."""
+        return self.corrupt(sample, rng).sample
+
+    @abstractmethod
+    def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
+        """The sample as the faulty sensors take it, with record and masks.
+
+        Nothing of the given sample is changed; the new one shares with it what is the same. A
+        sensor that is absent stays so: its mask is empty.
+
+        Args:
+            sample: Of sound sensors, however little they delivered.
+            rng: Where all randomness comes from.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NoCorruption(Corruption):
+    """Sound sensors."""
+
+    kind = "none"
+    sensors = ()
+
+    def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
+        """The sample as it is."""
+        del rng
+        return _unchanged(self, sample)
+
+
+class ImageChange(NamedTuple):
+    """What a fault makes of an image."""
+
+    image: Image
+    mask: Bool[Tensor, "height width"]
+    parameters: Mapping[str, Parameter]
+
+
+class PointsChange(NamedTuple):
+    """What a fault makes of a sweep."""
+
+    points: Sweep
+    mask: Bool[Tensor, "height width"]
+    parameters: Mapping[str, Parameter]
+
+
+class CameraCorruption(Corruption):
+    """A fault of the camera alone."""
+
+    sensors = ("camera",)
+
+    def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
+        """See `Corruption.corrupt`."""
+        if sample.image is None:
+            return _unchanged(self, sample)
+        change = self.change_image(sample.image, sample, rng)
+        return Corrupted(
+            sample=replace(sample, image=change.image),
+            record=_record(self, change.parameters),
+            camera_mask=change.mask,
+            lidar_mask=_nowhere(sample),
+        )
+
+    @abstractmethod
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """The image as the faulty camera takes it, in new memory.
+
+        Args:
+            image: The sample's.
+            sample: What else is known.
+            rng: Where all randomness comes from.
+        """
+
+
+class LidarCorruption(Corruption):
+    """A fault of the LiDAR alone."""
+
+    sensors = ("lidar",)
+
+    def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
+        """See `Corruption.corrupt`."""
+        if sample.points is None:
+            return _unchanged(self, sample)
+        change = self.change_points(sample.points, sample, rng)
+        return Corrupted(
+            sample=replace(sample, points=change.points),
+            record=_record(self, change.parameters),
+            camera_mask=_nowhere(sample),
+            lidar_mask=change.mask,
+        )
+
+    @abstractmethod
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """The sweep as the faulty LiDAR takes it, in new memory.
+
+        Args:
+            points: The sample's.
+            sample: What else is known.
+            rng: Where all randomness comes from.
+        """
+
+
+def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
+    """Refuses a range to draw from that is empty or beyond what makes sense.
+
+    Raises:
+        ValueError: It is.
+    """
+    if not lowest <= bounds[0] <= bounds[1] <= highest:
+        raise ValueError(
+            f"{name} must be two numbers from {lowest:g} to {highest:g}, the lower first; got "
+            f"{bounds[0]:g} and {bounds[1]:g}"
+        )
+
+
+def _unchanged(corruption: Corruption, sample: CameraLidarSample) -> Corrupted:
+    nowhere = _nowhere(sample)
+    return Corrupted(
+        sample=sample, record=_record(corruption, {}), camera_mask=nowhere, lidar_mask=nowhere
+    )
+
+
+def _record(corruption: Corruption, parameters: Mapping[str, Parameter]) -> Record:
+    return Record(kind=corruption.kind, sensors=corruption.sensors, parameters=parameters)
+
+
+def _nowhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
+    return torch.zeros(sample.image_size, dtype=torch.bool)

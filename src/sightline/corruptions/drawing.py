@@ -1,0 +1,61 @@
+"""Which case a training image meets."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sightline.corruptions.suites import Case, Suite, find_suite
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseDrawing:
+    """How cases of a suite are drawn for training.
+
+    Raises:
+        ValueError: There is no such suite or case, or the probabilities are none.
+    """
+
+    suite: str = "dgfn7"
+    probabilities: Mapping[str, float] | None = None
+    """By case, of sum 1; a case that is not named is never drawn. None: the suite's own."""
+    per: Literal["image", "update"] = "image"
+    """Whether each image has a case of its own, or all images of one weight update share one, as
+    Kim et al. 2018, section IV-A, say. What the case draws in turn is each image's own."""
+
+    def __post_init__(self) -> None:
+        """Checks names and probabilities."""
+        suite = find_suite(self.suite)
+        if self.probabilities is None:
+            return
+        suite.select(self.probabilities)
+        shares = self.probabilities.values()
+        if min(shares, default=0) < 0 or abs(sum(shares) - 1) > 1e-6:
+            raise ValueError(
+                "the probabilities of the cases must be at least 0 and sum to 1, got "
+                f"{dict(self.probabilities)}"
+            )
+
+    def draw(self, rng: np.random.Generator, num_images: int = 1) -> tuple[Case, ...]:
+        """Cases for the images of one weight update, in order.
+
+        Args:
+            rng: With `per` "update" all who prepare images of one update, on whatever worker or
+                device, must bring generators of equal state here.
+            num_images: How many.
+        """
+        suite = find_suite(self.suite)
+        shares = _probabilities(suite, self.probabilities)
+        size = 1 if self.per == "update" else num_images
+        drawn = [suite.cases[index] for index in rng.choice(len(shares), size=size, p=shares)]
+        return tuple(drawn * num_images if self.per == "update" else drawn)
+
+
+def _probabilities(suite: Suite, given: Mapping[str, float] | None) -> list[float]:
+    """Of each case of the suite, of sum 1 to the last bit that numpy asks for."""
+    if given is None:
+        given = {case.name: case.probability for case in suite.cases}
+    shares = [float(given.get(case.name, 0)) for case in suite.cases]
+    total = sum(shares)
+    return [share / total for share in shares]

@@ -1,0 +1,145 @@
+"""Corrupted data sets on disk: resumable, in parallel, the same bytes whatever happens."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from sightline.corruptions.suites import Case, Suite, find_suite
+from sightline.corruptions.tree import PARTS, CaseTree
+from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.object_tree import ObjectFrame, Velodyne, list_object_frames
+from sightline.data.open import open_dataset
+
+
+def corrupt_dataset(
+    data: Path,
+    out: Path,
+    *,
+    suite: str,
+    seed: int = 0,
+    cases: Sequence[str] | None = None,
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne = "velodyne",
+    masks: bool = False,
+    workers: int = 2,
+    shard_index: int = 0,
+    num_shards: int = 1,
+) -> JobResult:
+    """Writes the cases of a suite, each as an object tree `out`/CASE; see `CaseTree`.
+
+    The input is only read. A file appears whole or not at all, and what is there is skipped, so a
+    job that was stopped goes on where it was; with more cases or another list it extends what is
+    there. What a frame meets depends on the seed, its name and the kind of corruption alone.
+
+    Args:
+        data: KITTI's object tree, or one of its splits.
+        out: Folder for the cases; its sightline.json says what made them.
+        suite: Name of the suite.
+        seed: Another one draws other boxes, discs and noise.
+        cases: Names of the cases to write. None: all.
+        sample_list: Which frames; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder.
+        masks: Whether to write the pixels that may have changed, too.
+        workers: Processes that work; 1 is this process alone.
+        shard_index: Which part of the frames to do, from 0.
+        num_shards: Number of parts; each part can be done on another machine, at the same time.
+
+    Returns:
+        Frames written and skipped, each counted once a case.
+
+    Raises:
+        ValueError: There is no such suite or case, the data are no object tree or cannot be read,
+            `out` lies in them or holds what something else made, or a number makes no sense.
+            Errors about a frame name it; frames done before stay done.
+    """
+    chosen = find_suite(suite)
+    asked = chosen.cases if cases is None else chosen.select(cases)
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+    check_workers(workers)
+    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    dataset = _open(data, sample_list, velodyne)
+    _check_apart(dataset.root, out, asked)
+    trees = [
+        CaseTree(root=out / case.name, split=dataset.split, velodyne=velodyne, masks=masks)
+        for case in asked
+    ]
+    claim_folder(
+        out, _settings(dataset, chosen, seed), results=("*/training", "*/testing", "*/ImageSets")
+    )
+    originals = list_object_frames(dataset.root / dataset.split, PARTS, velodyne)
+    finished = [tree.finished(originals) for tree in trees]
+    works = []
+    for index in shard(range(len(dataset)), shard_index, num_shards):
+        name = dataset.sample_ids[index]
+        pending = tuple(
+            (case, tree)
+            for case, tree, done in zip(asked, trees, finished, strict=True)
+            if name not in done
+        )
+        works.append(_FrameWork(dataset, index, originals[name], seed, pending))
+    for tree in trees:
+        tree.link_lists(dataset.root)
+    run_job([work for work in works if work.pending], workers, description=f"corrupting by {suite}")
+    written = sum(len(work.pending) for work in works)
+    return JobResult(written=written, skipped=len(works) * len(asked) - written)
+
+
+@dataclass(frozen=True, slots=True)
+class _FrameWork:
+    """Reads a frame once and writes it as each of the cases has it."""
+
+    dataset: KittiObjectDataset
+    index: int
+    original: ObjectFrame
+    seed: int
+    pending: tuple[tuple[Case, CaseTree], ...]
+
+    def __str__(self) -> str:
+        return f"frame {self.original.sample_id}"
+
+    def run(self) -> None:
+        sample = self.dataset[self.index]
+        for case, tree in self.pending:
+            tree.write(case.corrupt(sample, self.seed), self.original)
+
+
+def _open(
+    data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
+) -> KittiObjectDataset:
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
+    if not isinstance(dataset, KittiObjectDataset):
+        raise ValueError(
+            f"{data} is another data set of KITTI's, expected an object tree; name a folder that "
+            "holds training/{image_2,velodyne,calib,label_2}"
+        )
+    return dataset
+
+
+def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
+    """Refuses an output folder that would change the input."""
+    source, target = data.resolve(), out.resolve()
+    written = [target / case.name for case in cases]
+    if target.is_relative_to(source) or any(source.is_relative_to(folder) for folder in written):
+        raise ValueError(
+            f"{out} cannot hold the cases, as it would change the data set {data}, which is only "
+            "read; name an output folder beside it"
+        )
+
+
+def _settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[str, object]:
+    """All that the bytes depend on, but for which frames, cases and masks are asked for."""
+    return {
+        "sightline": version("sightline"),
+        "data": dataset.root.resolve().name,
+        "split": dataset.split,
+        "velodyne": dataset.velodyne,
+        "suite": suite.name,
+        "seed": seed,
+        "cases": {
+            case.name: {"kind": case.corruption.kind, **asdict(case.corruption)}
+            for case in suite.cases
+        },
+    }

@@ -1,0 +1,77 @@
+"""Something in front of a sensor: Kim et al. 2018, section IV-A, "random occlusion"."""
+
+from dataclasses import astuple, dataclass, field
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+from torch import Tensor
+
+from sightline.corruptions.corruption import (
+    CameraCorruption,
+    Image,
+    ImageChange,
+    LidarCorruption,
+    PointsChange,
+    Sweep,
+)
+from sightline.corruptions.pixel_box import BoxDrawing, PixelBox
+from sightline.geometry.calibration import Calibration
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraOcclusion(CameraCorruption):
+    """A black box in the image."""
+
+    kind = "camera_occlusion"
+
+    box: BoxDrawing = field(default_factory=BoxDrawing)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `occlude_image`."""
+        box = self.box.draw(sample, rng)
+        return ImageChange(
+            occlude_image(image, box), box.mask(sample.image_size), {"box_px": astuple(box)}
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarOcclusion(LidarCorruption):
+    """An empty box in the maps that the sweep is projected to."""
+
+    kind = "lidar_occlusion"
+
+    box: BoxDrawing = field(default_factory=BoxDrawing)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """See `occlude_points`."""
+        box = self.box.draw(sample, rng)
+        return PointsChange(
+            occlude_points(points, sample.calibration, box),
+            box.mask(sample.image_size),
+            {"box_px": astuple(box)},
+        )
+
+
+def occlude_image(
+    image: UInt8[Tensor, "channels height width"], box: PixelBox
+) -> UInt8[Tensor, "channels height width"]:
+    """The image with the box's pixels black."""
+    occluded = image.clone()
+    occluded[(..., *box.window)] = 0
+    return occluded
+
+
+def occlude_points(
+    points: Float32[Tensor, "num_points 4"], calibration: Calibration, box: PixelBox
+) -> Float32[Tensor, "num_left 4"]:
+    """The sweep without the points, at whatever depth, that fall on the box's pixels.
+
+    Every map that it is projected to is then zero there and as before elsewhere. The order of the
+    points stays.
+    """
+    return points[~box.holds(points, calibration)]

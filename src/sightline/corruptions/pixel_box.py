@@ -1,0 +1,100 @@
+"""Boxes of whole pixels, and how they are drawn."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32
+from torch import Tensor
+
+from sightline.corruptions.corruption import check_range
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import project_points
+from sightline.structures.sample import CameraLidarSample
+
+_NO_OBJECT = "DontCare"  # KITTI's name for a region of unknown content
+
+
+@dataclass(frozen=True, slots=True)
+class PixelBox:
+    """Columns `left` to below `right` and rows `top` to below `bottom` of an image."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Index of its rows and columns in a map of height and width."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+    def mask(self, image_size: tuple[int, int]) -> Bool[Tensor, "height width"]:
+        """Its pixels in an image of (height, width)."""
+        mask = torch.zeros(image_size, dtype=torch.bool)
+        mask[self.window] = True
+        return mask
+
+    def holds(
+        self, points: Float32[Tensor, "num_points 4"], calibration: Calibration
+    ) -> Bool[Tensor, " num_points"]:
+        """Which LiDAR points [m] fall on its pixels, as `sparse_depth_map` places them."""
+        # In float64 throughout: a rounded pixel may be the neighbour.
+        columns, rows = project_points(points[:, :3].double(), calibration).pixels.unbind(dim=-1)
+        # Written so that NaN, the pixel of what is not in front of the camera, is outside.
+        inside = (columns >= self.left - 0.5) & (columns < self.right - 0.5)
+        return inside & (rows >= self.top - 0.5) & (rows < self.bottom - 0.5)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BoxDrawing:
+    """How a box of random size and place is drawn; each number is drawn evenly.
+
+    Kim et al. 2018, section IV-A, give no numbers; in their Fig. 3d the box is about 0.5 by 0.63.
+    """
+
+    width_share: tuple[float, float] = (0.2, 0.6)
+    """Of the image's width."""
+    height_share: tuple[float, float] = (0.3, 0.65)
+    """Of the image's height."""
+    placement: Literal["object", "uniform"] = "object"
+    """The box's centre: that of a labelled object's 2D box, each as likely (not of DontCare), or
+    anywhere in the image. Where there is no object it is anywhere."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_range("width_share", self.width_share, 0, 1)
+        check_range("height_share", self.height_share, 0, 1)
+
+    def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
+        """A box of at least one pixel, cut at the image's border."""
+        height, width = sample.image_size
+        box_width = max(1, round(rng.uniform(*self.width_share) * width))
+        box_height = max(1, round(rng.uniform(*self.height_share) * height))
+        x, y = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, height - 0.5)
+        if self.placement == "object":
+            x, y = _object_centre(sample, rng) or (x, y)
+        # The centre of the box, within the image, is on one of its pixels: so one is left.
+        left = round(min(max(x, 0), width - 1) - (box_width - 1) / 2)
+        top = round(min(max(y, 0), height - 1) - (box_height - 1) / 2)
+        return PixelBox(
+            max(left, 0),
+            max(top, 0),
+            min(left + box_width, width),
+            min(top + box_height, height),
+        )
+
+
+def _object_centre(
+    sample: CameraLidarSample, rng: np.random.Generator
+) -> tuple[float, float] | None:
+    """Centre [px] of a random object's 2D box; None where there is none."""
+    if sample.objects is None:
+        return None
+    rows = [row for row, name in enumerate(sample.objects.class_names) if name != _NO_OBJECT]
+    if not rows:
+        return None
+    box = sample.objects.boxes2d.tensor[rows[rng.integers(len(rows))]]
+    x_min, y_min, x_max, y_max = box.tolist()
+    return (x_min + x_max) / 2, (y_min + y_max) / 2

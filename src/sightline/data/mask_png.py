@@ -1,0 +1,34 @@
+"""Maps of yes and no, as PNGs with 8 bits that anybody can look at."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool
+
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.image_file import read_rgb
+
+_YES = 255
+
+
+def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
+    """Reads what `write_mask_png` writes: True where a pixel is lighter than middle grey.
+
+    Raises:
+        FileError: The file is no whole picture.
+    """
+    mask: Bool[np.ndarray, "height width"] = read_rgb(path)[..., 0] > _YES // 2
+    return mask
+
+
+def write_mask_png(path: Path | str, mask: Bool[np.ndarray, "height width"]) -> None:
+    """Writes white for True and black for False, aside first and then renamed.
+
+    Raises:
+        ValueError: There is no pixel.
+    """
+    if mask.size == 0:
+        raise ValueError(f"{path} cannot be written: a mask needs at least one pixel")
+    _, encoded = cv2.imencode(".png", mask.astype(np.uint8) * _YES)
+    atomic_write_bytes(path, encoded.tobytes())

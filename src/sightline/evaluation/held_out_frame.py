@@ -1,0 +1,192 @@
+"""One frame of the held-out-rings protocol: what methods may see, and what is true.
+
+Rings are numbered as `sightline.data.rings.ring_numbers` does, after the sweep is cut to the
+image, so that whole sweeps and KITTI's reduced ones score alike. Every eighth ring, from number 4,
+is never given to any method. A method sees, of the other rings, all ("64 beams"), every second
+("32"), every fourth ("16") or every eighth ("8"); the truth is the same for all.
+
+Of another sensor than KITTI's, whole sweeps tell how many beams it has. Its rings are numbered
+by laser, before the cut, and the densities are all of its beams, half of them and so on.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+import torch
+from beartype import beartype
+from jaxtyping import Bool, Float32, Int64, jaxtyped
+from torch import Tensor
+
+from sightline.data.augmentation import crop, keep_rings, points_in_view
+from sightline.data.rings import NUM_RINGS, count_beams, ring_numbers
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.sample import CameraLidarSample
+
+BEAMS = (64, 32, 16, 8)
+"""Densities of the tables."""
+CROP_SIZE = (352, 1216)
+"""Height and width of the bottom-centre crop, as in the depth benchmark's own selection."""
+_LARGEST_CROPPED = (376, 1242)  # KITTI's largest images: of others the crop would miss the scene
+
+HELD_OUT_EVERY = 8
+FIRST_HELD_OUT = 4
+"""The tables' own; training may hold out others."""
+# A return farther than this behind the nearest point around it is hidden from the camera, which
+# sits elsewhere than the LiDAR: it is no truth for the pixel that it falls on.
+_VISIBILITY_WINDOW = (15, 7)  # rows, columns
+_VISIBILITY_FACTOR = 1.15
+_VISIBILITY_MARGIN_M = 0.5
+
+TruthChoice = Literal["rings", "depth", "depth_in_reach"]
+"""What a method is scored on. `rings`: the returns of the held-out rings. `depth`: the sample's own
+depth map, dense from the simulator, up to 80 m. `depth_in_reach`: of that, what lies below the
+highest return of the sweep, all beams; above, every method guesses."""
+_FARTHEST_DENSE_M = 80.0
+_REACH_COLUMNS = 31  # a column takes the highest return of so many around it
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeldOutFrame:
+    """One frame parted into what methods may see and what they are scored on."""
+
+    sample: CameraLidarSample
+    """Cropped; its points are the returns in view of the rings that are not held out."""
+    rings: Int64[Tensor, " num_points"]
+    """Ring number of each point of `sample`."""
+    truth_m: Float32[Tensor, "height width"]
+    """Depths of the held-out returns that the camera sees, or dense ones; 0 = none."""
+    first_held_out: int = FIRST_HELD_OUT
+    sensor_beams: int = NUM_RINGS
+    """How many the sensor has that took the sweep."""
+
+    def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
+        """The sample as a sensor of so many beams would have taken it.
+
+        Args:
+            beams: How many of the sensor's.
+            start: How many of the rings that are not held out to pass over at the top, for a
+                sensor that looks a little lower than the tables' one.
+
+        Raises:
+            ValueError: The sensor's number is no multiple of `beams`.
+        """
+        if beams < 1 or self.sensor_beams % beams:
+            choices = ", ".join(map(str, densities(self.sensor_beams)))
+            raise ValueError(
+                f"beams must divide the sensor's {self.sensor_beams} evenly ({choices}, ..), got "
+                f"{beams}"
+            )
+        rings = torch.arange(self.sensor_beams + 1)  # of a cut sweep the last one may be in halves
+        given = rings[~_is_held_out(rings, self.first_held_out)]
+        step = self.sensor_beams // beams
+        return keep_rings(self.sample, self.rings, given[start::step].tolist())
+
+
+def densities(sensor_beams: int) -> tuple[int, ...]:
+    """Those of the tables, for a sensor of so many beams: all, half, a quarter, an eighth."""
+    return tuple(sensor_beams * beams // NUM_RINGS for beams in BEAMS)
+
+
+def split_rings(
+    sample: CameraLidarSample,
+    *,
+    first_held_out: int = FIRST_HELD_OUT,
+    truth: TruthChoice = "rings",
+) -> HeldOutFrame:
+    """Parts a frame: held-out rings to truth, the others to the sample that methods get.
+
+    Both are cropped to `CROP_SIZE` at the bottom centre; an image that is smaller, or larger than
+    KITTI's, is kept whole. Labels and depth are taken off the sample.
+
+    Args:
+        sample: The frame.
+        first_held_out: The first ring that is held out; every eighth from there is.
+        truth: What to score on.
+
+    Raises:
+        ValueError: The sample has no points, they are not in KITTI's order, none of the held-out
+            ones is in view, or there is no depth map where that shall be the truth.
+    """
+    if sample.points is None or len(sample.points) == 0:
+        raise ValueError(
+            f"sample {sample.sample_id} has no points, but held-out rings need a sweep; leave the "
+            "sample out"
+        )
+    is_in_view = points_in_view(sample)
+    points = sample.points[is_in_view]
+    sensor_beams = count_beams(sample.points.numpy())
+    try:
+        if sensor_beams == NUM_RINGS:  # numbered after the cut: as sweeps that come cut
+            rings = torch.from_numpy(ring_numbers(points.numpy()))
+        else:
+            rings = torch.from_numpy(ring_numbers(sample.points.numpy()))[is_in_view]
+    except ValueError as error:
+        raise ValueError(f"sample {sample.sample_id}: {error}") from error
+    held_out = _is_held_out(rings, first_held_out)
+    everything = sparse_depth_map(points, sample.calibration, sample.image_size)
+    if truth == "rings":
+        returns = sparse_depth_map(points[held_out], sample.calibration, sample.image_size)
+        truth_m = torch.where(_is_visible(returns, everything), returns, 0.0)
+    else:
+        truth_m = _dense_truth(sample)
+        if truth == "depth_in_reach":
+            truth_m = torch.where(_is_in_reach(everything), truth_m, 0.0)
+    top, left, height, width = _crop(sample.image_size)
+    truth_m = truth_m[top : top + height, left : left + width].contiguous()
+    if not truth_m.any():
+        what = "return of a held-out ring in view" if truth == "rings" else "true depth"
+        raise ValueError(
+            f"sample {sample.sample_id} has no {what}, so there is nothing to score; leave the "
+            "sample out"
+        )
+    given = replace(sample, points=points[~held_out], depth=None)
+    cropped = crop(given, top=top, left=left, height=height, width=width)
+    return HeldOutFrame(
+        sample=cropped,
+        rings=rings[~held_out],
+        truth_m=truth_m,
+        first_held_out=first_held_out,
+        sensor_beams=sensor_beams,
+    )
+
+
+def _is_held_out(rings: Int64[Tensor, " count"], first: int) -> Bool[Tensor, " count"]:
+    return rings % HELD_OUT_EVERY == first
+
+
+def _is_visible(
+    depth_m: Float32[Tensor, "height width"], everything_m: Float32[Tensor, "height width"]
+) -> Bool[Tensor, "height width"]:
+    """Which depths have no nearer point of the sweep around them that would hide them."""
+    occupied = np.where(everything_m.numpy() > 0, everything_m.numpy(), np.inf)
+    nearest = torch.from_numpy(cv2.erode(occupied, np.ones(_VISIBILITY_WINDOW, np.uint8)))
+    return depth_m <= _VISIBILITY_FACTOR * nearest + _VISIBILITY_MARGIN_M
+
+
+def _dense_truth(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
+    if sample.depth is None:
+        raise ValueError(
+            f"sample {sample.sample_id} has no depth map to be scored on; take simulated frames, "
+            "or held-out rings for truth"
+        )
+    return torch.where(sample.depth <= _FARTHEST_DENSE_M, sample.depth, 0.0)
+
+
+def _is_in_reach(
+    everything_m: Float32[Tensor, "height width"],
+) -> Bool[Tensor, "height width"]:
+    """Which pixels lie at or below the highest return of the columns around them."""
+    is_hit = (everything_m > 0).numpy().astype(np.uint8)
+    highest = cv2.dilate(is_hit, np.ones((1, _REACH_COLUMNS), np.uint8))
+    return torch.from_numpy(np.maximum.accumulate(highest, axis=0) > 0)
+
+
+def _crop(image_size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Top, left, height and width of the bottom-centre crop, or of the whole image."""
+    height, width = image_size
+    if height <= _LARGEST_CROPPED[0] and width <= _LARGEST_CROPPED[1]:
+        height, width = min(height, CROP_SIZE[0]), min(width, CROP_SIZE[1])
+    return image_size[0] - height, (image_size[1] - width) // 2, height, width

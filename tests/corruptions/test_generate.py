@@ -1,0 +1,293 @@
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sightline.corruptions.generate import corrupt_dataset
+from sightline.corruptions.suites import SUITES
+from sightline.data.check import check_tree
+from sightline.data.image_file import write_rgb
+from sightline.data.jobs import JobResult
+from sightline.data.mask_png import read_mask_png
+from sightline.data.open import open_dataset
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.corruptions.samples import same
+from tests.data.trees import picture, write_drive, write_object_frame, write_object_tree
+
+FRAMES = ("000000", "000003", "000011", "000042")
+DGFN7 = SUITES["dgfn7"]
+_REPLACE = Path.replace
+
+pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks
+
+
+def make(data: Path, out: Path, **options: object) -> JobResult:
+    return corrupt_dataset(data, out, **{"suite": "dgfn7", "seed": 3, "workers": 1, **options})
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = write_object_tree(tmp_path_factory.mktemp("data") / "tiny", *FRAMES)
+    (root / "ImageSets").mkdir()
+    (root / "ImageSets/val.txt").write_text("000003\n000011\n")
+    return root
+
+
+@pytest.fixture(scope="module")
+def cases(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("out") / "cases"
+    assert make(data, out, masks=True) == JobResult(written=28, skipped=0)
+    return out
+
+
+def test_each_case_is_an_object_tree_that_passes_the_check(cases: Path):
+    folders = sorted(path.name for path in cases.iterdir() if path.is_dir())
+    assert folders == sorted(DGFN7.case_names)
+    for name in DGFN7.case_names:
+        assert list(check_tree(cases / name, num_workers=1)) == []
+        assert open_dataset(cases / name).sample_ids == FRAMES
+        assert open_dataset(cases / name, sample_list="val").sample_ids == FRAMES[1:3]
+
+
+def test_what_is_read_is_what_the_case_makes_of_the_sample(data: Path, cases: Path):
+    for case in DGFN7.cases:
+        for sound, read in zip(open_dataset(data), open_dataset(cases / case.name), strict=True):
+            expected = case.corrupt(sound, seed=3)
+            assert same(read, expected.sample)
+            assert torch.equal(read.objects.boxes2d.tensor, sound.objects.boxes2d.tensor)
+            folder, name = cases / case.name / "training", sound.sample_id
+            record = json.loads((folder / f"corruption/{name}.json").read_text())
+            assert record == json.loads(json.dumps(expected.record.to_json()))
+            for part, mask in (("camera", expected.camera_mask), ("lidar", expected.lidar_mask)):
+                found = read_mask_png(folder / f"{part}_mask/{name}.png")
+                assert np.array_equal(found, mask.numpy())
+
+
+def test_the_manifest_says_what_made_the_cases(cases: Path):
+    manifest = json.loads((cases / "sightline.json").read_text())
+    assert (manifest["suite"], manifest["seed"], manifest["data"]) == ("dgfn7", 3, "tiny")
+    assert manifest["cases"]["camera_noise"]["sigma_levels"] == [20, 120]
+    assert list(manifest["cases"]) == list(DGFN7.case_names)
+
+
+def test_two_workers_shards_and_another_order_of_cases_write_the_same_bytes(
+    data: Path, cases: Path, tmp_path: Path
+):
+    make(data, tmp_path / "a", masks=True, workers=2)
+    for index in (2, 0, 1):
+        make(data, tmp_path / "b", masks=True, shard_index=index, num_shards=3)
+    for name in reversed(DGFN7.case_names):
+        make(data, tmp_path / "c", masks=True, cases=[name])
+    for other in "abc":
+        assert content(tmp_path / other) == content(cases)
+
+
+def test_what_is_there_is_kept_and_what_is_missing_is_made_alike(
+    data: Path, cases: Path, tmp_path: Path
+):
+    out = tmp_path / "out"
+    make(data, out)
+    kept = out / "camera_noise/training/image_2/000003.png"
+    before = kept.stat().st_mtime_ns
+    assert make(data, out) == JobResult(written=0, skipped=28)
+    for gone in ("camera_noise/training/image_2/000042.png", "clean/training/calib/000000.txt"):
+        (out / gone).unlink()
+    for gone in (out / "lidar_blank/training").glob("[!c]*/000011.*"):  # all but calib, corruption
+        gone.unlink()
+    (out / "lidar_blank/training/calib/000011.txt").unlink()
+    assert make(data, out) == JobResult(written=3, skipped=25)
+    assert kept.stat().st_mtime_ns == before
+    without_masks = {k: v for k, v in content(cases).items() if "_mask/" not in k}
+    assert content(out) == without_masks
+    assert make(data, out, masks=True).written == 28  # they were not asked for before
+    assert content(out) == content(cases)
+
+
+def killed_at(renames: int, data: Path, out: Path) -> None:
+    """The job in a process of its own that is killed just before it renames so manyth a file."""
+    left = renames
+
+    def rename(path: Path, target: Path) -> Path:
+        nonlocal left
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        left -= 1
+        return _REPLACE(path, target)
+
+    Path.replace = rename
+    make(data, out, masks=True)
+
+
+@settings(max_examples=4)
+@given(renames=st.integers(0, 200))
+def test_a_job_that_is_killed_is_finished_to_the_same_bytes(
+    data: Path, cases: Path, tmp_path_factory: pytest.TempPathFactory, renames: int
+):
+    out = tmp_path_factory.mktemp("killed") / "out"
+    process = multiprocessing.get_context("fork").Process(
+        target=killed_at, args=(renames, data, out)
+    )
+    process.start()
+    process.join(60)
+    assert process.exitcode == -signal.SIGKILL
+    expected = content(cases)
+    there = {name: text for name, text in content(out).items() if ".sightline-" not in name}
+    assert len(there) < len(expected)
+    assert there.items() <= expected.items()
+    make(data, out, masks=True)
+    assert content(out) == expected
+    shutil.rmtree(out)
+
+
+def test_the_input_stays_as_it_is(data: Path, tmp_path: Path):
+    def state() -> dict[str, tuple[int, int, bytes]]:
+        paths = sorted(data.rglob("*"))
+        return {
+            str(path): (
+                path.stat().st_mtime_ns,
+                path.stat().st_mode,
+                path.read_bytes() if path.is_file() else b"",
+            )
+            for path in paths
+        }
+
+    before = state()
+    make(data, tmp_path / "out", masks=True)
+    assert state() == before  # links are no change of it
+    linked = tmp_path / "out/lidar_blank/training/image_2/000000.png"
+    write_rgb(linked, picture(9))
+    assert not linked.samefile(data / "training/image_2/000000.png")
+    assert state() == before
+
+
+def test_what_a_case_leaves_alone_takes_no_room(data: Path, cases: Path):
+    for case in DGFN7.cases:
+        for sensor, part in (("camera", "image_2/000000.png"), ("lidar", "velodyne/000000.bin")):
+            is_linked = (cases / case.name / "training" / part).samefile(data / "training" / part)
+            assert is_linked == (sensor not in case.corruption.sensors)
+
+
+def test_a_list_and_more_cases_extend_what_is_there(data: Path, cases: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    blind = ["lidar_blank", "camera_blank"]
+    assert make(data, out, cases=blind, sample_list="val", masks=True).written == 4
+    assert open_dataset(out / "camera_blank").sample_ids == FRAMES[1:3]
+    assert not (out / "clean").exists()
+    assert make(data, out, masks=True) == JobResult(written=24, skipped=4)
+    assert content(out) == content(cases)
+
+
+def test_trees_with_depth_reduced_sweeps_jpegs_or_no_labels_are_taken_as_they_are(tmp_path: Path):
+    data, out = tmp_path / "data", tmp_path / "out"
+    write_object_frame(data, "7", split="testing")
+    folder = data / "testing"
+    (folder / "velodyne").rename(folder / "velodyne_reduced")
+    (folder / "image_2/7.png").unlink()
+    write_rgb(folder / "image_2/7.jpg", picture())
+    make(data, out, velodyne="velodyne_reduced")
+    names = {path.name: content(path) for path in out.iterdir() if path.is_dir()}
+    assert "testing/image_2/7.jpg" in names["lidar_occlusion"]
+    assert "testing/image_2/7.png" in names["camera_occlusion"]
+    assert names["lidar_blank"]["testing/velodyne_reduced/7.bin"] == b""
+    assert make(PACKAGED_FRAMES, tmp_path / "street", cases=["lidar_occlusion"]).written == 2
+    street = open_dataset(tmp_path / "street/lidar_occlusion", parts=("image", "points", "depth"))
+    assert street[1].depth is not None
+
+
+def test_a_real_frame_has_its_box_on_an_object(kitti_root: Path, tmp_path: Path):
+    (name, *_) = open_dataset(kitti_root, sample_list="sample_val").sample_ids
+    make(kitti_root, tmp_path, cases=["camera_occlusion", "lidar_occlusion"], sample_list=[name])
+    sound = open_dataset(kitti_root, sample_list=[name])[0]
+    for case in ("camera_occlusion", "lidar_occlusion"):
+        record = json.loads((tmp_path / case / f"training/corruption/{name}.json").read_text())
+        left, top, right, bottom = record["parameters"]["box_px"]
+        centres = (sound.objects.boxes2d.tensor[:, :2] + sound.objects.boxes2d.tensor[:, 2:]) / 2
+        x, y = centres.unbind(dim=-1)
+        assert ((x > left - 1) & (x < right) & (y > top - 1) & (y < bottom)).any()
+    read = open_dataset(tmp_path / "lidar_occlusion")[0]
+    assert 0 < len(read.points) < len(sound.points)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"suite": "dgfn"}, "no suite 'dgfn'; perhaps dgfn7 is meant"),
+        ({"cases": ["clean", "camera_blnk"]}, "no case 'camera_blnk'; perhaps camera_blank is"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
+        ({"workers": 0}, "workers must be at least 1"),
+        ({"shard_index": 2, "num_shards": 2}, "shard_index must be between"),
+        ({"sample_list": ["000001"]}, "no frame 000001"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_written(
+    data: Path, tmp_path: Path, options: dict, said: str
+):
+    with pytest.raises(ValueError, match=said):
+        make(data, tmp_path / "out", **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("inside", [".", "training", "cases/deep", "training/../x"])
+def test_an_output_folder_within_the_input_is_refused(data: Path, inside: str):
+    before = content(data)
+    for given_data in (data, data / "training"):
+        with pytest.raises(ValueError, match="would change the data set"):
+            make(given_data, data / inside)
+    assert content(data) == before
+
+
+def test_a_case_that_is_itself_the_input_is_not_overwritten(cases: Path, tmp_path: Path):
+    link = tmp_path / "link"
+    link.symlink_to(cases)
+    for out in (cases, link):
+        with pytest.raises(ValueError, match="would change the data set"):
+            make(cases / "clean", out, seed=8)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"seed": 4}, "seed 3 instead of 4"), ({"suite": "dgfn7-figure"}, "suite dgfn7 instead of")],
+)
+def test_other_settings_never_mix_with_what_is_there(
+    data: Path, cases: Path, options: dict, said: str
+):
+    before = content(cases)
+    with pytest.raises(ValueError, match=said):
+        make(data, cases, **options)
+    assert content(cases) == before
+
+
+def test_other_data_never_mix_with_what_is_there(cases: Path, tmp_path: Path):
+    write_object_tree(tmp_path / "other", "000000")
+    with pytest.raises(ValueError, match="data tiny instead of other"):
+        make(tmp_path / "other", cases)
+
+
+def test_data_of_another_format_is_refused(tmp_path: Path):
+    drive = write_drive(tmp_path / "drive", official=False)
+    with pytest.raises(ValueError, match="expected an object tree"):
+        make(drive, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_names_the_frame_and_what_was_done_before_stays(tmp_path: Path, workers: int):
+    data, out = write_object_tree(tmp_path / "data", "000000", "000001"), tmp_path / "out"
+    (data / "training/velodyne/000001.bin").write_bytes(b"cut short")
+    with pytest.raises(ValueError, match=r"^frame 000001: .*000001\.bin: holds 9 bytes"):
+        make(data, out, workers=workers)
+    assert (out / "lidar_blank/training/corruption/000000.json").exists()
+    assert not list(out.rglob("000001.*"))
