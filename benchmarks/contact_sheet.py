@@ -15,7 +15,8 @@ from sightline.data.atomic import atomic_write_bytes
 from sightline.data.progress import track
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.simulation.dataset import sample_of
-from sightline.simulation.simulator import SimulationConfig, simulate_frame
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import simulate_frame
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
 from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points

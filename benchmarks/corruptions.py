@@ -16,7 +16,8 @@ import torch
 from benchmarks.machine import describe_machine
 from sightline.corruptions.suites import SUITES, Case
 from sightline.simulation.dataset import sample_of
-from sightline.simulation.simulator import SimulationConfig, simulate_frame
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import simulate_frame
 from sightline.structures.sample import CameraLidarSample
 
 

@@ -31,7 +31,8 @@ from benchmarks.machine import describe_machine
 from sightline.simulation.camera_rays import camera_view
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Mesh
-from sightline.simulation.simulator import SimulationConfig, simulate_street
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import calibration_of, lidar_of, simulate_street
 from sightline.simulation.surfaces import Rays
 
 _LIFT = np.float32(0.999)  # of the way to a surface, where rays around it start
@@ -153,7 +154,7 @@ def street_works(name: str, streets: int, seed: int) -> list[Work]:
 def _street_work(peer: type[Peer], config: SimulationConfig, index: int) -> Work:
     scene = simulate_street(config, index).snapshot(0.0)
     rows, columns = np.indices(config.image_size, dtype=np.float32).reshape(2, -1)
-    view = camera_view(config.calibration, scene.ego, config.lidar_config.height_m)
+    view = camera_view(calibration_of(config), scene.ego, lidar_of(config).height_m)
     camera = view.rays(columns, rows)
     faces, distances = peer(scene.mesh).look(camera)
     met = np.flatnonzero(faces >= 0)[::2]

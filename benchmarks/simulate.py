@@ -34,7 +34,13 @@ from sightline.simulation.generate import simulate
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import take_sweep
 from sightline.simulation.raycast import Raycaster
-from sightline.simulation.simulator import SimulationConfig, simulate_frame, simulate_street
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import (
+    calibration_of,
+    lidar_of,
+    simulate_frame,
+    simulate_street,
+)
 from sightline.simulation.writer import ObjectLayout
 
 Result = TypeVar("Result")
@@ -107,12 +113,12 @@ def time_frame(
     street = stages.time("street", lambda: simulate_street(config, index))
     scene = stages.time("scene", lambda: street.snapshot(0.0))
     raycaster = stages.time("search tree", lambda: Raycaster(scene.mesh))
-    height_m = config.lidar_config.height_m
+    height_m = lidar_of(config).height_m
     picture = stages.time(
         "camera",
         lambda: render_camera(
             scene,
-            config.calibration,
+            calibration_of(config),
             config.image_size,
             rng=np.random.default_rng(0),
             config=CameraConfig(lidar_height_m=height_m),
@@ -121,11 +127,11 @@ def time_frame(
     )
     stages.time(
         "LiDAR",
-        lambda: take_sweep(
-            scene, raycaster, rng=np.random.default_rng(0), config=config.lidar_config
-        ),
+        lambda: take_sweep(scene, raycaster, rng=np.random.default_rng(0), config=lidar_of(config)),
     )
-    stages.time("labels", lambda: label_frame(scene, picture.owners, config.calibration, height_m))
+    stages.time(
+        "labels", lambda: label_frame(scene, picture.owners, calibration_of(config), height_m)
+    )
     frame = simulate_frame(config, index)
     stages.time("files", lambda: layout.frame(index).write(frame, layout.velodyne))
 

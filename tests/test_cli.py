@@ -101,6 +101,35 @@ def test_wrong_arguments_are_refused_in_one_line(capsys, tmp_path, arguments, sa
 
 
 @pytest.mark.parametrize(
+    "command",
+    [
+        ["objects", "DATA", "DATA"],
+        ["proposals", "DATA", "DATA"],
+        ["depth", "DATA", "DATA"],
+        ["held-out", "DATA"],
+        ["realism", "DATA", "DATA"],
+    ],
+)
+def test_a_report_that_cannot_be_written_is_refused_before_anything_is_read(
+    capsys, tmp_path, command
+):
+    given = [str(tmp_path) if word == "DATA" else word for word in command]
+    status, out, err = run(capsys, "evaluate", *given, "--json", "/dev/full")
+    assert (status, out) == (2, "")
+    assert err.startswith("sightline: /dev/full cannot be written: it is no regular file")
+    assert err.count("\n") == 1
+
+
+def test_a_frame_that_there_is_not_is_answered_with_one_that_there_is(capsys, tmp_path):
+    status, _, err = run(
+        capsys, "show", str(PACKAGED_FRAMES), "1", "--out", str(tmp_path / "1.png")
+    )
+    assert status == 2
+    assert "perhaps 000001 is meant" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         ["check", "nowhere"],

@@ -21,7 +21,7 @@ from sightline.data.weights import read_weights
 from sightline.export.engines import open_engine
 from sightline.structures.batch import concatenate
 from sightline.training.data import CameraLidarData, SourceConfig
-from sightline.training.lightning_cli import LIGHTNING_NOISE
+from sightline.training.quiet import LIGHTNING_NOISE
 from tests import toy_task
 from tests.data.trees import LABELS, write_object_tree
 from tests.toy_task.examples import FinderExamples

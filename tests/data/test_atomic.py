@@ -118,6 +118,16 @@ def test_a_full_disk_is_told_with_the_file(tmp_path):
     assert names(tmp_path) == []
 
 
+def test_a_full_disk_is_told_with_the_final_place_of_a_file_within_another(tmp_path):
+    with (
+        pytest.raises(ValueError, match=f"^{tmp_path}/0.png cannot be written: no space left"),
+        atomic_path(tmp_path / "0.png") as outer,
+        atomic_path(outer),
+    ):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert names(tmp_path) == []
+
+
 def test_errors_of_other_files_in_the_block_stay_what_they_are(tmp_path):
     with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "0.png"):
         (tmp_path / "absent").read_bytes()

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -7,11 +8,13 @@ from sightline.data.calibration_text import read_object_matrices
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import read_labels
-from sightline.simulation.simulator import SimulationConfig
+from sightline.geometry.image_boxes import kitti_corners, project_boxes
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import calibration_of
 from tests.reference import label_boxes as reference
 
 SIZE = (375, 1242)
-CAMERA = SimulationConfig().calibration.image_from_camera
+CAMERA = calibration_of(SimulationConfig()).image_from_camera
 
 
 def projected(location, size_hwl, rotation_y: float, image_size=SIZE):
@@ -48,6 +51,21 @@ def test_what_is_wholly_inside_is_not_truncated_at_all(rotation_y: float, x: flo
     box, truncation = projected((x, 1.6, 20.0), (1.5, 1.6, 4.0), rotation_y)
     assert truncation == 0
     assert 0 < box[0] < box[2] < SIZE[1] - 1
+
+
+@given(
+    x=st.floats(-20, 20),
+    y=st.floats(-1, 3),
+    z=st.floats(-4, 60),
+    size_hwl=st.tuples(st.floats(0.5, 4), st.floats(0.5, 3), st.floats(0.5, 10)),
+    rotation_y=st.floats(-3.2, 3.2),
+)
+def test_a_box_is_the_one_that_detections_get_by_pytorch(x, y, z, size_hwl, rotation_y):
+    given_box = (torch.tensor([value], dtype=torch.float64) for value in (size_hwl, (x, y, z)))
+    corners = kitti_corners(*given_box, torch.tensor([rotation_y], dtype=torch.float64))
+    theirs = project_boxes(corners, torch.from_numpy(CAMERA), SIZE).tensor[0].numpy()
+    ours, _ = projected((x, y, z), size_hwl, rotation_y)
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
 def test_a_corner_behind_the_camera_makes_the_truncation_1_and_the_box_ends_at_the_image():

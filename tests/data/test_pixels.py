@@ -12,7 +12,8 @@ from sightline.data import pixels
 from sightline.data.augmentation import points_in_view
 from sightline.geometry import projection, transforms
 from sightline.geometry.calibration import Calibration
-from sightline.simulation.simulator import SimulationConfig
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import calibration_of
 from sightline.structures.sample import CameraLidarSample
 
 CONFIGS = st.builds(
@@ -26,7 +27,7 @@ POINTS = arrays(
 
 
 def as_tensors(config: SimulationConfig) -> Calibration:
-    matrices = config.calibration
+    matrices = calibration_of(config)
     return Calibration(
         image_from_camera=torch.from_numpy(matrices.image_from_camera),
         camera_from_lidar=torch.from_numpy(matrices.camera_from_lidar),
@@ -46,7 +47,7 @@ def test_a_calibration_is_resized_and_cropped_as_by_the_project_s_own(config: Si
     made = as_tensors(config)
     assert torch.allclose(made.image_from_camera, expected.image_from_camera, rtol=1e-14)
     assert np.allclose(
-        pixels.image_from_lidar(config.calibration), expected.image_from_lidar, rtol=1e-13
+        pixels.image_from_lidar(calibration_of(config)), expected.image_from_lidar, rtol=1e-13
     )
 
 
@@ -56,7 +57,7 @@ def test_a_sweep_falls_where_the_project_s_own_projection_says(
     points: np.ndarray, config: SimulationConfig
 ):
     sweep, calibration = torch.from_numpy(points), as_tensors(config)
-    sparse = pixels.sparse_depth_map(points, config.calibration, config.image_size)
+    sparse = pixels.sparse_depth_map(points, calibration_of(config), config.image_size)
     wanted = projection.sparse_depth_map(sweep, calibration, config.image_size).numpy()
     assert np.allclose(sparse, wanted, rtol=1e-6)
 
@@ -66,7 +67,7 @@ def test_a_sweep_falls_where_the_project_s_own_projection_says(
 def test_the_camera_sees_what_kittis_reduced_sweeps_keep(
     points: np.ndarray, config: SimulationConfig
 ):
-    seen = pixels.seen_by_camera(points, config.calibration, config.image_size)
+    seen = pixels.seen_by_camera(points, calibration_of(config), config.image_size)
     sample = CameraLidarSample(
         sample_id="seen",
         calibration=as_tensors(config),
@@ -80,7 +81,7 @@ def test_pixels_with_a_depth_are_found_again_from_their_points():
     config = SimulationConfig()
     rng = np.random.default_rng(0)
     places, depths = rng.uniform(0, 1000, (50, 2)), rng.uniform(1, 80, 50)
-    points = pixels.unproject_pixels(places, depths, config.calibration)
+    points = pixels.unproject_pixels(places, depths, calibration_of(config))
     expected = projection.unproject_pixels(
         torch.from_numpy(places), torch.from_numpy(depths), as_tensors(config)
     )
@@ -97,5 +98,5 @@ def test_angles_are_wrapped_as_by_the_project_s_own(angles: np.ndarray):
 
 
 def test_simulating_needs_no_pytorch_which_would_fill_every_worker():
-    program = "import sys, sightline.simulation.command; sys.exit('torch' in sys.modules)"
+    program = "import sys, sightline.simulation.generate; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True)

@@ -17,7 +17,7 @@ from sightline.evaluation.realism import RealismReport, Statistic, evaluate_real
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.simulation.generate import simulate
-from sightline.simulation.simulator import SimulationConfig
+from sightline.simulation.settings import SimulationConfig
 from sightline.structures.labels import ObjectLabels
 from tests.simulation.streets import make_tiny_street
 

@@ -63,10 +63,14 @@ def test_an_output_that_is_not_finite_is_the_worst_and_within_no_bound(value):
     }
 
 
-def test_the_table_ends_in_the_largest_difference_of_all():
+@pytest.mark.parametrize(
+    ("allowed", "verdict"),
+    [(None, ""), (750.0, "; within the 750 mm allowed"), (1.0, "; more than the 1 mm allowed")],
+)
+def test_the_table_ends_in_the_largest_difference_of_all_and_a_verdict(allowed, verdict):
     engine = FixedEngine("openvino", depth_m=[1.0, 1.5, 4.25], error_m=[0.75])
-    table = check_parity(REFERENCE, [engine], CASES, unit="mm", scale=1e3).table()
-    assert table.caption == "largest: 7.5e+02 mm, openvino, error_m at 8x8"
+    report = check_parity(REFERENCE, [engine], CASES, unit="mm", scale=1e3, allowed=allowed)
+    assert report.table().caption == f"largest: 7.5e+02 mm, openvino, error_m at 8x8{verdict}"
 
 
 def test_other_outputs_than_the_references_are_refused():

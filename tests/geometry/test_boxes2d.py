@@ -29,6 +29,12 @@ def test_clipping_keeps_the_box_within_the_pixel_centres():
     assert clipped.tensor.tolist() == [[0.0, 3.0, 1241.0, 374.0]]
 
 
+def test_a_resized_box_covers_the_same_part_of_the_picture():
+    whole = Boxes2D(torch.tensor([[-0.5, -0.5, 99.5, 49.5], [9.5, 4.5, 10.5, 5.5]]))
+    resized = whole.resize(3.0, 0.5)
+    assert resized.tensor.tolist() == [[-0.5, -0.5, 299.5, 24.5], [29.5, 2.0, 32.5, 2.5]]
+
+
 def test_boxes_are_chosen_by_mask_index_and_slice():
     three = Boxes2D(torch.arange(12.0).reshape(3, 4))
     assert three[torch.tensor([True, False, True])].tensor[:, 0].tolist() == [0.0, 8.0]

@@ -27,7 +27,8 @@ from sightline.simulation.dataset import SimulatedDataset, sample_of
 from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION, simulate
 from sightline.simulation.presets import PRESETS
 from sightline.simulation.scene import Street
-from sightline.simulation.simulator import SimulationConfig, simulate_frame, simulate_street
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import simulate_frame, simulate_street
 from tests.simulation.streets import make_tiny_street
 
 TINY = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0)
@@ -239,13 +240,64 @@ def test_labels_of_a_drive_follow_its_frames(drives: Path):
 
 
 @pytest.mark.parametrize(
-    ("frames_asked", "options"),
-    [(0, {}), (2, {"workers": 0}), (2, {"validation_frames": 3})],
+    ("frames_asked", "options", "said"),
+    [
+        (0, {}, "at least 1 frame"),
+        (2, {"validation_frames": 3}, "no more validation_frames than frames, got 2 and 3"),
+        (2, {"workers": 0}, "workers must be at least 1, got 0"),
+        (10**6 + 1, {}, "at most 1000000 frames"),
+        (3 * 10**4 + 1, {"config": DRIVES}, "at most 30000 frames"),
+        (2, {"shard_index": 2, "num_shards": 2}, "shard_index must be between"),
+    ],
 )
-def test_senseless_numbers_are_refused(tmp_path: Path, frames_asked: int, options: dict):
-    with pytest.raises(ValueError, match="at least 1 frame and 1 worker"):
+def test_senseless_numbers_are_refused(tmp_path: Path, frames_asked: int, options: dict, said: str):
+    with pytest.raises(ValueError, match=said):
         make(tmp_path, frames_asked, **options)
     assert not any(tmp_path.iterdir())
+
+
+def test_parts_of_a_set_make_it_together_in_any_order_and_skip_each_others_frames(
+    frames: Path, tmp_path: Path
+):
+    options = {"workers": 1, "validation_frames": 1, "num_shards": 3}
+    assert make(tmp_path, 4, shard_index=1, **options) == JobResult(written=1, skipped=0)
+    assert [path.stem for path in (tmp_path / "training/label_2").iterdir()] == ["000001"]
+    assert make(tmp_path, 4, shard_index=0, **options) == JobResult(written=2, skipped=0)
+    assert make(tmp_path, 4, shard_index=1, **options) == JobResult(written=0, skipped=1)
+    assert make(tmp_path, 4, shard_index=2, **options) == JobResult(written=1, skipped=0)
+    assert content(tmp_path) == content(frames)
+
+
+def test_parts_of_drives_are_whole_drives(drives: Path, tmp_path: Path):
+    options = {"workers": 1, "num_shards": 2}
+    assert make(tmp_path, 5, DRIVES, shard_index=1, **options) == JobResult(written=2, skipped=0)
+    (recording,) = (tmp_path / "2000_01_01").glob("*_sync")
+    assert (recording / "poses.txt").is_file()
+    assert make(tmp_path, 5, DRIVES, shard_index=0, **options) == JobResult(written=3, skipped=0)
+    assert content(tmp_path) == content(drives)
+
+
+def test_files_with_other_names_than_frames_have_are_no_frames_that_were_begun(
+    frames: Path, tmp_path: Path
+):
+    shutil.copytree(frames, tmp_path, dirs_exist_ok=True)
+    for name in ("99999999999999999999", "1000000", "mine", "-00001", "\u0661" * 6):
+        (tmp_path / "training/velodyne" / f"{name}.bin").touch()
+    result = make(tmp_path, 4, workers=1, validation_frames=1)
+    assert result == JobResult(written=0, skipped=4)
+
+
+def test_sweeps_that_a_drive_cannot_have_are_no_frames_that_were_begun(
+    drives: Path, tmp_path: Path
+):
+    shutil.copytree(drives, tmp_path, dirs_exist_ok=True)
+    recordings = tmp_path / "2000_01_01"
+    data = recordings / "2000_01_01_drive_0001_sync/velodyne_points/data"
+    for name in ("9999999999", "99999999999999999999", "mine"):
+        (data / f"{name}.bin").touch()
+    (recordings / "2000_01_01_drive_99999999_sync").mkdir()
+    (recordings / "2000_01_01_drive_mine_sync").mkdir()
+    assert make(tmp_path, 5, DRIVES, workers=1) == JobResult(written=0, skipped=5)
 
 
 def test_drives_are_not_reduced_or_split(tmp_path: Path):

@@ -10,11 +10,12 @@ from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera import CameraFrame, render_camera
 from sightline.simulation.labels import FrameLabels, label_frame
 from sightline.simulation.scene import Mesh, Pose, Street, world_from_footprint
-from sightline.simulation.simulator import SimulationConfig, simulate_frame
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import calibration_of, simulate_frame
 from tests.simulation.streets import Straight, block, box_actor, ground, street
 
 SIZE = (188, 621)
-CALIBRATION = SimulationConfig(image_size=SIZE, focal_px=360.0).calibration
+CALIBRATION = calibration_of(SimulationConfig(image_size=SIZE, focal_px=360.0))
 
 
 def look(scenery: Street) -> tuple[CameraFrame, FrameLabels]:

@@ -4,7 +4,7 @@ import logging
 import pytest
 import yaml
 
-from sightline.training.lightning_cli import LIGHTNING_NOISE
+from sightline.training.quiet import LIGHTNING_NOISE
 from tests.training import toy
 
 RECIPE = {

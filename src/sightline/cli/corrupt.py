@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sightline.cli.parser import Velodyne
+from sightline.data.object_tree import Velodyne
 
 
 def corrupt(

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Literal
 
-from sightline.cli.parser import Device, Velodyne
+from sightline.cli.parser import Device
 from sightline.cli.report import check_writable, deliver
+from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineName
 

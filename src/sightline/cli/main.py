@@ -9,7 +9,7 @@ import sys
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jsonargparse
 
@@ -22,16 +22,12 @@ from sightline.cli.evaluate import (
     evaluate_realism,
     reproduce_shiftconv,
 )
-from sightline.cli.parser import (
-    REFUSED,
-    LidarModel,
-    OneLineParser,
-    Velodyne,
-    fail,
-)
+from sightline.cli.parser import REFUSED, OneLineParser, fail
 from sightline.cli.predict import predict_commands
 from sightline.cli.report import deliver
+from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
+from sightline.data.object_tree import Velodyne
 from sightline.export.names import Format
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
@@ -95,70 +91,6 @@ def show(
     print(write_frame_picture(data, frame, path, draw=draw, velodyne=velodyne))
 
 
-def simulate(
-    out: Path,
-    *,
-    frames: int | None = None,
-    seed: int | None = None,
-    workers: int = 2,
-    sequence_length: int | None = None,
-    image_size: tuple[int, int] | None = None,
-    focal_px: float | None = None,
-    samples_per_pixel: int | None = None,
-    lidar: LidarModel | None = None,
-    rolling_shutter: bool = False,
-    camera: bool = True,
-    hard: bool = False,
-    velodyne: Velodyne | None = None,
-    validation_frames: int | None = None,
-    preset: Literal["street-2k", "street-8k", "street-hard-500"] | None = None,
-) -> None:
-    """Makes street frames or drives in KITTI's format, with dense depth and exact labels.
-
-    The same settings give the same files for any number of workers. An interrupted run is finished
-    by running it again; more frames extend what is there.
-
-    Args:
-        out: Folder for the data.
-        frames: How many, over all drives. Default: 100, or the preset's.
-        seed: Another seed gives other streets. Default: 0, or the preset's.
-        workers: Processes.
-        sequence_length: Frames of a drive at 10 Hz, in KITTI's raw layout. Default: 1, every frame
-            another street, in the object layout.
-        image_size: Width and height in pixels. Default: 1242 375, or the preset's.
-        focal_px: Focal length in pixels. Default: KITTI's.
-        samples_per_pixel: 1, or 4 for finer pictures. Default: 1.
-        lidar: The sensor. Default: hdl-64e.
-        rolling_shutter: Lets the LiDAR move during its turn.
-        camera: Whether pictures are taken; without, all else is the same, in half the time.
-        hard: Asks for streets that are harder to tell things in, as a preset may without this.
-        velodyne: velodyne for whole turns of the LiDAR, velodyne_reduced for what the camera sees.
-            Default: velodyne, or the preset's.
-        validation_frames: So many, the first ones, go to ImageSets/val.txt and not to train.txt.
-        preset: A named data set; what is given besides replaces its settings.
-    """
-    from sightline.simulation.command import run_simulation
-
-    done = run_simulation(
-        out,
-        frames=frames,
-        seed=seed,
-        workers=workers,
-        sequence_length=sequence_length,
-        image_size=image_size,
-        focal_px=focal_px,
-        samples_per_pixel=samples_per_pixel,
-        lidar=lidar,
-        rolling_shutter=rolling_shutter,
-        camera=camera,
-        hard=hard or None,
-        velodyne=velodyne,
-        validation_frames=validation_frames,
-        preset=preset,
-    )
-    print(done)
-
-
 def export(
     out: Path,
     *,
@@ -208,7 +140,7 @@ def _commands() -> dict[str, Any]:
         "demo": demo,
         "check": check,
         "show": show,
-        "simulate": simulate,
+        "simulate": simulate_command(),
         "corrupt": corrupt,
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,

@@ -8,8 +8,6 @@ from typing import Any, Literal, NoReturn
 import jsonargparse
 
 Device = Literal["cpu", "cuda"]
-Velodyne = Literal["velodyne", "velodyne_reduced"]
-LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 
 REFUSED = 2
 """Exit status."""

@@ -1,11 +1,12 @@
 """`sightline predict`: one command a task, made from what the task declares."""
 
 from collections.abc import Callable
-from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Any, Literal
 
-from sightline.cli.parser import Device, Velodyne
+from sightline.cli.declared import declare
+from sightline.cli.parser import Device
+from sightline.data.object_tree import Velodyne
 from sightline.export.names import EngineName
 from sightline.tasks import Task, find_task, task_names, weights_of
 
@@ -24,7 +25,8 @@ Args:
 {others}    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
         a text file with one name a line. Default: all.
     velodyne: Folder of the sweeps in an object tree.
-    workers: Processes; of several, each runs a network on one thread.
+    workers: Processes, each of one thread: as many as there are cores is fastest. Any number gives
+        the same files.
     overwrite: Makes files anew that are there already.
     shard_index: Which part of the frames to do, from 0.
     num_shards: Number of parts, each of which can run on another machine.
@@ -43,29 +45,26 @@ def _command(task: Task) -> Callable[..., None]:
     def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
         _run(task, **settings)
 
-    parameters = _parameters(task)
-    vars(command)["__signature__"] = Signature(parameters)
-    command.__annotations__ = {each.name: each.annotation for each in parameters}
     others = "".join(
         f"    {output.name}: Folder for a further output: {output.summary}\n"
         for output in task.outputs[1:]
     )
-    command.__doc__ = _HELP.format(
+    text = _HELP.format(
         summary=task.summary,
         first=task.outputs[0].summary,
         known=", ".join(weights_of(task)) or "none do",
         default=task.default_weights or "none",
         others=others,
     )
-    return command
+    return declare(command, {"data": Path, "out": Path}, _options(task), help_text=text)
 
 
-def _parameters(task: Task) -> list[Parameter]:
-    positional = {"data": Path, "out": Path}
-    optional: dict[str, tuple[Any, object]] = {}
+def _options(task: Task) -> dict[str, tuple[Any, object]]:
+    """Types and defaults by name."""
+    method: dict[str, tuple[Any, object]] = {}
     if task.methods:
-        optional["method"] = (Literal[task.methods] | None, None)
-    optional |= {
+        method["method"] = (Literal[task.methods] | None, None)
+    return method | {
         "weights": (str | None, None),
         "engine": (EngineName, "torch"),
         "device": (Device, "cpu"),
@@ -77,14 +76,6 @@ def _parameters(task: Task) -> list[Parameter]:
         "shard_index": (int, 0),
         "num_shards": (int, 1),
     }
-    parameters = [
-        Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, annotation=kind)
-        for name, kind in positional.items()
-    ]
-    return parameters + [
-        Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
-        for name, (kind, default) in optional.items()
-    ]
 
 
 def _run(
@@ -111,7 +102,7 @@ def _run(
         weights=weights,
         engine=engine,
         device=device,
-        threads=None if workers == 1 else 1,
+        threads=1,  # of each worker; of several threads PyTorch gives other last digits
     )
     result = predict(
         task,

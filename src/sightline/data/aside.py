@@ -44,6 +44,12 @@ def folder_beside(target: Path) -> Iterator[Path]:
         os.close(lock)
 
 
+def final_place(path: Path) -> Path:
+    """Where a file will stand that is being written, in a folder of `folder_beside` for one."""
+    is_aside = path.parent.name.startswith(_PREFIX)
+    return path.parent.parent / path.name if is_aside else path
+
+
 def _make_locked(folder: Path) -> tuple[Path, int]:
     """A new folder and the descriptor that holds its lock."""
     while True:

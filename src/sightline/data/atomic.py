@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sightline.data.aside import folder_beside
+from sightline.data.aside import final_place, folder_beside
 
 _DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
@@ -39,12 +39,21 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
             # Only now: a file of the old content must survive everything up to here.
             (aside / target.name).replace(target)
         except OSError as error:
-            if error.errno not in _DISK_FAULTS:
+            fault = disk_fault(error, target)
+            if fault is None:
                 raise
-            raise ValueError(
-                f"{target} cannot be written: {os.strerror(error.errno).lower()}; make room or "
-                "choose another output folder"
-            ) from error
+            raise fault from error
+
+
+def disk_fault(error: OSError, target: Path) -> ValueError | None:
+    """The error that names what was being written to a disk that is full or broken; else None."""
+    if error.errno not in _DISK_FAULTS:
+        return None
+    reason = os.strerror(error.errno).lower()
+    return ValueError(
+        f"{final_place(target)} cannot be written: {reason}; make room or choose another output "
+        "folder"
+    )
 
 
 def check_replaceable(target: Path) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sightline.data.image_file import IMAGE_SUFFIXES
+from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.object_tree import list_files
 
 DriveSplit = Literal["train", "val"]

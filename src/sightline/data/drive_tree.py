@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from sightline.data.image_file import IMAGE_SUFFIXES
+from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.object_tree import list_files
 
 _IMAGE_FOLDERS = ("image_02/data", "image_02")

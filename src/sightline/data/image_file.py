@@ -8,6 +8,7 @@ from jaxtyping import UInt8, UInt16
 
 from sightline.data.atomic import atomic_write_bytes
 from sightline.data.image_header import (
+    IMAGE_SUFFIXES,
     MAX_FILE_BYTES,
     ImageHeader,
     check_complete,
@@ -15,9 +16,6 @@ from sightline.data.image_header import (
 )
 from sightline.data.plain_file import read_bytes
 from sightline.data.problem import FileError
-
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
-"""File names that a picture may end in, the preferred first."""
 
 _JPEG_QUALITY = 95
 _REMEDY = "extract it again"

@@ -9,6 +9,8 @@ from typing import Literal
 from sightline.data.plain_file import check_regular
 from sightline.data.problem import FileError
 
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""File names that a picture may end in, the preferred first."""
 MAX_PIXELS = 2**26
 """Larger pictures are refused unread: a forged header must not cost gigabytes of memory."""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sightline.data.image_file import IMAGE_SUFFIXES
+from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.plain_text import shortened
 
 Velodyne = Literal["velodyne", "velodyne_reduced"]

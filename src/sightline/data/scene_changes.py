@@ -9,10 +9,9 @@ from dataclasses import replace
 
 import cv2
 import torch
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 from torch import Tensor
 
-from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.transforms import rigid_inverse, transform_points, wrap_angle
@@ -23,9 +22,8 @@ from sightline.structures.sample import CameraLidarSample
 def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSample:
     """The sample of a camera with more or fewer pixels in the same view.
 
-    Image pixels are averaged or, where they become more, interpolated (bicubic). A depth is that of
-    the nearest pixel: a mean of a depth and a missing one, or of two surfaces, would be no depth.
-    The sweep and 3D labels stay.
+    Image pixels are averaged or, where they become more, interpolated (bicubic); depths are as
+    `resize_map` has them. The sweep and 3D labels stay.
 
     Raises:
         ValueError: There would be no pixel.
@@ -34,26 +32,35 @@ def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSam
         raise ValueError(f"an image needs at least 1x1 pixels, got {height}x{width}; name a size")
     old_height, old_width = sample.image_size
     scale = (width / old_width, height / old_height)
-    image, depth, objects = sample.image, sample.depth, sample.objects
+    image, objects = sample.image, sample.objects
     if image is not None:
         how = cv2.INTER_AREA if width < old_width else cv2.INTER_CUBIC
-        pixels = cv2.resize(image.permute(1, 2, 0).numpy(), (width, height), interpolation=how)
+        pixels = cv2.resize(
+            image.permute(1, 2, 0).cpu().numpy(), (width, height), interpolation=how
+        )
         image = torch.from_numpy(pixels).permute(2, 0, 1).contiguous()
-    if depth is not None:
-        nearest = cv2.INTER_NEAREST_EXACT  # by the pixels' centres, as the calibration has it
-        depth = torch.from_numpy(cv2.resize(depth.numpy(), (width, height), interpolation=nearest))
     if objects is not None:
-        factors = objects.boxes2d.tensor.new_tensor(scale * 2)
-        boxes2d = Boxes2D((objects.boxes2d.tensor + 0.5) * factors - 0.5)
-        objects = replace(objects, boxes2d=boxes2d)
+        objects = replace(objects, boxes2d=objects.boxes2d.resize(*scale))
     return replace(
         sample,
         calibration=sample.calibration.resize(*scale),
         image_size=(height, width),
         image=image,
-        depth=depth,
+        depth=None if sample.depth is None else resize_map(sample.depth, height, width),
         objects=objects,
     )
+
+
+def resize_map(
+    depth_m: Float32[Tensor, "old_height old_width"], height: int, width: int
+) -> Float32[Tensor, "height width"]:
+    """A depth map of more or fewer pixels: each takes the nearest of the old ones.
+
+    A mean of a depth and a missing one, or of two surfaces, would be no depth.
+    """
+    nearest = cv2.INTER_NEAREST_EXACT  # by the pixels' centres, as the calibration has it
+    resized = cv2.resize(depth_m.cpu().numpy(), (width, height), interpolation=nearest)
+    return torch.from_numpy(resized)
 
 
 def turn_scene(sample: CameraLidarSample, yaw_deg: float) -> CameraLidarSample:

@@ -34,6 +34,8 @@ class ParityReport:
     differences: tuple[OutputDifference, ...]
     unit: str
     """Of the differences, e.g. mm."""
+    allowed: float | None = None
+    """Largest difference with which the table calls the engines the same; None: it does not say."""
 
     @property
     def worst(self) -> OutputDifference:
@@ -61,15 +63,13 @@ class ParityReport:
         }
 
     def table(self) -> "Table":
-        """One row for each engine, input and output, and the largest difference below."""
+        """One row for each engine, input and output; below, the largest and whether it is small."""
         from rich.table import Table
 
-        worst = self.worst
         table = Table(
             title=f"difference to PyTorch, {self.unit}",
             title_justify="left",
-            caption=f"largest: {worst.max_difference:.2g} {self.unit}, {worst.engine}, "
-            f"{worst.output} at {worst.case}",
+            caption=self._verdict(),
             caption_justify="left",
         )
         for column in ("engine", "input", "output"):
@@ -81,6 +81,17 @@ class ParityReport:
             table.add_row(entry.engine, entry.case, entry.output, *figures)
         return table
 
+    def _verdict(self) -> str:
+        worst = self.worst
+        largest = (
+            f"largest: {worst.max_difference:.2g} {self.unit}, {worst.engine}, {worst.output} at "
+            f"{worst.case}"
+        )
+        if self.allowed is None:
+            return largest
+        how = "within" if self.is_within(self.allowed) else "more than"
+        return f"{largest}; {how} the {self.allowed:g} {self.unit} allowed"
+
 
 def check_parity(
     reference: Engine,
@@ -89,6 +100,7 @@ def check_parity(
     *,
     unit: str = "1",
     scale: float = 1.0,
+    allowed: float | None = None,
 ) -> ParityReport:
     """Runs engines on the same inputs as the reference and compares what comes out.
 
@@ -98,6 +110,7 @@ def check_parity(
         cases: Inputs, by a name that tells their size.
         unit: Of the differences in the report.
         scale: Factor from the outputs' unit to `unit`, e.g. 1000 from metres to mm.
+        allowed: Largest difference for a table that says whether they are the same, in `unit`.
 
     Raises:
         ValueError: There is no engine or no input; or an engine has other outputs, or of another
@@ -125,7 +138,7 @@ def check_parity(
                     mean_difference=mean * scale,
                 )
                 differences.append(difference)
-    return ParityReport(differences=tuple(differences), unit=unit)
+    return ParityReport(differences=tuple(differences), unit=unit, allowed=allowed)
 
 
 def _difference(output: Tensor, expected: Tensor, place: str) -> tuple[float, float]:

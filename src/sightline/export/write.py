@@ -55,7 +55,12 @@ def _check(graph: ExportGraph, aside: Path, path: Path) -> ParityReport:
     """Compares a file, written aside, with PyTorch."""
     reference = TorchEngine(graph.module, tuple(graph.example_inputs), metadata=graph.metadata)
     report = check_parity(
-        reference, [open_engine(aside)], graph.cases(), unit=graph.unit, scale=graph.scale
+        reference,
+        [open_engine(aside)],
+        graph.cases(),
+        unit=graph.unit,
+        scale=graph.scale,
+        allowed=graph.max_difference,
     )
     if not report.is_within(graph.max_difference):
         worst = report.worst

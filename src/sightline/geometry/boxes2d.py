@@ -47,6 +47,11 @@ class Boxes2D:
         limit = self.tensor.new_tensor([width - 1, height - 1, width - 1, height - 1])
         return Boxes2D(torch.minimum(self.tensor.clamp(min=0), limit))
 
+    def resize(self, scale_x: float, scale_y: float) -> "Boxes2D":
+        """The same boxes in the resized image; pixels are squares around their centres."""
+        scales = self.tensor.new_tensor((scale_x, scale_y) * 2)
+        return Boxes2D((self.tensor + 0.5) * scales - 0.5)
+
 
 def pairwise_iou2d(a: Boxes2D, b: Boxes2D) -> Float[Tensor, "*batch num_a num_b"]:
     """Intersection over union of every box of `a` with every box of `b`; 0 where both are empty."""

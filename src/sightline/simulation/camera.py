@@ -19,6 +19,7 @@ from sightline.simulation.camera_rays import (
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Light, Scene
 from sightline.simulation.sensor_image import SensorConfig, sensor_image
+from sightline.simulation.settings import KITTI_IMAGE_SIZE
 from sightline.simulation.shading import LitWorld, lit_world
 
 SKY: Final = -2
@@ -26,8 +27,6 @@ SKY: Final = -2
 STREET: Final = -1
 """Owner of a pixel that shows a surface of no actor."""
 
-KITTI_IMAGE_SIZE: Final = (375, 1242)
-"""Height and width."""
 _OFFSETS_OF_FOUR: Final = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
 _BRIGHTEST: Final = 3.0
 """Share of a photosite to which a sample is cut, so that one glint does not outweigh its pixel."""

@@ -9,12 +9,8 @@ from torch.utils.data import Dataset
 from sightline.data.object_labels import labels_from_kitti
 from sightline.data.pixels import seen_by_camera
 from sightline.geometry.calibration import Calibration
-from sightline.simulation.simulator import (
-    SimulatedFrame,
-    SimulationConfig,
-    StreetMaker,
-    simulate_frame,
-)
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import SimulatedFrame, StreetMaker, simulate_frame
 from sightline.simulation.street import make_street
 from sightline.structures.sample import CameraLidarSample
 

@@ -1,19 +1,28 @@
 """Simulated data sets on disk: resumable, in parallel, the same bytes whatever happens."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.jobs import JobResult, claim_folder, run_job
+from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
 from sightline.data.object_tree import Velodyne
+from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import (
-    SimulationConfig,
     StreetMaker,
+    calibration_of,
     simulate_course,
     simulate_frame,
 )
 from sightline.simulation.street import make_street
-from sightline.simulation.writer import DATE, DriveLayout, ObjectLayout
+from sightline.simulation.writer import (
+    DATE,
+    MAX_DRIVES,
+    MAX_FRAMES,
+    DriveLayout,
+    Layout,
+    ObjectLayout,
+)
 
 SIMULATOR_REVISION: Final = 4
 """Of what the frames look like; raised by each change after which the same seed gives others."""
@@ -30,6 +39,8 @@ def simulate(
     velodyne: Velodyne = "velodyne",
     validation_frames: int = 0,
     streets: StreetMaker = make_street,
+    shard_index: int = 0,
+    num_shards: int = 1,
 ) -> JobResult:
     """Writes simulated frames as KITTI's object tree, or drives in the layout of its recordings.
 
@@ -46,16 +57,27 @@ def simulate(
         velodyne: Whole turns of the LiDAR, or "velodyne_reduced": only what the camera sees.
         validation_frames: So many, the first ones, go to ImageSets/val.txt and not to train.txt.
         streets: Makes the places; a function of a module.
+        shard_index: Which part of the frames, or of the drives, to do, from 0. Lists, and what
+            stands for all drives, are written by each part.
+        num_shards: Number of parts; each can be done on another machine, at the same time.
 
     Raises:
         ValueError: `out` holds data of other settings or cannot be written to, or the numbers
             make no sense. Errors about a frame name it; frames done before stay done.
     """
-    if frames < 1 or workers < 1 or not 0 <= validation_frames <= frames:
+    check_workers(workers)
+    if frames < 1 or not 0 <= validation_frames <= frames:
         raise ValueError(
-            "a simulation needs at least 1 frame and 1 worker and no more validation_frames than "
-            f"frames, got {frames}, {workers} and {validation_frames}"
+            "a simulation needs at least 1 frame and no more validation_frames than frames, got "
+            f"{frames} and {validation_frames}"
         )
+    most = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
+    if frames > most:
+        raise ValueError(
+            f"a simulation has at most {most} frames, for so many its files have names; got "
+            f"{frames}; make several folders with other seeds"
+        )
+    shard((), shard_index, num_shards)  # refuses a wrong one before the folder is claimed
     whole = config.camera and not validation_frames and velodyne == "velodyne"
     if config.sequence_length > 1 and not whole:
         raise ValueError(
@@ -64,42 +86,56 @@ def simulate(
         )
     settings = _settings(config, velodyne, validation_frames, streets)
     claim_folder(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
+    make = _Maker(config, streets, workers, shard_index, num_shards)
     if config.sequence_length > 1:
-        return _simulate_drives(out, frames, config, workers, streets)
+        return make.drives(DriveLayout(root=out, sequence_length=config.sequence_length), frames)
     layout = ObjectLayout(root=out, velodyne=velodyne, camera=config.camera)
-    frames = max(frames, layout.num_begun())  # what an earlier run began is finished, too
-    pending = [index for index in range(frames) if not layout.frame(index).are_there()]
-    works = [_FrameWork(layout, config, streets, index) for index in pending]
-    run_job(works, workers, description="simulating")
-    layout.write_lists(frames, validation_frames)
-    return JobResult(written=len(pending), skipped=frames - len(pending))
+    return make.frames(layout, frames, validation_frames)
 
 
-def _simulate_drives(
-    out: Path, frames: int, config: SimulationConfig, workers: int, streets: StreetMaker
-) -> JobResult:
-    layout = DriveLayout(root=out, sequence_length=config.sequence_length)
-    frames = max(frames, layout.num_begun())
-    layout.write_calibration(config.calibration)
-    works: list[_FrameWork | _CourseWork] = []
-    written = 0
-    for drive, length in layout.drives(frames):
-        first = drive * config.sequence_length
-        indices = range(first, first + length)
+@dataclass(frozen=True, slots=True)
+class _Maker:
+    """Makes what is missing of a part of a data set, and of what earlier runs began of it."""
+
+    config: SimulationConfig
+    streets: StreetMaker
+    workers: int
+    shard_index: int
+    num_shards: int
+
+    def frames(self, layout: ObjectLayout, frames: int, validation_frames: int) -> JobResult:
+        frames = max(frames, layout.num_begun())
+        result = self._run(layout, shard(range(frames), self.shard_index, self.num_shards), [])
+        layout.write_lists(frames, validation_frames)
+        return result
+
+    def drives(self, layout: DriveLayout, frames: int) -> JobResult:
+        layout.write_calibration(calibration_of(self.config))
+        drives = list(layout.drives(max(frames, layout.num_begun())))
+        mine = shard(drives, self.shard_index, self.num_shards)
+        courses = [
+            _CourseWork(layout, self.config, self.streets, drive, length)
+            for drive, length in mine
+            if not layout.has_course(drive, length)
+        ]
+        firsts = ((drive * layout.sequence_length, length) for drive, length in mine)
+        indices = [first + step for first, length in firsts for step in range(length)]
+        return self._run(layout, indices, courses)
+
+    def _run(
+        self, layout: Layout, indices: Sequence[int], courses: "list[_CourseWork]"
+    ) -> JobResult:
         pending = [index for index in indices if not layout.frame(index).are_there()]
-        if not layout.has_course(drive, length):
-            works.append(_CourseWork(layout, config, streets, drive, length))
-        works += [_FrameWork(layout, config, streets, index) for index in pending]
-        written += len(pending)
-    run_job(works, workers, description="simulating")
-    return JobResult(written=written, skipped=frames - written)
+        works = [_FrameWork(layout, self.config, self.streets, index) for index in pending]
+        run_job([*courses, *works], self.workers, description="simulating")
+        return JobResult(written=len(pending), skipped=len(indices) - len(pending))
 
 
 @dataclass(frozen=True, slots=True)
 class _FrameWork:
     """Makes and writes a frame."""
 
-    layout: ObjectLayout | DriveLayout
+    layout: Layout
     config: SimulationConfig
     streets: StreetMaker
     index: int

@@ -14,6 +14,7 @@ from sightline.data.pixels import wrap_angle
 from sightline.simulation.camera_rays import View, camera_view
 from sightline.simulation.embree import EmbreeScene
 from sightline.simulation.scene import Actor, Scene, world_from_footprint
+from sightline.simulation.settings import KITTI_FOCAL_PX
 
 _NEAR_M = 0.3
 """What is nearer to the image plane cannot be projected."""
@@ -35,7 +36,6 @@ _MIN_PIXELS: Final = 15
 _PERSON_ROOM_M: Final = 0.02
 """Between a pedestrian and either side of the box, which then has 0.72 of the width of the 3D box's
 (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
-KITTI_FOCAL_PX: Final = 721.5377
 _DONT_CARE_GAP_PX: Final = 4.0
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
 """The numbers of the line of a region to ignore, but for its box, which stands after the third."""

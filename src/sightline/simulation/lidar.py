@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
@@ -14,6 +14,7 @@ from sightline.simulation.foliage import cast_through_foliage
 from sightline.simulation.materials import SURFACES, Material
 from sightline.simulation.raycast import Hits, Raycaster
 from sightline.simulation.scene import Motion, Scene, world_from_footprint
+from sightline.simulation.settings import LidarModel
 from sightline.simulation.surfaces import MeshTables, Rays, face_normal, mesh_tables
 from sightline.simulation.vectors import dot, row_of
 
@@ -139,7 +140,6 @@ _READING_BIASES_PERCENT = (
 )
 # fmt: on
 
-LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
     # KITTI's own, measured in its sweeps: two blocks of lasers, the upper one closer together, and
     # the car's roof, rails and aerial below them.

@@ -1,45 +1,59 @@
-"""Named simulated data sets: the same name is the same bytes."""
+"""Simulated data sets, and those that have a name: the same name is the same bytes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Final, Literal
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Final, Literal
 
 from sightline.data.object_tree import Velodyne
-from sightline.simulation.simulator import SimulationConfig
+from sightline.simulation.settings import SimulationConfig
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Preset:
-    """Arguments of `generate.simulate`."""
+class SimulatedSet:
+    """What a data set consists of; its fields, and those of `config`, are options of `simulate`."""
 
-    frames: int
+    frames: int = 100
+    """How many, over all drives."""
     validation_frames: int = 0
-    """Of `frames`."""
+    """So many, the first ones, go to ImageSets/val.txt and not to train.txt."""
     velodyne: Velodyne = "velodyne"
+    """velodyne for whole turns of the LiDAR, velodyne_reduced for what the camera sees."""
     config: SimulationConfig = field(default_factory=SimulationConfig)
 
 
 PresetName = Literal["street-2k", "street-8k", "street-hard-500"]
-PRESETS: Final[Mapping[PresetName, Preset]] = {
+PRESETS: Final[Mapping[PresetName, SimulatedSet]] = {
     # 2,000 frames to train on and 200 to validate, of the size of the depth benchmark's crop.
-    "street-2k": Preset(
+    "street-2k": SimulatedSet(
         frames=2200,
         validation_frames=200,
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=2000, image_size=(352, 1216)),
     ),
     # 8,000 frames to train on and 500 to validate, of the size of KITTI's object benchmark.
-    "street-8k": Preset(
+    "street-8k": SimulatedSet(
         frames=8500,
         validation_frames=500,
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=8000),
     ),
     # To validate on where street-8k's own validation frames are too easy to tell networks apart.
-    "street-hard-500": Preset(
+    "street-hard-500": SimulatedSet(
         frames=500,
         validation_frames=500,
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=500, hard=True),
     ),
 }
+
+
+def choose_set(preset: PresetName | None, given: Mapping[str, Any]) -> SimulatedSet:
+    """A preset, or the defaults, with the settings that are given by name instead of its own.
+
+    Raises:
+        ValueError: The settings make no sense.
+    """
+    base = SimulatedSet() if preset is None else PRESETS[preset]
+    of_config = {each.name for each in fields(SimulationConfig)} & given.keys()
+    config = replace(base.config, **{name: given[name] for name in of_config})
+    return replace(base, config=config, **{name: given[name] for name in given.keys() - of_config})

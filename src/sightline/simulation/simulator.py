@@ -10,11 +10,12 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
-from sightline.simulation.camera import KITTI_IMAGE_SIZE, CameraConfig, CameraFrame, render_camera
-from sightline.simulation.labels import KITTI_FOCAL_PX, label_frame
-from sightline.simulation.lidar import LIDARS, LidarConfig, LidarModel, take_sweep
+from sightline.simulation.camera import CameraConfig, CameraFrame, render_camera
+from sightline.simulation.labels import label_frame
+from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Scene, Street, world_from_footprint
+from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.street import make_street
 
 FRAME_S = 0.1
@@ -35,52 +36,21 @@ _CAMERA_FROM_LIDAR = (
 _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class SimulationConfig:
-    """What is simulated, but for the number of frames."""
+def calibration_of(config: SimulationConfig) -> CalibrationMatrices:
+    """KITTI's camera 2, at the chosen size and focal length."""
+    kitti = CalibrationMatrices(
+        image_from_camera=np.array(_IMAGE_FROM_CAMERA),
+        camera_from_lidar=np.array(_CAMERA_FROM_LIDAR),
+    )
+    scale = config.focal_px / KITTI_FOCAL_PX
+    height, width = (scale * size for size in KITTI_IMAGE_SIZE)
+    x_min, y_min = (width - config.image_size[1]) / 2, height - config.image_size[0]
+    return resized_and_cropped(kitti, scale, round(x_min), round(y_min))
 
-    seed: int = 0
-    sequence_length: int = 1
-    """Frames of a drive at 10 Hz; 1 = every frame is another street."""
-    image_size: tuple[int, int] = KITTI_IMAGE_SIZE
-    """Height, width [px]. What differs from KITTI's size is cut from the picture's top and both
-    sides, or added there: (352, 1216) is the depth benchmark's crop."""
-    focal_px: float = KITTI_FOCAL_PX
-    """Resizes the picture before it is cut: half of KITTI's shows as much in half the pixels."""
-    samples_per_pixel: int = 1
-    lidar: LidarModel = "hdl-64e"
-    rolling_shutter: bool = False
-    """Whether the LiDAR moves during its turn."""
-    camera: bool = True
-    """Whether pictures are taken. Without, all else is the same, in half the time."""
-    hard: bool = False
-    """Whether streets are asked to be hard: far, hidden and steep, where few points tell."""
 
-    def __post_init__(self) -> None:
-        """Checks the choices that no other type checks."""
-        if self.sequence_length < 1 or min(self.image_size) < 32 or self.focal_px <= 0:
-            raise ValueError(
-                "a simulation needs a sequence_length of 1 or more, an image of at least 32x32 "
-                f"and a positive focal length, got {self.sequence_length}, {self.image_size} and "
-                f"{self.focal_px}"
-            )
-
-    @property
-    def calibration(self) -> CalibrationMatrices:
-        """KITTI's camera 2, at the chosen size and focal length."""
-        kitti = CalibrationMatrices(
-            image_from_camera=np.array(_IMAGE_FROM_CAMERA),
-            camera_from_lidar=np.array(_CAMERA_FROM_LIDAR),
-        )
-        scale = self.focal_px / KITTI_FOCAL_PX
-        height, width = (scale * size for size in KITTI_IMAGE_SIZE)
-        x_min, y_min = (width - self.image_size[1]) / 2, height - self.image_size[0]
-        return resized_and_cropped(kitti, scale, round(x_min), round(y_min))
-
-    @property
-    def lidar_config(self) -> LidarConfig:
-        """The chosen LiDAR."""
-        return replace(LIDARS[self.lidar], rolling_shutter=self.rolling_shutter)
+def lidar_of(config: SimulationConfig) -> LidarConfig:
+    """The chosen LiDAR."""
+    return replace(LIDARS[config.lidar], rolling_shutter=config.rolling_shutter)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -144,7 +114,7 @@ def simulate_frame(
         np.random.default_rng(child)
         for child in np.random.SeedSequence([config.seed, drive, step]).spawn(2)
     )
-    lidar = config.lidar_config
+    lidar = lidar_of(config)
     camera = CameraConfig(
         picture=config.camera,
         samples_per_pixel=config.samples_per_pixel,
@@ -152,7 +122,7 @@ def simulate_frame(
     )
     picture = render_camera(
         scene,
-        config.calibration,
+        calibration_of(config),
         config.image_size,
         rng=camera_rng,
         config=camera,
@@ -173,15 +143,15 @@ def _assemble(
     points: Float32[np.ndarray, "num_points 4"],
     time_s: float,
 ) -> SimulatedFrame:
-    lidar_height_m = config.lidar_config.height_m
-    labels = label_frame(scene, picture.owners, config.calibration, lidar_height_m)
+    lidar_height_m = lidar_of(config).height_m
+    labels = label_frame(scene, picture.owners, calibration_of(config), lidar_height_m)
     rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY look up the last two
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
     depth = np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0))
     return SimulatedFrame(
         sample_id=name,
-        calibration=config.calibration,
+        calibration=calibration_of(config),
         image=picture.image,
         points=points,
         objects=labels.objects,
@@ -210,7 +180,7 @@ def simulate_course(
 ) -> Float64[np.ndarray, "length 4 4"]:
     """`world_from_lidar` of the first `length` frames of a drive."""
     ego = simulate_street(config, drive, streets).ego
-    height_m = config.lidar_config.height_m
+    height_m = lidar_of(config).height_m
     return np.stack(
         [world_from_footprint(ego.at(step * FRAME_S), height_m) for step in range(length)]
     )

@@ -25,6 +25,11 @@ from sightline.simulation.simulator import FRAME_S, SimulatedFrame
 
 DATE = "2000_01_01"
 """Day of all simulated drives: no real one."""
+MAX_FRAMES = 10**6
+"""Their names have six digits."""
+MAX_DRIVES = 10**4
+"""Their names have four."""
+_DIGIT = "[0-9]"  # in patterns: what else lies in a folder of ours is no frame
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 
 
@@ -88,8 +93,8 @@ class ObjectLayout:
 
     def num_begun(self) -> int:
         """One more than the highest frame of which there is a sweep, which is written first."""
-        names = (path.stem for path in (self.root / "training" / self.velodyne).glob("*.bin"))
-        return 1 + max((int(name) for name in names if name.isdecimal()), default=-1)
+        sweeps = (self.root / "training" / self.velodyne).glob(f"{_DIGIT * 6}.bin")
+        return 1 + max((int(path.stem) for path in sweeps), default=-1)
 
     def write_lists(self, frames: int, validation_frames: int) -> None:
         """Writes ImageSets/train.txt and, where there are such frames, val.txt: the first ones."""
@@ -133,11 +138,13 @@ class DriveLayout:
     def num_begun(self) -> int:
         """One more than the highest frame of which there is a sweep, which is written first."""
         begun = 0
-        for folder in (self.root / DATE).glob(f"{DATE}_drive_*_sync"):
-            steps = [int(path.stem) for path in (folder / "velodyne_points" / "data").glob("*.bin")]
-            drive = int(folder.name.split("_")[-2])
-            if steps:
-                begun = max(begun, drive * self.sequence_length + max(steps) + 1)
+        for folder in (self.root / DATE).glob(f"{DATE}_drive_{_DIGIT * 4}_sync"):
+            sweeps = (folder / "velodyne_points" / "data").glob(f"{_DIGIT * 10}.bin")
+            steps = (int(path.stem) for path in sweeps)
+            last = max((step for step in steps if step < self.sequence_length), default=None)
+            if last is not None:
+                drive = int(folder.name.split("_")[-2])
+                begun = max(begun, drive * self.sequence_length + last + 1)
         return begun
 
     def drives(self, frames: int) -> Iterator[tuple[int, int]]:

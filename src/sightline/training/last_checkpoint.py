@@ -1,11 +1,13 @@
 """The checkpoint that a run goes on from, and how a run is ended from outside."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 
+from sightline.data.atomic import atomic_path
 from sightline.training.interruption import InterruptionNote
 
 _OWED_KEY = "sightline_owed_validation"
@@ -127,10 +129,9 @@ class LastCheckpoint(Checkpoint):
 
     def _write(self, trainer: Trainer) -> None:
         # All ranks take part in making the checkpoint, the first writes it.
-        aside = self.path.with_name(".last.ckpt.part")
-        trainer.save_checkpoint(aside)
-        if trainer.is_global_zero:
-            aside.replace(self.path)
+        writes = atomic_path(self.path) if trainer.is_global_zero else nullcontext(self.path)
+        with writes as aside:
+            trainer.save_checkpoint(aside)
 
 
 def _enter_validation(fit_loop: dict[str, Any]) -> None:

@@ -1,12 +1,10 @@
 """Lightning's command line with the folder of a run: settings, claims, checkpoints, scores."""
 
 import json
-import logging
 import signal
-import warnings
 from argparse import ArgumentError
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -19,7 +17,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI, SaveCon
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
-from sightline.data.atomic import atomic_write_text
+from sightline.data.atomic import atomic_write_text, disk_fault
 from sightline.data.weights import read_checkpoint_weights
 from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
 from sightline.training.callbacks import LogShortRuns, checkpoint_callbacks
@@ -27,19 +25,8 @@ from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
 from sightline.training.module import TrainingModule
 from sightline.training.progress import RunProgress
+from sightline.training.quiet import quiet_lightning
 from sightline.training.run_folder import claimed
-
-LIGHTNING_NOISE = (
-    "The '.*_dataloader' does not have many workers",
-    "The number of training batches .* is smaller than the logging interval",
-    "Checkpoint directory .* exists and is not empty",
-    "Precision .* is not supported by the model summary",
-    "You're using the WeightAveraging callback, but loading a checkpoint outside",
-    "`isinstance.treespec, LeafSpec.` is deprecated",
-    r"\s*By default only one JsonargparseDeprecationWarning",
-    r"\s*``instantiate_classes`` was deprecated",
-)
-"""Beginnings of Lightning's warnings that the user of a recipe can or need do nothing about."""
 
 _CONFIG_NAMES = {
     "fit": "config.yaml",
@@ -69,7 +56,7 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         ValueError: The settings or the data are refused; in one sentence.
         Interruption: Ctrl-C or SIGTERM; the message tells how to go on.
     """
-    with _quiet_lightning(), ExitStack() as claims:
+    with quiet_lightning(), ExitStack() as claims:
         run = _Run(run_folder, claims)
         try:
             _TrainingCLI(subcommand, arguments, run)
@@ -78,6 +65,11 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
             raise ValueError(f"{said}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
             raise ValueError(_shorten(str(error))) from error
+        except OSError as error:  # of best.ckpt and the events, which others write
+            fault = disk_fault(error, run.folder)
+            if fault is None:
+                raise
+            raise fault from error
         except SystemExit as end:
             # Lightning leaves this way after a KeyboardInterrupt.
             if isinstance(end.__context__, KeyboardInterrupt):
@@ -294,20 +286,3 @@ def _shorten(message: str) -> str:
     return " ".join(
         line for line in told if not line.startswith("Given value: ") or len(line) < _LONG_VALUE
     )
-
-
-@contextmanager
-def _quiet_lightning() -> Iterator[None]:
-    """Keeps Lightning from telling what nobody asked for; its real warnings stay."""
-    loggers = [logging.getLogger(f"lightning.{part}") for part in ("pytorch", "fabric")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.WARNING)
-    try:
-        with warnings.catch_warnings():
-            for beginning in LIGHTNING_NOISE:
-                warnings.filterwarnings("ignore", beginning)
-            yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)

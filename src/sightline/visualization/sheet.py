@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, Float32, Int64, UInt8
 from torch import Tensor
 
-from sightline.geometry.boxes2d import Boxes2D
+from sightline.data.scene_changes import resize, resize_map
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D
@@ -149,49 +149,16 @@ def _zoomed(frame: _Frame, panel_px: int) -> _Frame:
     if 1 <= zoom <= 1 / 0.75:
         return frame
     size = (max(round(height * zoom), 1), max(round(width * zoom), 1))
-    sample, dense, found = frame.sample, frame.dense_depth, frame.detections2d
-    objects = sample.objects
-    if objects is not None:
-        objects = replace(objects, boxes2d=_resized_boxes(objects.boxes2d, zoom))
-    if found is not None:
-        found = replace(found, boxes=_resized_boxes(found.boxes, zoom))
+    dense, found = frame.dense_depth, frame.detections2d
     if dense is not None:
-        valid = _resized_map(dense.valid.float(), size) > 0
-        dense = DepthMap(depth_m=_resized_map(dense.depth_m, size), valid=valid)
-    zoomed_sample = replace(
-        sample,
-        calibration=sample.calibration.resize(size[1] / width, size[0] / height),
-        image_size=size,
-        image=None if sample.image is None else _resized_image(sample.image, size),
-        depth=None if sample.depth is None else _resized_map(sample.depth, size),
-        objects=objects,
-    )
-    return _Frame(
-        sample=zoomed_sample,
-        dense_depth=dense,
-        detections2d=found,
-        detections3d=frame.detections3d,
-    )
-
-
-def _resized_image(
-    image: UInt8[Tensor, "3 height width"], size: tuple[int, int]
-) -> UInt8[Tensor, "3 new_height new_width"]:
-    how = cv2.INTER_AREA if size[1] < image.shape[2] else cv2.INTER_CUBIC
-    resized = cv2.resize(image.permute(1, 2, 0).cpu().numpy(), size[::-1], interpolation=how)
-    return torch.from_numpy(resized).permute(2, 0, 1)
-
-
-def _resized_map(
-    values: Float32[Tensor, "height width"], size: tuple[int, int]
-) -> Float32[Tensor, "new_height new_width"]:
-    # Nearest: a mean of a depth and a missing one, or of two surfaces, would be no depth.
-    nearest = cv2.INTER_NEAREST
-    return torch.from_numpy(cv2.resize(values.cpu().numpy(), size[::-1], interpolation=nearest))
-
-
-def _resized_boxes(boxes: Boxes2D, zoom: float) -> Boxes2D:
-    return Boxes2D((boxes.tensor + 0.5) * zoom - 0.5)
+        dense = DepthMap(
+            depth_m=resize_map(dense.depth_m, *size),
+            valid=resize_map(dense.valid.float(), *size) > 0,
+        )
+    if found is not None:
+        found = replace(found, boxes=found.boxes.resize(size[1] / width, size[0] / height))
+    sample = resize(frame.sample, *size)
+    return replace(frame, sample=sample, dense_depth=dense, detections2d=found)
 
 
 def _backdrop(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:

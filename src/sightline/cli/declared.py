@@ -1,0 +1,37 @@
+"""Commands whose options are not typed out but made from what something else declares."""
+
+from collections.abc import Callable, Mapping
+from inspect import Parameter, Signature
+from typing import Any
+
+
+def declare(
+    command: Callable[..., None],
+    positional: Mapping[str, Any],
+    options: Mapping[str, tuple[Any, object]],
+    *,
+    help_text: str,
+) -> Callable[..., None]:
+    """Gives a function that takes `**settings` the signature that jsonargparse reads.
+
+    Args:
+        command: The function; it is changed.
+        positional: Arguments' names and types.
+        options: Options' names, types and defaults.
+        help_text: The docstring.
+
+    Returns:
+        The function.
+    """
+    parameters = [
+        Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, annotation=kind)
+        for name, kind in positional.items()
+    ]
+    parameters += [
+        Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+        for name, (kind, default) in options.items()
+    ]
+    vars(command)["__signature__"] = Signature(parameters)
+    command.__annotations__ = {each.name: each.annotation for each in parameters}
+    command.__doc__ = help_text
+    return command

@@ -1,0 +1,83 @@
+"""`sightline simulate`: its options are the settings of a simulation."""
+
+from argparse import SUPPRESS
+from collections.abc import Callable
+from dataclasses import MISSING, Field, fields
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from docstring_parser import parse_from_object
+
+from sightline.cli.declared import declare
+from sightline.simulation.presets import PresetName, SimulatedSet, choose_set
+from sightline.simulation.settings import SimulationConfig
+
+_HELP = """Makes street frames or drives in KITTI's format, with dense depth and exact labels.
+
+The same settings give the same files for any number of workers. An interrupted run is finished
+by running it again; more frames extend what is there.
+
+Args:
+    out: Folder for the data.
+    preset: A named data set, whose settings replace the defaults; what is given replaces either.
+{settings}    workers: Processes.
+    shard_index: Which part of the frames, or of the drives, to do, from 0.
+    num_shards: Number of parts, each of which can run on another machine.
+"""
+
+
+def simulate_command() -> Callable[..., None]:
+    """The command, with an option for each setting."""
+
+    def command(**settings: Any) -> None:  # noqa: ANN401 - its options say what
+        _run(**settings)
+
+    # What is not given is left out, so that it can be told from what is given as the default is.
+    options: dict[str, tuple[Any, object]] = {"preset": (PresetName, SUPPRESS)}
+    explained = ""
+    for settings_type in (SimulatedSet, SimulationConfig):
+        types = get_type_hints(settings_type)
+        documented = parse_from_object(settings_type).params
+        texts = {each.arg_name: each.description or "" for each in documented}
+        for setting in fields(settings_type):
+            if setting.default is MISSING:  # the configuration, whose fields follow
+                continue
+            options[setting.name] = (types[setting.name], SUPPRESS)
+            explained += f"    {setting.name}: {_help(setting, texts[setting.name])}\n"
+    options |= {"workers": (int, 2), "shard_index": (int, 0), "num_shards": (int, 1)}
+    return declare(command, {"out": Path}, options, help_text=_HELP.format(settings=explained))
+
+
+def _help(setting: Field[Any], text: str) -> str:
+    default: Any = setting.default
+    text = " ".join(text.split())
+    if setting.name == "image_size":  # here KITTI's users write the width first, as `_run` knows
+        text, default = text.replace("Height, width", "Width, height"), f"{default[1]} {default[0]}"
+    return f"{text} Default: {default}."
+
+
+def _run(
+    *,
+    out: Path,
+    workers: int,
+    shard_index: int,
+    num_shards: int,
+    preset: PresetName | None = None,
+    **given: Any,  # noqa: ANN401 - settings
+) -> None:
+    from sightline.simulation.generate import simulate
+
+    if "image_size" in given:  # KITTI's users write the width first; we, everywhere else, do not
+        given["image_size"] = given["image_size"][::-1]
+    chosen = choose_set(preset, given)
+    result = simulate(
+        out,
+        frames=chosen.frames,
+        config=chosen.config,
+        workers=workers,
+        velodyne=chosen.velodyne,
+        validation_frames=chosen.validation_frames,
+        shard_index=shard_index,
+        num_shards=num_shards,
+    )
+    print(f"{out}: {result.written} frames simulated, {result.skipped} were there already")

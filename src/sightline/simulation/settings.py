@@ -1,0 +1,61 @@
+"""What can be set of a simulation; light, for the command line's sake."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
+"""`lidar.LIDARS` says what they are."""
+KITTI_IMAGE_SIZE: Final = (375, 1242)
+"""Height and width."""
+KITTI_FOCAL_PX: Final = 721.5377
+_MIN_SIDE_PX, _MAX_SIDE_PX = 32, 8192  # together what `data.image_header` takes for a picture
+_MAX_SEQUENCE_LENGTH = 10_000  # a quarter of an hour, as long as any of KITTI's drives
+_MIN_FOCAL_PX, _MAX_FOCAL_PX = 1.0, 1e5
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SimulationConfig:
+    """What is simulated, but for the number of frames; its fields are options of `simulate`."""
+
+    seed: int = 0
+    """Another seed gives other streets."""
+    sequence_length: int = 1
+    """Frames of a drive at 10 Hz, in KITTI's raw layout; 1 = every frame is another street, in the
+    object layout."""
+    image_size: tuple[int, int] = KITTI_IMAGE_SIZE
+    """Height, width [px]. What differs from KITTI's size is cut from the picture's top and both
+    sides, or added there."""
+    focal_px: float = KITTI_FOCAL_PX
+    """Focal length. Resizes the picture before it is cut: half of KITTI's shows as much in half
+    the pixels."""
+    samples_per_pixel: Literal[1, 4] = 1
+    """1, or 4 for finer pictures."""
+    lidar: LidarModel = "hdl-64e"
+    """The sensor."""
+    rolling_shutter: bool = False
+    """Whether the LiDAR moves during its turn."""
+    camera: bool = True
+    """Whether pictures are taken; without, all else is the same, in half the time."""
+    hard: bool = False
+    """Whether streets are asked to be hard: far, hidden and steep, where few points tell."""
+
+    def __post_init__(self) -> None:
+        """Checks what no type checks."""
+        if self.seed < 0:
+            raise ValueError(f"seed must not be negative, got {self.seed}")
+        if not 1 <= self.sequence_length <= _MAX_SEQUENCE_LENGTH:
+            raise ValueError(
+                f"sequence_length must be between 1 and {_MAX_SEQUENCE_LENGTH}, got "
+                f"{self.sequence_length}"
+            )
+        if not _MIN_SIDE_PX <= min(self.image_size) <= max(self.image_size) <= _MAX_SIDE_PX:
+            height, width = self.image_size
+            raise ValueError(
+                f"the image must have {_MIN_SIDE_PX} to {_MAX_SIDE_PX} pixels along each side, got "
+                f"{width} x {height} (width x height)"
+            )
+        if not _MIN_FOCAL_PX <= self.focal_px <= _MAX_FOCAL_PX:
+            raise ValueError(
+                f"focal_px must be between {_MIN_FOCAL_PX:g} and {_MAX_FOCAL_PX:g}, got "
+                f"{self.focal_px:g}"
+            )

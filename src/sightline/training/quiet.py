@@ -1,0 +1,48 @@
+"""Keeps Lightning and TensorBoard from telling what nobody asked for; their real warnings stay."""
+
+import logging
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+
+LIGHTNING_NOISE = (
+    "The '.*_dataloader' does not have many workers",
+    "The number of training batches .* is smaller than the logging interval",
+    "Checkpoint directory .* exists and is not empty",
+    "Precision .* is not supported by the model summary",
+    "You're using the WeightAveraging callback, but loading a checkpoint outside",
+    "`isinstance.treespec, LeafSpec.` is deprecated",
+    r"\s*By default only one JsonargparseDeprecationWarning",
+    r"\s*``instantiate_classes`` was deprecated",
+)
+"""Beginnings of Lightning's warnings that the user of a recipe can or need do nothing about."""
+
+
+@contextmanager
+def quiet_lightning() -> Iterator[None]:
+    """Within it they are quiet."""
+    loggers = [logging.getLogger(f"lightning.{part}") for part in ("pytorch", "fabric")]
+    levels = [logger.level for logger in loggers]
+    tell_of_thread = threading.excepthook
+    threading.excepthook = partial(_pass_over_disk, tell_of_thread)
+    for logger in loggers:
+        logger.setLevel(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            for beginning in LIGHTNING_NOISE:
+                warnings.filterwarnings("ignore", beginning)
+            yield
+    finally:
+        threading.excepthook = tell_of_thread
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _pass_over_disk(
+    tell: Callable[[threading.ExceptHookArgs], object], ended: threading.ExceptHookArgs
+) -> None:
+    """What TensorBoard's thread cannot write is raised in the main thread, too: that is enough."""
+    if not issubclass(ended.exc_type, OSError):
+        tell(ended)

@@ -1,0 +1,145 @@
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from sightline.cli import main as cli
+from sightline.data.image_header import read_image_size
+from sightline.data.jobs import JobResult
+from sightline.simulation import generate
+from sightline.simulation.presets import PRESETS, SimulatedSet
+from sightline.simulation.settings import SimulationConfig
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+    """What `generate.simulate` was asked for."""
+    calls: list[dict] = []
+
+    def note(out: Path, **arguments: object) -> JobResult:
+        calls.append({"out": out, **arguments})
+        return JobResult(written=3, skipped=1)
+
+    monkeypatch.setattr(generate, "simulate", note)
+    return calls
+
+
+def run(*arguments: str) -> int:
+    try:
+        return cli.main(["simulate", "street", *arguments])
+    except SystemExit as exit_:
+        return int(exit_.code or 0)
+
+
+def test_a_small_set_is_made_by_one_command(tmp_path: Path, capsys):
+    size = ["--image-size", "310", "94", "--focal-px", "180"]
+    status = cli.main(["simulate", str(tmp_path), "--frames", "1", "--workers", "1", *size])
+    assert status == 0
+    assert "1 frames simulated, 0 were there already" in capsys.readouterr().out
+    assert read_image_size(tmp_path / "training/image_2/000000.png") == (94, 310)
+
+
+def test_what_is_not_given_is_as_the_settings_have_it(asked: list[dict], capsys):
+    assert run() == 0
+    assert capsys.readouterr().out == "street: 3 frames simulated, 1 were there already\n"
+    chosen = SimulatedSet()
+    assert asked == [
+        {
+            "out": Path("street"),
+            "frames": chosen.frames,
+            "config": SimulationConfig(),
+            "workers": 2,
+            "velodyne": chosen.velodyne,
+            "validation_frames": chosen.validation_frames,
+            "shard_index": 0,
+            "num_shards": 1,
+        }
+    ]
+
+
+def test_every_setting_is_an_option_with_its_text_and_default(capsys):
+    run("--help")
+    said = " ".join(capsys.readouterr().out.split())
+    for settings in (SimulatedSet, SimulationConfig):
+        for setting in fields(settings):
+            if setting.name != "config":
+                assert f"--{setting.name.replace('_', '-')}" in said, setting.name
+    assert "Resizes the picture before it is cut: half of KITTI's shows as much" in said
+    assert "Width, height [px]." in said
+    assert "Default: 1242 375." in said
+    assert "default: null" not in said
+
+
+def test_options_reach_the_settings_of_their_names(asked: list[dict]):
+    options = "--frames 7 --validation-frames 2 --velodyne velodyne_reduced --seed 5"
+    options += " --image-size 1920,1200 --focal-px 600 --samples-per-pixel 4 --lidar vlp-16"
+    options += " --rolling-shutter --no-camera --hard --workers 3 --shard-index 1 --num-shards 2"
+    assert run(*options.split()) == 0
+    assert asked[0] == {
+        "out": Path("street"),
+        "frames": 7,
+        "workers": 3,
+        "velodyne": "velodyne_reduced",
+        "validation_frames": 2,
+        "shard_index": 1,
+        "num_shards": 2,
+        "config": SimulationConfig(
+            seed=5,
+            image_size=(1200, 1920),
+            focal_px=600.0,
+            samples_per_pixel=4,
+            lidar="vlp-16",
+            rolling_shutter=True,
+            camera=False,
+            hard=True,
+        ),
+    }
+    run("--sequence-length", "3", "--image-size", "1920", "1200")
+    assert asked[1]["config"] == SimulationConfig(sequence_length=3, image_size=(1200, 1920))
+
+
+def test_a_preset_gives_what_is_not_asked_for_wherever_it_stands(asked: list[dict]):
+    run("--seed", "0", "--preset", "street-2k")
+    run("--preset", "street-2k", "--seed", "0")
+    assert asked[0] == asked[1]
+    preset = PRESETS["street-2k"]
+    assert asked[0]["frames"] == preset.frames
+    assert asked[0]["velodyne"] == "velodyne_reduced"
+    assert asked[0]["config"] == SimulationConfig(seed=0, image_size=preset.config.image_size)
+
+
+def test_hard_streets_of_a_preset_can_be_refused(asked: list[dict]):
+    run("--preset", "street-hard-500")
+    run("--preset", "street-hard-500", "--no-hard")
+    assert [call["config"].hard for call in asked] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--seed", "-1"], "seed must not be negative, got -1"),
+        (["--seed", "1.5"], "\"seed\": Expected a <class 'int'>"),
+        (["--focal-px", "1e30"], "focal_px must be between 1 and 100000, got 1e+30"),
+        (["--focal-px", "-721"], "focal_px must be between 1 and 100000, got -721"),
+        (["--image-size", "100000", "9"], "got 100000 x 9 (width x height)"),
+        (["--samples-per-pixel", "3"], "samples_per_pixel"),
+        (["--sequence-length", "0"], "sequence_length must be between 1 and 10000, got 0"),
+        (["--sequence-length", "1000000"], "sequence_length must be between 1 and 10000"),
+        (["--frames", "0"], "at least 1 frame"),
+        (["--frames", "1000001"], "at most 1000000 frames"),
+        (["--workers", "0"], "workers must be at least 1"),
+        (["--num-shards", "0"], "got 0 of 0"),
+        (["--shard-index", "2", "--num-shards", "2"], "got 2 of 2"),
+        (["--lidar", "sonar"], "sonar"),
+        (["--preset", "street-9k"], "street-9k"),
+    ],
+)
+def test_senseless_settings_are_refused_in_one_line_before_the_folder_is_claimed(
+    tmp_path: Path, monkeypatch, capsys, options: list[str], said: str
+):
+    monkeypatch.chdir(tmp_path)
+    assert run(*options) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
