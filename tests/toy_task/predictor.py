@@ -8,7 +8,6 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.inference.network import load_network
 from sightline.structures.predictions import Detections2D
 from tests.toy_task.examples import inputs_of
-from tests.toy_task.registration import TASK
 
 
 class FinderPredictor:
@@ -17,14 +16,14 @@ class FinderPredictor:
     parts = ("image", "points")
     gives = ("results", "likelihood")
 
-    def __init__(self, weights, engine, device, threads) -> None:
-        loaded = load_network(TASK, weights)
+    def __init__(self, task, weights, engine, device, threads) -> None:
+        loaded = load_network(task, weights)
         self.name = loaded.name
         self.made_by = {"weights_sha256": loaded.sha256, "engine": engine}
         self._cell_px = loaded.network.config.cell_px
         self._stages = [
             ProcessEngine(graph, name=engine, device=device, threads=threads)
-            for graph in TASK.graphs(loaded)
+            for graph in task.graphs(loaded)
         ]
 
     def __call__(self, sample):

@@ -92,7 +92,7 @@ class FinderTask:
 
         if method is not None or weights is None:
             raise ValueError("toy-finder answers by a network: name its weights")
-        return FinderPredictor(weights, engine, device, threads)
+        return FinderPredictor(self, weights, engine, device, threads)
 
     def picture(self, sample, predictor):
         from sightline.visualization.sheet import frame_sheet

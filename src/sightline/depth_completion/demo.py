@@ -9,14 +9,15 @@ from typing import get_args
 from rich.console import Console
 
 from sightline.data.open import SampleDataset, open_dataset
+from sightline.depth_completion.frame_picture import draw_completed
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.predictor import Completer, DepthCompleter, choose_completer
-from sightline.depth_completion.registration import TASK
 from sightline.evaluation.depth import DepthReport, evaluate_depth
 from sightline.evaluation.held_out import HeldOutReport, evaluate_held_out
 from sightline.inference.demo import DemoPart
 from sightline.inference.pictures import write_frame_picture
 from sightline.inference.predict import predict
+from sightline.inference.predictor import AnsweringTask
 
 _HTML = """<h2>Depth completion</h2>
 <p>Dense depth from a LiDAR sweep by <b>{name}</b>. The depth maps are 16-bit PNGs (metres times
@@ -31,10 +32,11 @@ highest beam too, where any method can only guess.</p>
 {pictures}"""
 
 
-def run_depth_demo(frames: Path, out: Path) -> DemoPart:
+def run_depth_demo(task: AnsweringTask, frames: Path, out: Path) -> DemoPart:
     """Completes the depth of frames with the default weights, scores it and draws it.
 
     Args:
+        task: Depth completion, whose files are written.
         frames: A simulated object tree, with true depth.
         out: Folder for all of it; a second run makes only what is missing of the depth maps.
 
@@ -43,13 +45,13 @@ def run_depth_demo(frames: Path, out: Path) -> DemoPart:
     """
     depth = out / "depth"
     completer = choose_completer()
-    predict(TASK, completer, frames, depth, workers=1)
+    predict(task, completer, frames, depth, workers=1)
     against_truth = evaluate_depth(depth, frames / "training" / "depth")
     dataset = open_dataset(frames, parts=completer.parts)
     completers: list[Completer] = [DepthCompleter(method) for method in get_args(Method)]
     by_name = {each.name: each for each in (*completers, completer)}
     held_out = {name: _score_held_out(dataset, each) for name, each in by_name.items()}
-    draw = partial(TASK.picture, predictor=completer)
+    draw = partial(draw_completed, completer=completer)
     pictures = [
         write_frame_picture(frames, name, out / f"{name}.png", draw=draw)
         for name in dataset.sample_ids

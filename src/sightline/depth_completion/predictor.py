@@ -14,8 +14,8 @@ from sightline.depth_completion.export_graph import export_graph
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth
 from sightline.depth_completion.model import DepthCompletionNet
+from sightline.depth_completion.network_task import NETWORK_TASK
 from sightline.depth_completion.postprocess import to_depth_map
-from sightline.depth_completion.registration import TASK
 from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hull
 from sightline.export.names import EngineName
 from sightline.export.process_engine import ProcessEngine
@@ -114,7 +114,9 @@ class DepthPredictor:
         Raises:
             ValueError: As `load_network` and the constructor do.
         """
-        return cls(load_network(TASK, weights), engine=engine, device=device, threads=threads)
+        return cls(
+            load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
+        )
 
     @property
     def estimates_uncertainty(self) -> bool:
@@ -229,7 +231,10 @@ def choose_completer(
     """
     if method is None:
         return DepthPredictor.load(
-            weights or TASK.default_weights, engine=engine, device=device, threads=threads
+            weights or NETWORK_TASK.default_weights,
+            engine=engine,
+            device=device,
+            threads=threads,
         )
     if weights is not None:
         raise ValueError(

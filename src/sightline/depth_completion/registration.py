@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, get_args
 
 from sightline.depth_completion.method_names import Method
+from sightline.depth_completion.network_task import DepthNetworkTask
 from sightline.inference.predictor import Output
 
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import UInt8
 
-    from sightline.depth_completion.config import DepthCompletionConfig
     from sightline.depth_completion.model import DepthCompletionNet
     from sightline.depth_completion.predictor import Completer
     from sightline.export.graph import ExportGraph
@@ -38,16 +38,14 @@ def _write_uncertainty(path: Path, sample: "CameraLidarSample", answer: "DepthMa
     write_uncertainty(path, answer)
 
 
-class DepthCompletionTask:
+class DepthCompletionTask(DepthNetworkTask):
     """`sightline.tasks.Task`, by networks or by methods without training."""
 
-    name: Final = "depth-completion"
     summary: Final = (
         "Completes the depth of every frame and writes 16-bit depth PNGs (metres times 256)."
     )
     training_class: Final = "sightline.depth_completion.task.DepthCompletion"
     trial_settings: Final = {"data.init_args.preparation.init_args.settings.crop_size": "[64,128]"}
-    default_weights: Final = "depth-best"
     methods: tuple[str, ...] = get_args(Method)
     outputs: tuple[Output, ...] = (
         Output(name="depth", suffix=".png", summary="Depth maps.", write=_write_depth),
@@ -58,18 +56,6 @@ class DepthCompletionTask:
             write=_write_uncertainty,
         ),
     )
-
-    def config_type(self) -> "type[DepthCompletionConfig]":
-        """The network's settings."""
-        from sightline.depth_completion.config import DepthCompletionConfig
-
-        return DepthCompletionConfig
-
-    def build(self, config: "DepthCompletionConfig") -> "DepthCompletionNet":
-        """The network."""
-        from sightline.depth_completion.model import DepthCompletionNet
-
-        return DepthCompletionNet(config)
 
     def graphs(self, loaded: "LoadedNetwork[DepthCompletionNet]") -> "tuple[ExportGraph, ...]":
         """One, the whole network."""
@@ -96,17 +82,16 @@ class DepthCompletionTask:
     def picture(
         self, sample: "CameraLidarSample", predictor: "Completer"
     ) -> "UInt8[np.ndarray, 'height width 3']":
-        """All there is to see of a sample, its depth completed where it has a sweep."""
-        from sightline.visualization.sheet import frame_sheet
+        """See `draw_completed`."""
+        from sightline.depth_completion.frame_picture import draw_completed
 
-        dense = predictor(sample) if sample.points is not None else None
-        return frame_sheet(sample, dense, dense_name=predictor.name)
+        return draw_completed(sample, predictor)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """See `run_depth_demo`."""
         from sightline.depth_completion.demo import run_depth_demo
 
-        return run_depth_demo(frames, out)
+        return run_depth_demo(self, frames, out)
 
 
 TASK: Final = DepthCompletionTask()

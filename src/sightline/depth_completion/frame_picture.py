@@ -1,0 +1,16 @@
+"""A frame with its depth completed, to look at."""
+
+import numpy as np
+from jaxtyping import UInt8
+
+from sightline.depth_completion.predictor import Completer
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.sheet import frame_sheet
+
+
+def draw_completed(
+    sample: CameraLidarSample, completer: Completer
+) -> UInt8[np.ndarray, "height width 3"]:
+    """All there is to see of a sample, its depth completed where it has a sweep."""
+    dense = completer(sample) if sample.points is not None else None
+    return frame_sheet(sample, dense, dense_name=completer.name)

@@ -1,0 +1,29 @@
+"""Depth completion as far as its networks go: what loads them need know."""
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from sightline.depth_completion.config import DepthCompletionConfig
+    from sightline.depth_completion.model import DepthCompletionNet
+
+
+class DepthNetworkTask:
+    """`sightline.inference.network.NetworkTask`; what it builds is imported when it is built."""
+
+    name: Final = "depth-completion"
+    default_weights: Final = "depth-best"
+
+    def config_type(self) -> "type[DepthCompletionConfig]":
+        """The network's settings."""
+        from sightline.depth_completion.config import DepthCompletionConfig
+
+        return DepthCompletionConfig
+
+    def build(self, config: "DepthCompletionConfig") -> "DepthCompletionNet":
+        """The network."""
+        from sightline.depth_completion.model import DepthCompletionNet
+
+        return DepthCompletionNet(config)
+
+
+NETWORK_TASK: Final = DepthNetworkTask()
