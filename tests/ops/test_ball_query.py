@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sightline.ops import ball_query as module
-from sightline.ops.ball_query import _query_by_torch, ball_query
+from sightline.ops.ball_query import ball_query, query_by_torch
 from tests.ops.clouds import as_batch, clouds, street
 from tests.reference import point_ops as reference
 
@@ -20,7 +20,7 @@ def by_torch(points, centers, radius_m, count):
     num_found = torch.zeros(centers.shape[1], dtype=torch.int64)
     squared = torch.tensor(radius_m, dtype=torch.float32).square()
     if points.shape[1]:
-        _query_by_torch(points[0], centers[0], squared, index, num_found)
+        query_by_torch(points[0], centers[0], squared, index, num_found)
     return index[None], num_found[None]
 
 

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.ops.farthest_points import _sample_by_torch, farthest_points
+from sightline.ops.farthest_points import farthest_points, sample_by_torch
 from tests.ops.clouds import as_batch, clouds, street
 from tests.reference import point_ops as reference
 
@@ -19,18 +19,18 @@ def test_each_point_is_the_farthest_from_those_before_it_even_at_ties(points, co
     cloud = as_batch(points)
     assert farthest_points(cloud, count).tolist() == [expected]
     if count:
-        assert _sample_by_torch(cloud, count).tolist() == [expected]
+        assert sample_by_torch(cloud, count).tolist() == [expected]
 
 
 @pytest.mark.parametrize("num_points", [128, 129, 1000, 1531])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_leaves_of_large_clouds_change_nothing(num_points, seed):
     cloud = street(seed, num_points)
-    plain = _sample_by_torch(cloud, num_points + 5)
+    plain = sample_by_torch(cloud, num_points + 5)
     assert torch.equal(farthest_points(cloud, num_points + 5), plain)
     assert len(set(plain[0, :num_points].tolist())) == num_points
     on_a_grid = cloud.round()  # thousands of ties, most points several times
-    assert torch.equal(farthest_points(on_a_grid, 300), _sample_by_torch(on_a_grid, 300))
+    assert torch.equal(farthest_points(on_a_grid, 300), sample_by_torch(on_a_grid, 300))
 
 
 def test_a_large_cloud_is_sampled_as_the_reference_says():
@@ -44,7 +44,7 @@ def test_each_cloud_of_a_batch_is_sampled_by_itself():
     both = farthest_points(clouds_of_batch, 50)
     assert torch.equal(both[:1], farthest_points(clouds_of_batch[:1], 50))
     assert torch.equal(both[1:], farthest_points(clouds_of_batch[1:], 50))
-    assert torch.equal(both, _sample_by_torch(clouds_of_batch, 50))
+    assert torch.equal(both, sample_by_torch(clouds_of_batch, 50))
 
 
 def test_where_points_run_out_point_0_is_taken_again():

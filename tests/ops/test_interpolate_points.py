@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sightline.ops import three_nearest as module
 from sightline.ops.interpolate_points import interpolate_points
-from sightline.ops.three_nearest import ThreeNearest, _find_by_torch, three_nearest
+from sightline.ops.three_nearest import ThreeNearest, find_by_torch, three_nearest
 from tests.ops.clouds import as_batch, clouds, street
 from tests.reference import point_ops as reference
 
@@ -19,7 +19,7 @@ def by_torch(points, queries):
     index = torch.zeros(queries.shape[1:], dtype=torch.int64)
     distance = torch.full(queries.shape[1:], math.inf)
     if queries.shape[1]:
-        _find_by_torch(points[0], queries[0], index, distance)
+        find_by_torch(points[0], queries[0], index, distance)
     return ThreeNearest(index[None], distance[None])
 
 

@@ -10,8 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sightline.geometry.boxes3d import Boxes3D
-from sightline.ops.points_in_boxes import _first_by_torch, first_box_of_points
-from sightline.ops.roi_points import _choose_by_torch, roi_points
+from sightline.ops.points_in_boxes import first_box_of_points, first_by_torch
+from sightline.ops.roi_points import choose_by_torch, roi_points
 from tests.ops.clouds import as_batch, clouds, spread, street
 from tests.reference import point_ops as reference
 
@@ -43,7 +43,7 @@ def test_each_point_is_given_to_the_first_box_that_holds_it(points, boxes):
     rows = torch.tensor(boxes).reshape(1, -1, 7)
     assert first_box_of_points(cloud, rows).tolist() == [expected]
     if boxes and points:
-        by_torch = _first_by_torch(cloud[0].double().T, rows[0].double())
+        by_torch = first_by_torch(cloud[0].double().T, rows[0].double())
         assert by_torch.tolist() == expected
 
 
@@ -75,7 +75,7 @@ def test_exactly_so_many_points_are_drawn_as_the_rule_says(points, boxes, margin
         assert drawn.num_inside[0, k] == len(inside)
         assert drawn.indices[0, k].tolist() == reference.roi_points(inside, k, count, seed)
     if points:
-        index, num_inside = _choose_by_torch(
+        index, num_inside = choose_by_torch(
             cloud[0].double().T, rows[0].double(), margin_m, count, seed
         )
         assert torch.equal(index, drawn.indices[0])

@@ -64,7 +64,8 @@ def roi_points(inside: list[int], box_number: int, count: int, seed: int) -> lis
         return sorted(by_luck[:count])
     if not inside:
         return [0] * count
-    repeated = [inside[lowbias32(salt + k) % len(inside)] for k in range(len(inside), count)]
+    shares = [lowbias32(salt + k) / 2**32 for k in range(len(inside), count)]
+    repeated = [inside[int(share * len(inside))] for share in shares]
     return inside + repeated
 
 

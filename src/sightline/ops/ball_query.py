@@ -73,7 +73,7 @@ def _ball_query(
                 num_found[sweep].numpy(),
             )
         else:
-            _query_by_torch(
+            query_by_torch(
                 clouds[sweep], around[sweep], squared_radius, index[sweep], num_found[sweep]
             )
     return index, num_found
@@ -87,7 +87,7 @@ def _(points: Tensor, centers: Tensor, radius_m: float, count: int) -> tuple[Ten
     return index, centers.new_empty(shape, dtype=torch.int64)
 
 
-def _query_by_torch(
+def query_by_torch(
     points: Float32[Tensor, "num_points 3"],
     centers: Float32[Tensor, "num_centers 3"],
     squared_radius: Float32[Tensor, ""],

@@ -40,7 +40,7 @@ def _farthest_points(points: Tensor, count: int) -> Tensor:
     if count == 0 or clouds.shape[0] == 0:
         return points.new_zeros((points.shape[0], count), dtype=torch.int64)
     if not clouds.is_cpu:
-        return _sample_by_torch(clouds, count)
+        return sample_by_torch(clouds, count)
     taken = [torch.from_numpy(sample_farthest(cloud.numpy(), count)) for cloud in clouds]
     return torch.stack(taken)
 
@@ -50,7 +50,7 @@ def _(points: Tensor, count: int) -> Tensor:
     return points.new_empty((points.shape[0], count), dtype=torch.int64)
 
 
-def _sample_by_torch(
+def sample_by_torch(
     clouds: Float32[Tensor, "batch num_points 3"], count: int
 ) -> Int64[Tensor, "batch {count}"]:
     """The same without a kernel: every distance in every step."""

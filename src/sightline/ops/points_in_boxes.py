@@ -40,7 +40,7 @@ def _first_box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
             found = find_first_boxes(columns[sweep].numpy(), rows[sweep].numpy())
             first[sweep] = torch.from_numpy(found)
         elif rows.shape[1] > 0:
-            first[sweep] = _first_by_torch(columns[sweep], rows[sweep])
+            first[sweep] = first_by_torch(columns[sweep], rows[sweep])
     return first
 
 
@@ -50,7 +50,7 @@ def _(points: Tensor, boxes: Tensor) -> Tensor:
     return points.new_empty(points.shape[:2], dtype=torch.int64)
 
 
-def _first_by_torch(
+def first_by_torch(
     columns: Float64[Tensor, "3 num_points"], boxes: Float64[Tensor, "num_boxes 7"]
 ) -> Int64[Tensor, " num_points"]:
     """The same without a kernel, for one box or more."""

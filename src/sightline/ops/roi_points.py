@@ -80,7 +80,7 @@ def _roi_points(
                 num_inside[sweep].numpy(),
             )
         elif points.shape[1] > 0:
-            index[sweep], num_inside[sweep] = _choose_by_torch(
+            index[sweep], num_inside[sweep] = choose_by_torch(
                 columns[sweep], rows[sweep], margin_m, count, seed
             )
     return index, num_inside
@@ -96,7 +96,7 @@ def _(
     return index, points.new_empty(shape, dtype=torch.int64)
 
 
-def _choose_by_torch(
+def choose_by_torch(
     columns: Float64[Tensor, "3 num_points"],
     boxes: Float64[Tensor, "num_boxes 7"],
     margin_m: float,
@@ -118,7 +118,7 @@ def _choose_by_torch(
     # points outside, of boxes with few inside, go to the end
     outside = num_inside[:, None] <= place[: drawn.shape[1]]
     kept = torch.where(outside, num_points, drawn).sort(dim=1).values
-    repeated = _scramble(salt + place) % num_inside[:, None].clamp(min=1)
+    repeated = (_scramble(salt + place) * num_inside[:, None]) >> 32
     source = torch.where(place < num_inside[:, None], place, repeated)
     index = kept.gather(1, source.clamp(max=kept.shape[1] - 1))
     return torch.where(num_inside[:, None] > 0, index, 0), num_inside

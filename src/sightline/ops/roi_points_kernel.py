@@ -56,7 +56,7 @@ def choose_points(
         elif inside > 0:
             index[k, :inside] = found[:inside]
             for place in range(inside, count):
-                index[k, place] = found[scramble(salt + place) % inside]
+                index[k, place] = found[(scramble(salt + place) * inside) >> 32]
 
 
 @compiled

@@ -58,7 +58,7 @@ def _three_nearest(points: Tensor, queries: Tensor) -> tuple[Tensor, Tensor]:
                 squared_distance[sweep].numpy(),
             )
         else:
-            _find_by_torch(clouds[sweep], asked[sweep], index[sweep], squared_distance[sweep])
+            find_by_torch(clouds[sweep], asked[sweep], index[sweep], squared_distance[sweep])
     return index, squared_distance
 
 
@@ -69,7 +69,7 @@ def _(points: Tensor, queries: Tensor) -> tuple[Tensor, Tensor]:
     return index, torch.empty_like(queries, dtype=torch.float32)
 
 
-def _find_by_torch(
+def find_by_torch(
     points: Float32[Tensor, "num_points 3"],
     queries: Float32[Tensor, "num_queries 3"],
     index: Int64[Tensor, "num_queries 3"],
