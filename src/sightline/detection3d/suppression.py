@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.nms import nms_bev
-
-_BEV_COLUMNS = [0, 1, 3, 4, 6]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +51,7 @@ def suppress_boxes(
     is_unsure = scores < config.min_score  # a NaN is not: `nms_bev` refuses it
     sure = (~is_unsure).nonzero()[:, 0]
     kept = nms_bev(
-        boxes[sure][:, _BEV_COLUMNS],
+        Boxes3D(boxes[sure]).bev,
         scores[sure],
         math.nextafter(config.iou, 0.0),  # there an equal IoU is kept
         labels=None if labels is None else labels[sure],
