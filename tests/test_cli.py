@@ -39,6 +39,7 @@ def run(capsys, *arguments):
         ["reproduce"],
         ["reproduce", "shiftconv"],
         ["export"],
+        ["submission"],
     ],
 )
 def test_every_command_explains_itself(capsys, command):
@@ -109,6 +110,7 @@ def test_wrong_arguments_are_refused_in_one_line(capsys, tmp_path, arguments, sa
         ["evaluate", "held-out", "nowhere"],
         ["reproduce", "shiftconv", "--data", "nowhere"],
         ["export", "out.onnx", "--weights", "nowhere"],
+        ["submission", "nowhere", "out.zip"],
         ["show", str(PACKAGED_FRAMES), "000000", "--weights", "nowhere"],
         ["predict", "depth-completion", str(PACKAGED_FRAMES), "out", "--weights", "nowhere"],
         ["evaluate", "held-out", str(PACKAGED_FRAMES), "--weights", "nowhere"],
