@@ -5,27 +5,40 @@ whatever the points are.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float, Int64
 from numpy import ndarray
 
 from sightline.ops.compiled import compiled
 
-_Grid = tuple[
-    float, float, float, int, int, Int64[ndarray, " num_starts"], Int64[ndarray, " num_points"]
-]
+
+class Grid(NamedTuple):
+    """Points sorted into square columns."""
+
+    low_x: float
+    """Least x of the points [m]."""
+    low_y: float
+    """Least y of the points [m]."""
+    edge: float
+    """Of a column [m]."""
+    num_x: int
+    """Columns along x."""
+    num_y: int
+    """Columns along y."""
+    starts: Int64[ndarray, " num_starts"]
+    """Where each column starts in `order`, and one place more; column ix, iy is number
+    iy * num_x + ix."""
+    order: Int64[ndarray, " num_points"]
+    """Indices of the points column by column, ascending within each."""
 
 
 @compiled
-def make_grid(points: Float32[ndarray, "num_points 3"], least_edge_m: float) -> _Grid:
-    """Sorts points, of which there is at least one, into square columns.
+def make_grid(points: Float[ndarray, "num_points 3"], least_edge_m: float) -> Grid:
+    """Sorts points, of which there is at least one.
 
-    Returns:
-        The least x and y [m]; the edge of a column [m], at least `least_edge_m` and so that there
-        are not many more columns than points; the number of columns along x and along y; where
-        each column starts in the order that follows (column ix, iy is number iy * num_x + ix), and
-        one place more; the indices of the points column by column, ascending within each.
+    Columns are no narrower than asked for, and not many more than points.
     """
     num_points = points.shape[0]
     low_x, low_y = float(points[:, 0].min()), float(points[:, 1].min())
@@ -46,4 +59,4 @@ def make_grid(points: Float32[ndarray, "num_points 3"], least_edge_m: float) -> 
     for i in range(num_points):
         order[filled[column[i]]] = i
         filled[column[i]] += 1
-    return low_x, low_y, edge, num_x, num_y, starts, order
+    return Grid(low_x, low_y, edge, num_x, num_y, starts, order)

@@ -7,7 +7,7 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from sightline.ops.compiled import compiled
-from sightline.ops.points_in_boxes_kernel import find_points_in_box, padded_mask
+from sightline.ops.points_in_boxes_kernel import find_points_in_box, sort_cloud
 
 WORD: Final = 0xFFFFFFFF
 """Mask of 32 bits."""
@@ -41,12 +41,15 @@ def choose_points(
 ) -> None:
     """Fills `index` and `num_inside`, which come as zeros."""
     num_points, count = columns.shape[1], index.shape[1]
-    mask, found = padded_mask(num_points), np.empty(num_points + 1, dtype=np.int64)
+    if num_points == 0:
+        return
+    cloud = sort_cloud(columns)
+    found = cloud.found
     scrambled, keys = np.empty(num_points, np.int64), np.empty(num_points, dtype=np.int64)
     for i in range(num_points):
         scrambled[i] = scramble(i)
     for k in range(boxes.shape[0]):
-        inside = find_points_in_box(columns, boxes[k], margin, mask, found)
+        inside = find_points_in_box(cloud, boxes[k], margin)
         num_inside[k] = inside
         salt = scramble(scramble(seed) + k)
         if inside > count:
