@@ -34,10 +34,10 @@ class NormAndRelu(nn.Module):
         self.norm = nn.BatchNorm1d(channels) if batch_norm else None
 
     def forward(self, values: Float[Tensor, "*rows channels"]) -> Float[Tensor, "*rows channels"]:
-        """Of each row."""
+        """Of each row; `values` may be overwritten."""
         if self.norm is not None:
             values = self.norm(values.reshape(-1, values.shape[-1])).reshape(values.shape)
-        return values.relu()
+        return values.relu_()  # no layer before it needs what it gave: memory is not taken twice
 
 
 def point_layers(in_channels: int, widths: tuple[int, ...], *, batch_norm: bool) -> nn.Sequential:
