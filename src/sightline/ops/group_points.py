@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, library
@@ -10,6 +9,7 @@ from torch.autograd.function import BackwardCFunction
 
 from sightline.ops.gather_kernel import add_to_rows
 from sightline.ops.point_checks import require_same_batch
+from sightline.ops.spare_memory import rows_to_fill
 
 _KERNEL_DTYPES = (torch.float32, torch.float64)
 
@@ -37,8 +37,7 @@ def _group_points(features: Tensor, index: Tensor) -> Tensor:
     source = features.reshape(-1, features.shape[2])
     if not (features.is_cpu and features.dtype in _KERNEL_DTYPES):
         return source[rows].reshape(shape)
-    # numpy asks the system for large pages, which torch does not: a third of the time
-    out = torch.from_numpy(np.empty((rows.numel(), source.shape[1]), source.numpy().dtype))
+    out = torch.from_numpy(rows_to_fill(rows.numel(), source.shape[1], source.numpy().dtype))
     return torch.index_select(source, 0, rows, out=out).reshape(shape)
 
 
