@@ -60,3 +60,5 @@ def test_without_points_on_objects_it_is_0_and_so_is_the_gradient():
 def test_a_weight_out_of_range_is_refused():
     with pytest.raises(ValueError, match="size_weight must be finite and not negative, got nan"):
         ProposalLossConfig(size_weight=float("nan"))
+    with pytest.raises(ValueError, match="ignored_margin_m must be finite and not neg"):
+        ProposalLossConfig(ignored_margin_m=-1.0)

@@ -3,11 +3,16 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from sightline.detection3d.backbone import PointBackbone
-from sightline.detection3d.box_coding import BoxCodingConfig
+from sightline.detection3d.box_coding import (
+    BoxCodingConfig,
+    decode_boxes,
+    likeliest_code,
+    split_prediction,
+)
 from sightline.detection3d.classes import CAR, RoadUserClass
 from sightline.detection3d.config import PointBackboneConfig
 from sightline.detection3d.foreground import prior_bias
@@ -71,6 +76,31 @@ class ProposalNetwork(nn.Module):
         """Of sweeps with any number of points, one at least (LiDAR frame [m])."""
         seen = self.backbone(points, features)
         return ProposalNetworkOutput(seen, self.class_head(seen), self.box_head(seen))
+
+
+class ToldBoxes(NamedTuple):
+    """The box that each point tells, if it lies on an object."""
+
+    boxes: Float[Tensor, "batch num_points 7"]
+    """x, y, z, length, width, height, yaw (LiDAR frame, metres, radians)."""
+    classes: Int64[Tensor, "batch num_points"]
+    """The likeliest of the network's classes."""
+    scores: Float[Tensor, "batch num_points"]
+    """How sure it is that the point lies on an object of that class, 0 to 1."""
+
+
+def tell_boxes(
+    output: ProposalNetworkOutput,
+    points: Float[Tensor, "batch num_points 3"],
+    config: ProposalNetworkConfig,
+) -> ToldBoxes:
+    """Decodes what the network gave for points [m]."""
+    scores, classes = output.class_logits.sigmoid().max(dim=2)
+    mean_sizes = points.new_tensor([entry.mean_size_m for entry in config.classes])
+    code = likeliest_code(split_prediction(output.box_values.flatten(0, 1), config.coding))
+    means = mean_sizes[classes].flatten(0, 1)
+    boxes = decode_boxes(code, points.flatten(0, 1), means, config.coding)
+    return ToldBoxes(boxes.reshape(*points.shape[:2], 7), classes, scores)
 
 
 def _head(config: ProposalNetworkConfig, out_channels: int) -> nn.Sequential:
