@@ -6,7 +6,16 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
-PACKAGES = ("torch", "numpy", "numba", "scipy", "opencv-python-headless", "shapely", "embreex")
+PACKAGES = (
+    "torch",
+    "numpy",
+    "numba",
+    "scipy",
+    "opencv-python-headless",
+    "shapely",
+    "embreex",
+    "fpsample",
+)
 
 
 def describe_machine() -> dict[str, str | int | bool]:

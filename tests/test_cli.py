@@ -40,6 +40,7 @@ def run(capsys, *arguments):
         ["reproduce"],
         ["reproduce", "shiftconv"],
         ["export"],
+        ["submission"],
     ],
 )
 def test_every_command_explains_itself(capsys, command):
@@ -142,6 +143,7 @@ def test_a_frame_that_there_is_not_is_answered_with_one_that_there_is(capsys, tm
         ["evaluate", "held-out", "nowhere"],
         ["reproduce", "shiftconv", "--data", "nowhere"],
         ["export", "out.onnx", "--weights", "nowhere"],
+        ["submission", "nowhere", "out.zip"],
         ["show", str(PACKAGED_FRAMES), "000000", "--weights", "nowhere"],
         ["predict", "depth-completion", str(PACKAGED_FRAMES), "out", "--weights", "nowhere"],
         ["evaluate", "held-out", str(PACKAGED_FRAMES), "--weights", "nowhere"],

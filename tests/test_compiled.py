@@ -10,13 +10,20 @@ import pytest
 import torch
 from torch import library
 
+from sightline.ops.ball_query import ball_query
+from sightline.ops.farthest_points import farthest_points
+from sightline.ops.group_points import group_points
+from sightline.ops.interpolate_points import interpolate_points
 from sightline.ops.nms import nms2d, nms_bev
+from sightline.ops.points_in_boxes import first_box_of_points
+from sightline.ops.roi_points import roi_points
 from sightline.ops.rotated_iou import (
     aligned_iou_3d,
     aligned_iou_bev,
     pairwise_iou_3d,
     pairwise_iou_bev,
 )
+from sightline.ops.three_nearest import three_nearest
 
 BACKEND = "aot_eager"
 BEV_COLUMNS = [0, 1, 3, 4, 6]
@@ -47,6 +54,52 @@ def test_the_suppression_operator_keeps_its_contract_with_torch(columns):
     scores, labels = torch.tensor([0.3, 0.9, 0.1]), torch.tensor([1, 1, 2])
     for classes, limit in product((None, labels), (None, 2)):
         library.opcheck(torch.ops.sightline.nms.default, (boxes, scores, classes, 0.2, limit))
+
+
+@pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor")  # opcheck looks at its copies
+def test_the_operators_on_points_keep_their_contract_with_torch():
+    points, boxes = torch.randn(2, 9, 3), torch.stack((some_boxes(0, 4), some_boxes(1, 4)))
+    ops = torch.ops.sightline
+    library.opcheck(ops.farthest_points.default, (points, 4))
+    library.opcheck(ops.ball_query.default, (points, points[:, :3], 1.0, 2))
+    library.opcheck(ops.three_nearest.default, (points, points[:, :3]))
+    library.opcheck(ops.first_box_of_points.default, (points, boxes))
+    library.opcheck(ops.roi_points.default, (points, boxes, 1.0, 5, 0))
+    features, index = torch.randn(2, 9, 4, requires_grad=True), torch.tensor([[[0, 8, 8]]] * 2)
+    library.opcheck(ops.group_points.default, (features, index))
+    library.opcheck(ops.interpolate_points.default, (features, index, torch.rand(2, 1, 3)))
+
+
+def test_a_compiled_set_abstraction_has_the_same_value_and_gradient():
+    def abstract(points: torch.Tensor, features: torch.Tensor) -> torch.Tensor:
+        chosen = farthest_points(points, 8)
+        centers = group_points(points, chosen)
+        near = ball_query(points, centers, radius_m=1.0, count=4)
+        pooled = group_points(features, near.indices).amax(dim=2)
+        return interpolate_points(pooled, three_nearest(centers, points)).square().sum()
+
+    values, gradients = [], []
+    points = torch.randn(2, 50, 3, generator=torch.Generator().manual_seed(0))
+    for version in (abstract, torch.compile(abstract, fullgraph=True, backend=BACKEND)):
+        features = points.repeat(1, 1, 2).requires_grad_()
+        value = version(points, features)
+        value.backward()
+        values.append(value.detach())
+        gradients.append(features.grad)
+    torch.testing.assert_close(values[1], values[0])
+    torch.testing.assert_close(gradients[1], gradients[0])
+    assert gradients[0].abs().max() > 0
+
+
+def test_compiled_region_pooling_gives_the_same():
+    def pool(points: torch.Tensor, boxes: torch.Tensor) -> torch.Tensor:
+        drawn = roi_points(points, boxes, margin_m=1.0, count=6, seed=2)
+        label = first_box_of_points(points, boxes)[..., None].to(points.dtype)
+        return group_points(torch.cat((points, label), dim=2), drawn.indices)
+
+    points, boxes = torch.randn(1, 40, 3), some_boxes(8, 5)[None]
+    compiled = torch.compile(pool, fullgraph=True, backend=BACKEND)
+    assert torch.equal(compiled(points, boxes), pool(points, boxes))
 
 
 @pytest.mark.parametrize("function", [pairwise_iou_3d, aligned_iou_3d])

@@ -116,6 +116,21 @@ def export(
         print(path)
 
 
+def submission(results: Path, out: Path, *, sample_list: str | None = None) -> None:
+    """Checks result files and packs them into the archive that KITTI's object benchmark takes.
+
+    Args:
+        results: Folder with one result file a frame (16 fields a line), empty where nothing was
+            found.
+        out: Archive to write, .zip.
+        sample_list: Which frames there must be: a list in ImageSets beside the folder or a text
+            file with one name a line. Default: all that have a file.
+    """
+    from sightline.data.submission import write_submission
+
+    print(f"{out}: {write_submission(results, out, sample_list=sample_list)} frames")
+
+
 def demo(out: Path = Path("demo")) -> None:
     """Runs the main job on the embedded frames and writes pictures and a report.
 
@@ -158,6 +173,7 @@ def _commands() -> dict[str, Any]:
             "shiftconv": reproduce_shiftconv,
         },
         "export": export,
+        "submission": submission,
     }
 
 

@@ -38,7 +38,8 @@ NO_ALPHA = -10.0
 NO_LOCATION = -1000.0
 """Written for each coordinate of an object without a 3D part."""
 
-_MAX_BYTES = 2**24  # more than 100,000 objects in one frame
+MAX_LABEL_BYTES = 2**24
+"""No label or result file is longer: more than 100,000 objects in one frame."""
 _MAX_NAME = 64  # characters of a class
 _LABEL_FIELDS = 15
 _RESULT_FIELDS = 16
@@ -220,7 +221,7 @@ def write_objects(path: Path, objects: KittiObjects, *, decimals: int | None = 2
 
 def _read_bytes(path: Path, kind: str) -> bytes:
     remedy = f"give a {kind} file of KITTI's, one for each frame"
-    return read_bytes(path, max_bytes=_MAX_BYTES, remedy=remedy)
+    return read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=remedy)
 
 
 def _lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:

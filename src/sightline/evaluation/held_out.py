@@ -230,6 +230,7 @@ def _to_json(score: HeldOutScore) -> dict[str, float]:
     return {
         "rmse_mm": score.rmse_mm,
         "mae_mm": score.mae_mm,
+        "median_mm": score.median_mm,
         "coverage": score.coverage,
         "milliseconds": score.milliseconds,
     }

@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from sightline.data.frame_files import require_frame_files
 from sightline.data.kitti_labels import KittiObjects, read_labels, read_results
 from sightline.data.problem import FileError
 from sightline.data.progress import track
@@ -76,13 +77,13 @@ def read_frames(
             labels than can be matched in reasonable time.
     """
     names = _frame_names(labels_dir, sample_list)
-    _require_files(
+    require_frame_files(
         labels_dir,
         names,
         "label",
         "extract the labels again, or leave the frames out of the list",
     )
-    _require_files(
+    require_frame_files(
         results_dir,
         names,
         "result",
@@ -111,18 +112,6 @@ def _frame_names(labels_dir: Path, sample_list: Path | str | None) -> Sequence[s
     if not names:
         raise ValueError(f"{labels_dir} has no label files (*.txt); give KITTI's folder label_2")
     return names
-
-
-def _require_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
-    if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder; give the one that holds the {kind} files")
-    present = {path.name for path in folder.iterdir()}
-    missing = [name for name in names if f"{name}.txt" not in present]
-    if missing:
-        raise ValueError(
-            f"{folder} has no {kind} file for {len(missing):,} of {len(names):,} frames, the first "
-            f"of them {missing[0]}.txt: {remedy}"
-        )
 
 
 def _batches(

@@ -1,0 +1,71 @@
+"""The archive that KITTI's object benchmark takes: a result file for each frame."""
+
+import re
+from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+
+from sightline.data.atomic import atomic_path
+from sightline.data.frame_files import require_frame_files
+from sightline.data.kitti_labels import MAX_LABEL_BYTES, parse_objects
+from sightline.data.plain_file import read_bytes
+from sightline.data.problem import FileError
+from sightline.data.sample_list import read_sample_list
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the first that a zip file can hold
+_PLAIN_FILE = 0o100644 << 16
+_UNIX = 3
+_REMEDY = "write an empty file where nothing was found, or name a list of the frames that count"
+
+
+def write_submission(results: Path, out: Path, *, sample_list: str | Path | None = None) -> int:
+    """Checks all result files and packs them; returns how many frames there are.
+
+    The archive has NNNNNN.txt of each frame at its root, in order, without dates, so that the same
+    results give the same bytes. It appears whole or not at all.
+
+    Args:
+        results: Folder with one result file a frame, 16 fields a line; an empty one where nothing
+            was found. Other files in it are left out.
+        out: The archive, .zip.
+        sample_list: The frames, as `read_sample_list` takes them; its root is the folder that
+            `results` is in. None: those that have a file.
+
+    Raises:
+        ValueError: `out` is no .zip, or a frame has no file, a name that is not six digits, or a
+            file that cannot be read as results; says which and where.
+    """
+    if out.suffix.lower() != ".zip":
+        raise ValueError(f"{out} does not end in .zip, which the benchmark asks for; rename it")
+    names = _frame_names(results, sample_list)
+    contents = {name: _checked(results / f"{name}.txt") for name in names}
+    with atomic_path(out) as temporary, ZipFile(temporary, "w") as archive:
+        for name, content in contents.items():
+            entry = ZipInfo(f"{name}.txt", date_time=_EPOCH)
+            entry.create_system, entry.external_attr = _UNIX, _PLAIN_FILE
+            archive.writestr(entry, content, compress_type=ZIP_DEFLATED, compresslevel=9)
+    return len(contents)
+
+
+def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
+    if sample_list is not None:
+        names = sorted(read_sample_list(sample_list, results.absolute().parent))
+        require_frame_files(results, names, "result", _REMEDY)
+    else:
+        require_frame_files(results, [], "result", _REMEDY)
+        names = sorted(path.stem for path in results.glob("*.txt"))
+    if not names:
+        raise ValueError(f"{results} has no result files (*.txt); give the folder that holds them")
+    for name in names:
+        if not re.fullmatch("[0-9]{6}", name):
+            raise FileError(
+                results / f"{name}.txt",
+                "is not named by six digits, as the benchmark's frames are",
+                "rename it, or move it to another folder",
+            )
+    return names
+
+
+def _checked(path: Path) -> bytes:
+    content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=_REMEDY)
+    parse_objects(content, path, with_scores=True)
+    return content

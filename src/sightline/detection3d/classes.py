@@ -1,0 +1,24 @@
+"""The kinds of road users that are detected."""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoadUserClass:
+    """A class with what its objects look like on average in KITTI's training split."""
+
+    name: str
+    """As in KITTI's labels."""
+    mean_size_m: tuple[float, float, float]
+    """Length, width, height."""
+
+    def __post_init__(self) -> None:
+        """Checks the sizes."""
+        if min(self.mean_size_m) <= 0:
+            raise ValueError(f"mean_size_m of {self.name} must be positive, got {self.mean_size_m}")
+
+
+CAR: Final = RoadUserClass(name="Car", mean_size_m=(3.88, 1.63, 1.53))
+PEDESTRIAN: Final = RoadUserClass(name="Pedestrian", mean_size_m=(0.84, 0.66, 1.76))
+CYCLIST: Final = RoadUserClass(name="Cyclist", mean_size_m=(1.76, 0.60, 1.74))

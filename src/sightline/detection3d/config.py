@@ -1,0 +1,138 @@
+"""Settings of both stages' networks. The defaults are those of the published detectors."""
+
+import math
+from dataclasses import dataclass
+
+
+def _check_widths(name: str, widths: tuple[int, ...]) -> None:
+    if not widths or min(widths) < 1:
+        raise ValueError(f"{name} must hold one positive width a layer, got {widths}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeighbourhoodConfig:
+    """One scale of a set abstraction: how far a centre looks, and what it makes of that."""
+
+    radius_m: float
+    """Points nearer than this are neighbours."""
+    num_neighbours: int
+    """So many of them are looked at."""
+    widths: tuple[int, ...]
+    """Channels of the layers that each neighbour goes through."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not 0 < self.radius_m < math.inf:
+            raise ValueError(f"radius_m must be positive and finite, got {self.radius_m}")
+        if self.num_neighbours < 1:
+            raise ValueError(f"num_neighbours must be at least 1, got {self.num_neighbours}")
+        _check_widths("widths", self.widths)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbstractionConfig:
+    """One level of a point network: fewer points that know more."""
+
+    num_centers: int
+    """Points of the level, as far as there are so many."""
+    scales: tuple[NeighbourhoodConfig, ...]
+    """Neighbourhoods side by side; their channels are laid together."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if self.num_centers < 1:
+            raise ValueError(f"num_centers must be at least 1, got {self.num_centers}")
+        if not self.scales:
+            raise ValueError("scales must hold one neighbourhood or more, got none")
+
+    @property
+    def out_channels(self) -> int:
+        """Of each centre."""
+        return sum(scale.widths[-1] for scale in self.scales)
+
+
+def _two_scales(
+    num_centers: int,
+    radii_m: tuple[float, float],
+    first: tuple[int, ...],
+    second: tuple[int, ...],
+) -> AbstractionConfig:
+    return AbstractionConfig(
+        num_centers=num_centers,
+        scales=(
+            NeighbourhoodConfig(radius_m=radii_m[0], num_neighbours=16, widths=first),
+            NeighbourhoodConfig(radius_m=radii_m[1], num_neighbours=32, widths=second),
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointBackboneConfig:
+    """PointNet++ with several scales (Qi et al. 2017), as Shi et al. 2019 (PointRCNN) size it."""
+
+    in_channels: int = 0
+    """Features of each point besides x, y, z: 1 for the reflectance."""
+    levels: tuple[AbstractionConfig, ...] = (
+        _two_scales(4096, (0.1, 0.5), (16, 16, 32), (32, 32, 64)),
+        _two_scales(1024, (0.5, 1.0), (64, 64, 128), (64, 96, 128)),
+        _two_scales(256, (1.0, 2.0), (128, 196, 256), (128, 196, 256)),
+        _two_scales(64, (2.0, 4.0), (256, 256, 512), (256, 384, 512)),
+    )
+    """Set abstractions, the finest first."""
+    propagation_widths: tuple[tuple[int, ...], ...] = (
+        (128, 128),
+        (256, 256),
+        (512, 512),
+        (512, 512),
+    )
+    """Layers on the way back, the finest first: one entry for each level."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers, and that there is a way back from each level."""
+        if self.in_channels < 0:
+            raise ValueError(f"in_channels must not be negative, got {self.in_channels}")
+        if not self.levels or len(self.levels) != len(self.propagation_widths):
+            raise ValueError(
+                "propagation_widths must hold one entry for each of one or more levels, got "
+                f"{len(self.propagation_widths)} for {len(self.levels)}"
+            )
+        for widths in self.propagation_widths:
+            _check_widths("propagation_widths", widths)
+
+    @property
+    def out_channels(self) -> int:
+        """Of each point."""
+        return self.propagation_widths[0][-1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinementConfig:
+    """The second stage: three set abstractions of each region of interest, and two heads."""
+
+    in_channels: int = 128
+    """Features of each point besides x, y, z."""
+    levels: tuple[AbstractionConfig, ...] = (
+        AbstractionConfig(
+            num_centers=128,
+            scales=(NeighbourhoodConfig(radius_m=0.2, num_neighbours=64, widths=(128, 128)),),
+        ),
+        AbstractionConfig(
+            num_centers=32,
+            scales=(NeighbourhoodConfig(radius_m=0.4, num_neighbours=64, widths=(128, 256)),),
+        ),
+    )
+    """Set abstractions, the finest first."""
+    global_widths: tuple[int, ...] = (256, 512)
+    """Layers of the last one, which takes all points that are left together."""
+    head_widths: tuple[int, ...] = (256, 256)
+    """Layers of each head before its last."""
+    batch_norm: bool = False
+    """Whether layers are normalised."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if self.in_channels < 0:
+            raise ValueError(f"in_channels must not be negative, got {self.in_channels}")
+        _check_widths("global_widths", self.global_widths)
+        if self.head_widths:
+            _check_widths("head_widths", self.head_widths)

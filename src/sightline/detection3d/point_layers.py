@@ -1,0 +1,125 @@
+"""Layers of point networks: set abstraction and feature propagation (Qi et al. 2017, PointNet++).
+
+Features lie channels last: a layer is a matrix product over rows, on any device.
+"""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import linear
+
+from sightline.detection3d.config import AbstractionConfig, NeighbourhoodConfig
+from sightline.ops.ball_query import ball_query
+from sightline.ops.farthest_points import farthest_points
+from sightline.ops.group_points import group_points
+from sightline.ops.interpolate_points import interpolate_points
+from sightline.ops.three_nearest import three_nearest
+
+
+class PointFeatures(NamedTuple):
+    """Points of a level."""
+
+    points: Float[Tensor, "batch num_points 3"]
+    """Metres."""
+    features: Float[Tensor, "batch num_points channels"]
+
+
+class NormAndRelu(nn.Module):
+    """Batch normalisation over all rows, if wanted, and ReLU."""
+
+    def __init__(self, channels: int, *, batch_norm: bool) -> None:
+        super().__init__()
+        self.norm = nn.BatchNorm1d(channels) if batch_norm else None
+
+    def forward(self, values: Float[Tensor, "*rows channels"]) -> Float[Tensor, "*rows channels"]:
+        """Of each row; `values` may be overwritten."""
+        if self.norm is not None:
+            values = self.norm(values.reshape(-1, values.shape[-1])).reshape(values.shape)
+        return values.relu_()  # no layer before it needs what it gave: memory is not taken twice
+
+
+def point_layers(in_channels: int, widths: tuple[int, ...], *, batch_norm: bool) -> nn.Sequential:
+    """Layers that each point goes through by itself."""
+    layers: list[nn.Module] = []
+    for width in widths:
+        layers += [
+            nn.Linear(in_channels, width, bias=not batch_norm),
+            NormAndRelu(width, batch_norm=batch_norm),
+        ]
+        in_channels = width
+    return nn.Sequential(*layers)
+
+
+class Neighbourhood(nn.Module):
+    """What each centre makes of the points around it: layers over all, then the largest values.
+
+    The first layer takes where a neighbour lies from the centre, and its features. It is linear, so
+    its part for the features is taken once for each point instead of once for each neighbour.
+    """
+
+    def __init__(self, in_channels: int, config: NeighbourhoodConfig, *, batch_norm: bool) -> None:
+        super().__init__()
+        self.radius_m, self.num_neighbours = config.radius_m, config.num_neighbours
+        self.first = nn.Linear(3 + in_channels, config.widths[0], bias=not batch_norm)
+        self.activate = NormAndRelu(config.widths[0], batch_norm=batch_norm)
+        self.rest = point_layers(config.widths[0], config.widths[1:], batch_norm=batch_norm)
+
+    def forward(
+        self,
+        points: Float[Tensor, "batch num_points 3"],
+        features: Float[Tensor, "batch num_points in_channels"],
+        centers: Float[Tensor, "batch num_centers 3"],
+    ) -> Float[Tensor, "batch num_centers out_channels"]:
+        """Features of the centres; each must have a neighbour, as points of the cloud have."""
+        near = ball_query(points, centers, radius_m=self.radius_m, count=self.num_neighbours)
+        offset = group_points(points, near.indices) - centers[:, :, None]
+        hidden = linear(offset, self.first.weight[:, :3], self.first.bias)
+        if features.shape[2]:
+            by_point = linear(features, self.first.weight[:, 3:])
+            hidden = hidden + group_points(by_point, near.indices)
+        values: Tensor = self.rest(self.activate(hidden))
+        return values.amax(dim=2)
+
+
+class SetAbstraction(nn.Module):
+    """Fewer points that know their surroundings, at one or several scales."""
+
+    def __init__(self, in_channels: int, config: AbstractionConfig, *, batch_norm: bool) -> None:
+        super().__init__()
+        self.num_centers = config.num_centers
+        self.scales = nn.ModuleList(
+            Neighbourhood(in_channels, scale, batch_norm=batch_norm) for scale in config.scales
+        )
+
+    def forward(
+        self,
+        points: Float[Tensor, "batch num_points 3"],
+        features: Float[Tensor, "batch num_points in_channels"],
+    ) -> PointFeatures:
+        """Centres, farthest points of the cloud, and their features.
+
+        A cloud of fewer points than centres keeps them all.
+        """
+        count = min(self.num_centers, points.shape[1])
+        centers = group_points(points, farthest_points(points, count))
+        seen = [scale(points, features, centers) for scale in self.scales]
+        return PointFeatures(centers, torch.cat(seen, dim=2))
+
+
+class FeaturePropagation(nn.Module):
+    """Brings features back to the points of a finer level, between their three nearest ones."""
+
+    def __init__(self, in_channels: int, widths: tuple[int, ...], *, batch_norm: bool) -> None:
+        super().__init__()
+        self.layers = point_layers(in_channels, widths, batch_norm=batch_norm)
+
+    def forward(
+        self, coarse: PointFeatures, fine: PointFeatures
+    ) -> Float[Tensor, "batch num_points out_channels"]:
+        """Features of the finer points; those that they have themselves are laid beside."""
+        nearest = three_nearest(coarse.points, fine.points)
+        between = interpolate_points(coarse.features, nearest)
+        features: Tensor = self.layers(torch.cat((between, fine.features), dim=2))
+        return features

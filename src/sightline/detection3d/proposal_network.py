@@ -1,0 +1,110 @@
+"""The first stage's network: which points lie on objects, and the boxes that they tell."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from jaxtyping import Float, Int64
+from torch import Tensor, nn
+
+from sightline.detection3d.backbone import PointBackbone
+from sightline.detection3d.box_coding import (
+    BoxCodingConfig,
+    decode_boxes,
+    likeliest_code,
+    split_prediction,
+)
+from sightline.detection3d.classes import CAR, RoadUserClass
+from sightline.detection3d.config import PointBackboneConfig
+from sightline.detection3d.foreground import prior_bias
+from sightline.detection3d.point_layers import point_layers
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposalNetworkConfig:
+    """The first stage, as Shi et al. 2019 (PointRCNN) size it."""
+
+    classes: tuple[RoadUserClass, ...] = (CAR,)
+    """What is proposed."""
+    backbone: PointBackboneConfig = field(default_factory=PointBackboneConfig)
+    """Gives each point its features."""
+    coding: BoxCodingConfig = field(default_factory=BoxCodingConfig)
+    """How points tell boxes."""
+    head_width: int = 128
+    """Channels of the layer in each head."""
+    dropout: float = 0.5
+    """Share of each head's channels that a training step leaves out."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not self.classes or len({entry.name for entry in self.classes}) < len(self.classes):
+            raise ValueError(f"classes must hold one or more different ones, got {self.classes}")
+        if self.head_width < 1:
+            raise ValueError(f"head_width must be at least 1, got {self.head_width}")
+        if not 0 <= self.dropout < 1:
+            raise ValueError(f"dropout must be from 0 to below 1, got {self.dropout}")
+
+
+class ProposalNetworkOutput(NamedTuple):
+    """What the first stage gives for each point."""
+
+    features: Float[Tensor, "batch num_points channels"]
+    """The backbone's, which the second stage pools."""
+    class_logits: Float[Tensor, "batch num_points num_classes"]
+    """That the point lies on an object of the class, before the sigmoid."""
+    box_values: Float[Tensor, "batch num_points box_channels"]
+    """The box that it tells, as `box_coding.split_prediction` parts it."""
+
+
+class ProposalNetwork(nn.Module):
+    """Backbone and two heads: Shi et al. 2019 (PointRCNN), sections 3.1 and 3.2."""
+
+    def __init__(self, config: ProposalNetworkConfig) -> None:
+        super().__init__()
+        self.backbone = PointBackbone(config.backbone)
+        self.class_head = _head(config, len(config.classes))
+        self.box_head = _head(config, config.coding.channels)
+        last: nn.Linear = self.class_head[-1]  # type: ignore[assignment]
+        nn.init.constant_(last.bias, prior_bias())
+        last = self.box_head[-1]  # type: ignore[assignment]
+        nn.init.normal_(last.weight, std=0.001)
+
+    def forward(
+        self,
+        points: Float[Tensor, "batch num_points 3"],
+        features: Float[Tensor, "batch num_points in_channels"],
+    ) -> ProposalNetworkOutput:
+        """Of sweeps with any number of points, one at least (LiDAR frame [m])."""
+        seen = self.backbone(points, features)
+        return ProposalNetworkOutput(seen, self.class_head(seen), self.box_head(seen))
+
+
+class ToldBoxes(NamedTuple):
+    """The box that each point tells, if it lies on an object."""
+
+    boxes: Float[Tensor, "batch num_points 7"]
+    """x, y, z, length, width, height, yaw (LiDAR frame, metres, radians)."""
+    classes: Int64[Tensor, "batch num_points"]
+    """The likeliest of the network's classes."""
+    scores: Float[Tensor, "batch num_points"]
+    """How sure it is that the point lies on an object of that class, 0 to 1."""
+
+
+def tell_boxes(
+    output: ProposalNetworkOutput,
+    points: Float[Tensor, "batch num_points 3"],
+    config: ProposalNetworkConfig,
+) -> ToldBoxes:
+    """Decodes what the network gave for points [m]."""
+    scores, classes = output.class_logits.sigmoid().max(dim=2)
+    mean_sizes = points.new_tensor([entry.mean_size_m for entry in config.classes])
+    code = likeliest_code(split_prediction(output.box_values.flatten(0, 1), config.coding))
+    means = mean_sizes[classes].flatten(0, 1)
+    boxes = decode_boxes(code, points.flatten(0, 1), means, config.coding)
+    return ToldBoxes(boxes.reshape(*points.shape[:2], 7), classes, scores)
+
+
+def _head(config: ProposalNetworkConfig, out_channels: int) -> nn.Sequential:
+    hidden = point_layers(config.backbone.out_channels, (config.head_width,), batch_norm=True)
+    return nn.Sequential(
+        *hidden, nn.Dropout(config.dropout), nn.Linear(config.head_width, out_channels)
+    )

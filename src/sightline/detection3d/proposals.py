@@ -1,0 +1,89 @@
+"""Which of the boxes that points tell go on to the second stage."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.ops.nms import nms_bev
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposalConfig:
+    """How boxes become proposals: Shi et al. 2019 (PointRCNN), section 3.2, at test time."""
+
+    num_proposals: int = 100
+    """Of a sweep, at most."""
+    num_candidates: int = 9000
+    """Boxes of the highest scores that are looked at."""
+    iou: float = 0.8
+    """A box is left out if its IoU from above with a surer one is greater."""
+    near_m: float = 40.0
+    """Up to this distance from the sensor a box is near."""
+    near_share: float = 0.7
+    """Share of candidates and of proposals that are near: far cars have few points, and would
+    otherwise be crowded out."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not 1 <= self.num_proposals <= self.num_candidates:
+            raise ValueError(
+                f"num_proposals must be from 1 to num_candidates {self.num_candidates}, got "
+                f"{self.num_proposals}"
+            )
+        if not 0 <= self.iou <= 1:
+            raise ValueError(f"iou must be from 0 to 1, got {self.iou}")
+        if not 0 < self.near_m < math.inf:
+            raise ValueError(f"near_m must be positive and finite, got {self.near_m}")
+        if not 0 <= self.near_share <= 1:
+            raise ValueError(f"near_share must be from 0 to 1, got {self.near_share}")
+
+
+TRAINING_PROPOSALS = ProposalConfig(num_proposals=512, iou=0.85)
+"""As published for the second stage's training."""
+
+
+def choose_proposals(
+    boxes: Float[Tensor, "num_boxes 7"],
+    scores: Float[Tensor, " num_boxes"],
+    config: ProposalConfig = ProposalConfig(),
+) -> Int64[Tensor, " num_proposals"]:
+    """Places of the proposals among a sweep's boxes: the near ones best first, then the far ones.
+
+    Near and far are each brought down to their share of candidates by score, then thinned out by
+    non-maximum suppression from above, then cut to their share of proposals. Where nothing is far,
+    or nothing near, the other takes both shares.
+
+    Departure: distance is taken over the ground from the sensor, not along its axis, and there is
+    no farthest one.
+
+    Args:
+        boxes: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
+        scores: Higher is surer.
+        config: Numbers.
+
+    Raises:
+        ValueError: A score is NaN, or a box is not finite or has a negative size.
+    """
+    is_near = torch.hypot(boxes[:, 0], boxes[:, 1]) <= config.near_m
+    near, far = is_near.nonzero()[:, 0], (~is_near).nonzero()[:, 0]
+    shares = [(config.num_candidates, config.num_proposals), (0, 0)]
+    if len(near) and len(far):
+        candidates = round(config.near_share * config.num_candidates)
+        proposals = round(config.near_share * config.num_proposals)
+        far_share = (config.num_candidates - candidates, config.num_proposals - proposals)
+        shares = [(candidates, proposals), far_share]
+    elif len(far):
+        shares.reverse()
+    chosen = []
+    for places, (num_candidates, num_proposals) in zip((near, far), shares, strict=True):
+        order = scores[places].argsort(descending=True, stable=True)[:num_candidates]
+        best = places[order]
+        kept = nms_bev(
+            Boxes3D(boxes[best]).bev, scores[best], config.iou, max_detections=num_proposals
+        )
+        chosen.append(best[kept])
+    return torch.cat(chosen)

@@ -1,0 +1,60 @@
+"""The second stage's network: a box and its confidence from the points of a region of interest."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sightline.detection3d.config import RefinementConfig
+from sightline.detection3d.point_layers import PointFeatures, SetAbstraction, point_layers
+
+_BOX_VALUES = 7
+
+
+class RefinementOutput(NamedTuple):
+    """What the second stage gives for each region of interest."""
+
+    boxes: Float[Tensor, "num_rois 7"]
+    """x, y, z, length, width, height, yaw, as its points are given: metres, radians."""
+    logits: Float[Tensor, " num_rois"]
+    """Confidence before the sigmoid."""
+
+
+class RefinementNetwork(nn.Module):
+    """Set abstractions down to one vector for each region, and two heads.
+
+    After Shi et al. 2019 (PointRCNN), section 3.4, in its plainest form: the points come in the
+    frame of the sweep, boxes are regressed as they are, the proposal itself is not seen.
+    """
+
+    def __init__(self, config: RefinementConfig) -> None:
+        super().__init__()
+        batch_norm, channels = config.batch_norm, config.in_channels
+        self.levels = nn.ModuleList()
+        for level in config.levels:
+            self.levels.append(SetAbstraction(channels, level, batch_norm=batch_norm))
+            channels = level.out_channels
+        self.together = point_layers(3 + channels, config.global_widths, batch_norm=batch_norm)
+        self.box_head = _head(config, _BOX_VALUES)
+        self.confidence_head = _head(config, 1)
+
+    def forward(
+        self,
+        points: Float[Tensor, "num_rois roi_points 3"],
+        features: Float[Tensor, "num_rois roi_points channels"],
+    ) -> RefinementOutput:
+        """A box and a logit for each region; no regions give none."""
+        level = PointFeatures(points, features)
+        for abstraction in self.levels:
+            level = abstraction(*level)
+        region = self.together(torch.cat(level, dim=2)).amax(dim=1)
+        return RefinementOutput(self.box_head(region), self.confidence_head(region)[:, 0])
+
+
+def _head(config: RefinementConfig, out_channels: int) -> nn.Sequential:
+    channels = (config.global_widths + config.head_widths)[-1]
+    hidden = point_layers(
+        config.global_widths[-1], config.head_widths, batch_norm=config.batch_norm
+    )
+    return nn.Sequential(*hidden, nn.Linear(channels, out_channels))

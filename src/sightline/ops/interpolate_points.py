@@ -1,0 +1,101 @@
+"""Interpolation of features from the three nearest points."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, library
+from torch.autograd.function import BackwardCFunction
+
+from sightline.ops.gather_kernel import add_weighted_to_rows, weighted_sums
+from sightline.ops.group_points import flat_rows
+from sightline.ops.point_checks import require_same_batch
+from sightline.ops.three_nearest import ThreeNearest
+
+_KERNEL_DTYPES = (torch.float32, torch.float64)
+_LEAST_SQUARE_M2 = 1e-10  # a query on a point takes, all but for 1e-8 or so, that point's features
+
+
+def interpolate_points(
+    features: Float[Tensor, "batch num_points channels"], nearest: ThreeNearest
+) -> Float[Tensor, "batch num_queries channels"]:
+    """Means of the features of three points, weighted by their inverse squared distances.
+
+    Qi et al. 2017 (PointNet++), eq. 2 with k = 3 and p = 2. Where the cloud has fewer points, of
+    those. Differentiable by the features alone, with sums in the same order on every run on a CPU.
+
+    Raises:
+        ValueError: Batch sizes differ, or there is no such point.
+    """
+    index, squared_distance = nearest
+    require_same_batch(("features", features), ("nearest", index))
+    closeness = 1 / squared_distance.clamp(min=_LEAST_SQUARE_M2)
+    weights = (closeness / closeness.sum(dim=2, keepdim=True)).to(features.dtype)
+    interpolated: Tensor = _interpolate_points(features, index, weights)
+    return interpolated
+
+
+@library.custom_op("sightline::interpolate_points", mutates_args=())
+def _interpolate_points(features: Tensor, index: Tensor, weights: Tensor) -> Tensor:
+    batch, num_queries, _ = index.shape
+    rows = flat_rows(index, features.shape[1]).reshape(-1, 3)
+    source, flat_weights = features.reshape(-1, features.shape[2]), weights.reshape(-1, 3)
+    if features.is_cpu and features.dtype in _KERNEL_DTYPES:
+        sums = features.new_empty((rows.shape[0], features.shape[2]))
+        weighted_sums(
+            source.contiguous().numpy(),
+            rows.numpy(),
+            flat_weights.contiguous().numpy(),
+            sums.numpy(),
+        )
+    else:
+        sums = (source[rows] * flat_weights[..., None]).sum(dim=1)
+    return sums.reshape(batch, num_queries, features.shape[2])
+
+
+@_interpolate_points.register_fake
+def _(features: Tensor, index: Tensor, weights: Tensor) -> Tensor:
+    del weights
+    return features.new_empty((*index.shape[:2], features.shape[2]))
+
+
+@library.custom_op("sightline::interpolate_points_backward", mutates_args=())
+def _interpolate_points_backward(
+    by_sums: Tensor, index: Tensor, weights: Tensor, num_points: int
+) -> Tensor:
+    batch, _, channels = by_sums.shape
+    rows, flat = flat_rows(index, num_points).reshape(-1, 3), by_sums.reshape(-1, channels)
+    flat_weights = weights.reshape(-1, 3)
+    total = by_sums.new_zeros((batch * num_points, channels))
+    if flat.is_cpu and flat.dtype in _KERNEL_DTYPES:
+        add_weighted_to_rows(
+            flat.contiguous().numpy(),
+            rows.numpy(),
+            flat_weights.contiguous().numpy(),
+            total.numpy(),
+        )
+    else:
+        weighted = flat[:, None] * flat_weights[..., None]
+        total.index_add_(0, rows.reshape(-1), weighted.reshape(-1, channels))
+    return total.reshape(batch, num_points, channels)
+
+
+@_interpolate_points_backward.register_fake
+def _(by_sums: Tensor, index: Tensor, weights: Tensor, num_points: int) -> Tensor:
+    del weights
+    return by_sums.new_empty((index.shape[0], num_points, by_sums.shape[2]))
+
+
+def _save(ctx: BackwardCFunction, inputs: tuple[Tensor, Tensor, Tensor], output: Tensor) -> None:
+    del output
+    features, index, weights = inputs
+    ctx.save_for_backward(index, weights)
+    ctx.num_points = features.shape[1]  # type: ignore[attr-defined]
+
+
+def _backward(ctx: BackwardCFunction, by_sums: Tensor) -> tuple[Tensor, None, None]:
+    saved: tuple[Tensor, ...] = ctx.saved_tensors
+    index, weights = saved
+    num_points: int = ctx.num_points  # type: ignore[attr-defined]
+    return _interpolate_points_backward(by_sums, index, weights, num_points), None, None
+
+
+_interpolate_points.register_autograd(_backward, setup_context=_save)

@@ -1,0 +1,95 @@
+"""Points as the point operations take them: checked, in the precision that they compute in."""
+
+from typing import Final
+
+import torch
+from jaxtyping import Float32, Float64
+from torch import Tensor
+
+LARGEST_M: Final = 1e9
+"""Coordinates beyond it are refused: squared distances stay finite in float32."""
+
+
+def require_points(points: Tensor, name: str) -> None:
+    """Refuses what is no batch of points.
+
+    Raises:
+        ValueError: Not floating point, or not of shape (batch, number, 3).
+    """
+    if points.ndim != 3 or points.shape[2] != 3 or not points.is_floating_point():
+        raise ValueError(
+            f"{name} must be a floating-point tensor of shape (batch, number of points, 3), got "
+            f"{points.dtype} of shape {tuple(points.shape)}"
+        )
+
+
+def require_boxes(boxes: Tensor, points: Tensor) -> None:
+    """Refuses what is no batch of 3D boxes beside a batch of points.
+
+    Raises:
+        ValueError: Not floating point, not of shape (batch, number, 7), or of another batch size.
+    """
+    if boxes.ndim != 3 or boxes.shape[2] != 7 or not boxes.is_floating_point():
+        raise ValueError(
+            "boxes must be a floating-point tensor of shape (batch, number of boxes, 7), got "
+            f"{boxes.dtype} of shape {tuple(boxes.shape)}"
+        )
+    require_same_batch(("points", points), ("boxes", boxes))
+
+
+def require_same_batch(*named: tuple[str, Tensor]) -> None:
+    """Refuses tensors whose first axes differ in length.
+
+    Raises:
+        ValueError: They do; says which is how long.
+    """
+    if len({tensor.shape[0] for _, tensor in named}) > 1:
+        sizes = ", ".join(f"{name} {tensor.shape[0]}" for name, tensor in named)
+        raise ValueError(f"batch sizes differ: {sizes}; give one entry of each for every sweep")
+
+
+def checked_points(points: Tensor, name: str) -> Float32[Tensor, "batch num_points 3"]:
+    """The points in float32 without gradient, once every coordinate is known to be good.
+
+    Raises:
+        ValueError: A NaN, an infinity or a coordinate beyond 1e9; says of which point.
+    """
+    _require_finite(points.detach(), name)
+    return points.detach().float().contiguous()
+
+
+def checked_columns(points: Tensor, name: str) -> Float64[Tensor, "batch 3 num_points"]:
+    """The same in float64, one row for each of x, y and z.
+
+    Raises:
+        ValueError: As above.
+    """
+    _require_finite(points.detach(), name)
+    return points.detach().double().transpose(1, 2).contiguous()
+
+
+def _require_finite(points: Tensor, name: str) -> None:
+    good = (points.abs() <= LARGEST_M).all(dim=2)
+    if not bool(good.all()):
+        sweep, row = (~good).nonzero()[0].tolist()
+        raise ValueError(
+            f"{name}[{sweep}, {row}] is {points[sweep, row].tolist()}, but coordinates must be "
+            f"finite (up to {LARGEST_M:g} m): drop such points first"
+        )
+
+
+def checked_batch_boxes(boxes: Tensor, name: str) -> Float64[Tensor, "batch num_boxes 7"]:
+    """Boxes in float64 without gradient, once every value is known to be good.
+
+    Raises:
+        ValueError: A NaN, an infinity, a value beyond 1e9 or a negative size; says of which box.
+    """
+    rows = boxes.detach().double().contiguous()
+    good = (rows.abs() <= LARGEST_M).all(dim=2) & (rows[..., 3:6] >= 0).all(dim=2)
+    if not bool(good.all()):
+        sweep, row = torch.nonzero(~good)[0].tolist()
+        raise ValueError(
+            f"{name}[{sweep}, {row}] is {boxes[sweep, row].tolist()}, but values must be finite "
+            f"(up to {LARGEST_M:g}) and sizes not negative: drop such boxes first"
+        )
+    return rows

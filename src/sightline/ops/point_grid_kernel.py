@@ -1,0 +1,62 @@
+"""Points sorted into the columns of a grid seen from above: compiled, without torch.
+
+Street scenes are flat, so columns part their points nearly as well as cubes, and fit into memory
+whatever the points are.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int64
+from numpy import ndarray
+
+from sightline.ops.compiled import compiled
+
+
+class Grid(NamedTuple):
+    """Points sorted into square columns."""
+
+    low_x: float
+    """Least x of the points [m]."""
+    low_y: float
+    """Least y of the points [m]."""
+    edge: float
+    """Of a column [m]."""
+    num_x: int
+    """Columns along x."""
+    num_y: int
+    """Columns along y."""
+    starts: Int64[ndarray, " num_starts"]
+    """Where each column starts in `order`, and one place more; column ix, iy is number
+    iy * num_x + ix."""
+    order: Int64[ndarray, " num_points"]
+    """Indices of the points column by column, ascending within each."""
+
+
+@compiled
+def make_grid(points: Float[ndarray, "num_points 3"], least_edge_m: float) -> Grid:
+    """Sorts points, of which there is at least one.
+
+    Columns are no narrower than asked for, and not many more than points.
+    """
+    num_points = points.shape[0]
+    low_x, low_y = float(points[:, 0].min()), float(points[:, 1].min())
+    wide, deep = float(points[:, 0].max()) - low_x, float(points[:, 1].max()) - low_y
+    edge = max(least_edge_m, math.sqrt(wide * deep / num_points), max(wide, deep) / num_points)
+    if edge == 0.0:  # all points are one
+        edge = 1.0
+    num_x, num_y = int(wide / edge) + 1, int(deep / edge) + 1
+    starts = np.zeros(num_x * num_y + 1, dtype=np.int64)
+    column = np.empty(num_points, dtype=np.int64)
+    for i in range(num_points):
+        ix, iy = int((points[i, 0] - low_x) / edge), int((points[i, 1] - low_y) / edge)
+        column[i] = min(iy, num_y - 1) * num_x + min(ix, num_x - 1)
+        starts[column[i] + 1] += 1
+    for k in range(num_x * num_y):
+        starts[k + 1] += starts[k]
+    order, filled = np.empty(num_points, dtype=np.int64), starts.copy()
+    for i in range(num_points):
+        order[filled[column[i]]] = i
+        filled[column[i]] += 1
+    return Grid(low_x, low_y, edge, num_x, num_y, starts, order)

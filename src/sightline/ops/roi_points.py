@@ -1,0 +1,132 @@
+"""Points of regions of interest: exactly so many of each, drawn from those inside."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Float64, Int64
+from torch import Tensor, library
+
+from sightline.ops.point_checks import (
+    checked_batch_boxes,
+    checked_columns,
+    require_boxes,
+    require_points,
+)
+from sightline.ops.points_in_boxes import inside_by_torch
+from sightline.ops.roi_points_kernel import WORD, choose_points, scramble
+
+_LARGEST_SEED = 2**31 - 1
+
+
+class RoiPoints(NamedTuple):
+    """Points of boxes."""
+
+    indices: Int64[Tensor, "batch num_boxes count"]
+    """Of the points; 0 where the box is empty."""
+    num_inside: Int64[Tensor, "batch num_boxes"]
+    """How many points there are in each box, also more than were drawn."""
+
+
+def roi_points(
+    points: Float[Tensor, "batch num_points 3"],
+    boxes: Float[Tensor, "batch num_boxes 7"],
+    *,
+    margin_m: float,
+    count: int,
+    seed: int,
+) -> RoiPoints:
+    """Indices of exactly `count` points [m] in each box with `margin_m` around it.
+
+    Shi et al. 2019 (PointRCNN), section 3.3. Of more points a random `count` stay, in their order;
+    of fewer all stay, and then repetitions drawn at random fill up. The same seed draws the same on
+    every device; a point's luck depends on its index and on the number of the box, nothing else.
+    Faces are included; a box with a size of 0 is empty, so sweeps with fewer boxes may be filled up
+    with rows of zeros.
+
+    Computed in float64, without gradient: on a CPU by a compiled kernel, on other devices by plain
+    PyTorch with some bytes a pair of point and box.
+
+    Raises:
+        ValueError: A value is not finite, a size is negative, batch sizes differ, or a setting is
+            out of range.
+    """
+    require_points(points, "points")
+    require_boxes(boxes, points)
+    if not 0 <= margin_m < float("inf"):
+        raise ValueError(f"margin_m must be finite and not negative, got {margin_m}")
+    if count < 1:
+        raise ValueError(f"count must be at least 1, got {count}")
+    if not 0 <= seed <= _LARGEST_SEED:
+        raise ValueError(f"seed must be from 0 to {_LARGEST_SEED}, got {seed}")
+    index, num_inside = _roi_points(points, boxes, margin_m, count, seed)
+    return RoiPoints(index, num_inside)
+
+
+@library.custom_op("sightline::roi_points", mutates_args=())
+def _roi_points(
+    points: Tensor, boxes: Tensor, margin_m: float, count: int, seed: int
+) -> tuple[Tensor, Tensor]:
+    columns, rows = checked_columns(points, "points"), checked_batch_boxes(boxes, "boxes")
+    index = points.new_zeros((*boxes.shape[:2], count), dtype=torch.int64)
+    num_inside = points.new_zeros(boxes.shape[:2], dtype=torch.int64)
+    for sweep in range(points.shape[0]):
+        if columns.is_cpu:
+            choose_points(
+                columns[sweep].numpy(),
+                rows[sweep].numpy(),
+                margin_m,
+                seed,
+                index[sweep].numpy(),
+                num_inside[sweep].numpy(),
+            )
+        elif points.shape[1] > 0:
+            index[sweep], num_inside[sweep] = choose_by_torch(
+                columns[sweep], rows[sweep], margin_m, count, seed
+            )
+    return index, num_inside
+
+
+@_roi_points.register_fake
+def _(
+    points: Tensor, boxes: Tensor, margin_m: float, count: int, seed: int
+) -> tuple[Tensor, Tensor]:
+    del margin_m, seed
+    shape = boxes.shape[:2]
+    index = points.new_empty((*shape, count), dtype=torch.int64)
+    return index, points.new_empty(shape, dtype=torch.int64)
+
+
+def choose_by_torch(
+    columns: Float64[Tensor, "3 num_points"],
+    boxes: Float64[Tensor, "num_boxes 7"],
+    margin_m: float,
+    count: int,
+    seed: int,
+) -> tuple[Int64[Tensor, "num_boxes count"], Int64[Tensor, " num_boxes"]]:
+    """The same without a kernel, of one point or more."""
+    is_inside = inside_by_torch(columns, boxes, margin_m)
+    num_inside = is_inside.sum(dim=1)
+    num_points = columns.shape[1]
+    number = torch.arange(num_points, device=boxes.device)
+    place = torch.arange(count, device=boxes.device)
+    box = torch.arange(boxes.shape[0], device=boxes.device)[:, None]
+    salt = _scramble(box + scramble(seed))
+    # where all points stay their order decides, else luck does; what is outside comes last
+    luck = torch.where(num_inside[:, None] > count, _scramble(salt ^ _scramble(number)), 0)
+    keys = torch.where(is_inside, (luck << 31) | number, torch.iinfo(torch.int64).max)
+    drawn = keys.topk(min(count, num_points), largest=False, sorted=True).indices
+    # points outside, of boxes with few inside, go to the end
+    outside = num_inside[:, None] <= place[: drawn.shape[1]]
+    kept = torch.where(outside, num_points, drawn).sort(dim=1).values
+    repeated = (_scramble(salt + place) * num_inside[:, None]) >> 32
+    source = torch.where(place < num_inside[:, None], place, repeated)
+    index = kept.gather(1, source.clamp(max=kept.shape[1] - 1))
+    return torch.where(num_inside[:, None] > 0, index, 0), num_inside
+
+
+def _scramble(numbers: Int64[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:
+    """`scramble` of every number."""
+    numbers = numbers & WORD
+    numbers = ((numbers ^ (numbers >> 16)) * 0x7FEB352D) & WORD
+    numbers = ((numbers ^ (numbers >> 15)) * 0x846CA68B) & WORD
+    return numbers ^ (numbers >> 16)

@@ -1,0 +1,47 @@
+"""Memory for large results on a CPU, used again once a result is gone.
+
+The system hands out memory empty, page by page. For a result of 80 MB that takes as long as filling
+it; so the last such block is kept, up to 256 MB, as allocators for GPUs keep theirs.
+"""
+
+import weakref
+from typing import Final
+
+import numpy as np
+from jaxtyping import Shaped
+from numpy import ndarray
+
+_LEAST_BYTES: Final = 2**22  # what is smaller comes from memory that the process has
+_MOST_BYTES: Final = 2**28
+_spare: Final[list[Shaped[ndarray, " num_bytes"]]] = []  # one block at most
+
+
+def rows_to_fill(
+    num_rows: int, num_columns: int, dtype: np.dtype
+) -> Shaped[ndarray, "{num_rows} {num_columns}"]:
+    """An array that holds anything; every value of it must be written.
+
+    Its memory is given to another result when the array, and all that shares its memory, is gone.
+    """
+    num_bytes = num_rows * num_columns * dtype.itemsize
+    if not _LEAST_BYTES <= num_bytes <= _MOST_BYTES:
+        return np.empty((num_rows, num_columns), dtype)
+    block = _take_spare()
+    if block is None or block.nbytes < num_bytes:
+        block = np.empty(num_bytes, np.uint8)  # numpy asks for large pages, torch does not
+    rows = block[:num_bytes].view(dtype).reshape(num_rows, num_columns)
+    weakref.finalize(rows, _keep, block).atexit = False
+    return rows
+
+
+def _take_spare() -> Shaped[ndarray, " num_bytes"] | None:
+    try:
+        return _spare.pop()
+    except IndexError:  # asked for instead of looked up: another thread may be faster
+        return None
+
+
+def _keep(block: Shaped[ndarray, " num_bytes"]) -> None:
+    """Keeps the larger one of two blocks."""
+    other = _take_spare()
+    _spare.append(block if other is None or other.nbytes < block.nbytes else other)
