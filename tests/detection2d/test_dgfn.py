@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from sightline.detection2d.config import Detection2DConfig, DgfnConfig
@@ -78,7 +79,7 @@ def test_gates_that_are_wide_open_give_exactly_the_network_without_gates():
 
 def test_the_unit_is_equations_5_to_9():
     torch.manual_seed(0)
-    unit = GatedFusion(2, 3, 4, gated=True)
+    unit = GatedFusion((2, 3), nn.Sequential(nn.Conv2d(5, 4, 1), nn.ReLU()), gated=True)
     camera, lidar = torch.randn(1, 2, 5, 6), torch.randn(1, 3, 5, 6)
     fused, _ = unit(camera, lidar)
     both = torch.cat((lidar, camera), dim=1)  # eq. 5
@@ -92,7 +93,7 @@ def test_the_unit_is_equations_5_to_9():
     weighted = torch.cat(
         (lidar[0, :, row, column] * weights[0], camera[0, :, row, column] * weights[1])  # eq. 8
     )
-    expected = torch.relu(unit.mix.weight[:, :, 0, 0] @ weighted + unit.mix.bias)  # eq. 9
+    expected = torch.relu(unit.mix[0].weight[:, :, 0, 0] @ weighted + unit.mix[0].bias)  # eq. 9
     torch.testing.assert_close(fused[0, :, row, column], expected)
 
 

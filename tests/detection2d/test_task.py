@@ -34,7 +34,8 @@ def batch():
 def train(task, batch, steps, learning_rate):
     optimizer = torch.optim.Adam(task.network.parameters(), lr=learning_rate, betas=(0.9, 0.99))
     costs = []
-    for _ in range(steps):
+    for step in range(steps):
+        optimizer.param_groups[0]["lr"] = learning_rate * (1 if step < 0.7 * steps else 0.3)
         optimizer.zero_grad()
         losses = task.losses(batch)
         losses.total.backward()
@@ -122,7 +123,7 @@ def test_a_training_starts_from_the_weights_of_another(tmp_path):
 @pytest.mark.slow
 def test_the_papers_network_takes_ten_steps_of_its_own_training():
     samples = open_dataset(PACKAGED_FRAMES, parts={"image", "points", "objects"})
-    batch = batch_of([samples[0], samples[1]], ExampleConfig())
+    batch = batch_of([samples[0]], ExampleConfig())
     torch.manual_seed(0)
     optimizer = OptimizerConfig(name="sgd", learning_rate=3e-4, weight_decay=5e-4)
     task = Detection2D(Detection2DConfig(), optimizer=optimizer)

@@ -31,6 +31,11 @@ def check_range(
         raise ValueError(f"{name} must be from {lowest} to {highest}, got {value}")
 
 
+def scaled(channels: int, width: float) -> int:
+    """Channels of a layer in a network of another width: at least one."""
+    return max(round(channels * width), 1)
+
+
 @dataclass(frozen=True, kw_only=True)
 class InputConfig:
     """What a network sees of a frame: for training, scoring and use alike."""
@@ -86,6 +91,53 @@ class DgfnConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StreamConfig:
+    """One sensor's stream of the compact detector."""
+
+    channels: tuple[int, int, int, int, int]
+    """Of the maps of strides 2, 4, 8, 16 and 32."""
+    blocks: tuple[int, int, int, int]
+    """Residual blocks at strides 4, 8, 16 and 32."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        for count in self.channels:
+            check_range("channels of a stream", count, 1, 4096)
+        for count in self.blocks:
+            check_range("blocks of a stream", count, 0, 64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompactConfig:
+    """Two light residual streams, fused at strides 8, 16 and 32, and an anchor-free head."""
+
+    camera: StreamConfig = StreamConfig(channels=(16, 24, 48, 96, 160), blocks=(1, 1, 2, 2))
+    """Also the one stream of early fusion."""
+    lidar: StreamConfig = StreamConfig(channels=(16, 24, 32, 64, 96), blocks=(0, 1, 1, 1))
+    """Has less to tell apart."""
+    lidar_pooling: Literal[1, 2, 4] = 2
+    """The LiDAR's image, most of which is empty, is reduced to the maxima of so many pixels
+    squared first. Not in early fusion."""
+    gate_groups: int = 1
+    """Groups of channels of each sensor that have a gate of their own."""
+    head_channels: int = 48
+    """Of the fused maps, the neck and the head."""
+    head_convs: int = 2
+    """3x3 convolutions of the head before its prediction."""
+    bins: int = 16
+    """The farthest that a side may be from the middle of its cell, in strides."""
+    auxiliary: bool = True
+    """Whether each stream has a head of its own in training, so that one sensor does not starve the
+    other. It costs nothing afterwards."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges, and that groups divide channels."""
+        for name, highest in (("gate_groups", 64), ("head_channels", 4096), ("bins", 256)):
+            check_range(f"compact.{name}", getattr(self, name), 1, highest)
+        check_range("compact.head_convs", self.head_convs, 0, 64)
+
+
+@dataclass(frozen=True, kw_only=True)
 class PostprocessConfig:
     """How boxes become detections."""
 
@@ -113,8 +165,10 @@ class Detection2DConfig:
     """Factor on the channels of all layers."""
     input: InputConfig = InputConfig()
     """What it sees of a frame."""
-    dgfn: DgfnConfig = DgfnConfig()
-    """The network."""
+    dgfn: DgfnConfig | None = DgfnConfig()
+    """The network of the paper; None: another."""
+    compact: CompactConfig | None = None
+    """A light network; set dgfn to null with it."""
     postprocess: PostprocessConfig = PostprocessConfig()
     """What becomes of its boxes."""
 
@@ -122,3 +176,7 @@ class Detection2DConfig:
         """Checks the ranges."""
         if not 0 < self.width <= _LARGEST_WIDTH:
             raise ValueError(f"width must be in (0, {_LARGEST_WIDTH}], got {self.width}")
+        if (self.dgfn is None) == (self.compact is None):
+            raise ValueError(
+                "a detector is dgfn or compact: set one of them, and the other to null"
+            )

@@ -14,28 +14,34 @@ class GatedFusion(nn.Module):
     """Weighs the feature maps of two sensors pixel by pixel, then mixes them: eq. 5 to 9.
 
     Both gates see the maps of both sensors. Without gates the weights are 1, which is the paper's
-    "without GFU"; concatenation and 1x1 convolution stay.
+    "without GFU"; concatenation and mixing stay.
 
     Args:
-        camera_channels: Of the camera's map.
-        lidar_channels: Of the LiDAR's map.
-        out_channels: Of the joint map.
+        channels: Of the camera's and of the LiDAR's map.
+        mix: Makes the joint map of the weighted ones, the LiDAR's first: the paper's is a 1x1
+            convolution and a ReLU.
         gated: Whether there are gates.
+        groups: Groups of channels that have a gate of their own; the paper has one. They must
+            divide the channels.
     """
 
     def __init__(
-        self, camera_channels: int, lidar_channels: int, out_channels: int, *, gated: bool
+        self, channels: tuple[int, int], mix: nn.Module, *, gated: bool, groups: int = 1
     ) -> None:
         super().__init__()
-        both = camera_channels + lidar_channels
-        self.camera_gate = self._gate(both) if gated else None
-        self.lidar_gate = self._gate(both) if gated else None
-        self.mix = start_small(nn.Conv2d(both, out_channels, 1))
+        if any(count % groups for count in channels):
+            raise ValueError(
+                f"gate_groups must divide the channels of both sensors' maps, got {groups} for "
+                f"{channels[0]} and {channels[1]}"
+            )
+        self.camera_gate = self._gate(sum(channels), groups) if gated else None
+        self.lidar_gate = self._gate(sum(channels), groups) if gated else None
+        self.mix = mix
 
     @staticmethod
-    def _gate(in_channels: int) -> nn.Conv2d:
+    def _gate(in_channels: int, groups: int) -> nn.Conv2d:
         # With a bias of 0 both sensors start at a half.
-        return start_small(nn.Conv2d(in_channels, 1, _KERNEL_PX, padding=_KERNEL_PX // 2))
+        return start_small(nn.Conv2d(in_channels, groups, _KERNEL_PX, padding=_KERNEL_PX // 2))
 
     def forward(
         self,
@@ -43,9 +49,18 @@ class GatedFusion(nn.Module):
         lidar: Float[Tensor, "batch lidar_channels rows columns"],
     ) -> tuple[Float[Tensor, "batch out_channels rows columns"], GateReading | None]:
         """The joint map, and what the gates say."""
-        if self.camera_gate is None or self.lidar_gate is None:
-            return self.mix(torch.cat((lidar, camera), dim=1)).relu(), None
         both = torch.cat((lidar, camera), dim=1)
+        if self.camera_gate is None or self.lidar_gate is None:
+            return self.mix(both), None
         gates = GateReading(self.camera_gate(both), self.lidar_gate(both))
-        weighted = (lidar * gates.lidar_logits.sigmoid(), camera * gates.camera_logits.sigmoid())
-        return self.mix(torch.cat(weighted, dim=1)).relu(), gates
+        weighted = (_weighted(lidar, gates.lidar_logits), _weighted(camera, gates.camera_logits))
+        return self.mix(torch.cat(weighted, dim=1)), gates
+
+
+def _weighted(
+    maps: Float[Tensor, "batch channels rows columns"],
+    logits: Float[Tensor, "batch groups rows columns"],
+) -> Float[Tensor, "batch channels rows columns"]:
+    """Each group of channels, which lie side by side, times its gate."""
+    each = maps.shape[1] // logits.shape[1]
+    return maps * logits.sigmoid().repeat_interleave(each, dim=1)

@@ -29,6 +29,8 @@ class Readings(NamedTuple):
     """One; of late fusion one for the camera and one for the LiDAR."""
     gates: tuple[GateReading, ...]
     """Of each map, the finest first; none where nothing is gated."""
+    auxiliary: dict[str, HeadReading]
+    """Of the heads that single streams have in training, by sensor."""
 
 
 class DetectorOutput(NamedTuple):

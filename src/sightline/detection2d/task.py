@@ -85,8 +85,11 @@ class Detection2D(TrainingModule):
 
     def losses(self, batch: DetectionBatch) -> DetectionLosses:
         """The loss of a batch and its terms."""
-        readings = self.network.read(**self._inputs(batch))
-        return detection_loss(readings, batch.targets, self.loss)
+        readings = self.network.read(
+            **self._inputs(batch), auxiliary=self.loss.auxiliary_weight > 0
+        )
+        is_compact = self.network.config.compact is not None
+        return detection_loss(readings, batch, self.loss, compact=is_compact)
 
     def score(self, batch: DetectionBatch) -> DetectorOutput:
         """Scores a batch."""

@@ -6,6 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sightline.detection2d.config import scaled
+from sightline.detection2d.initialization import start_small
+
 VGG_CONVS: Final = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
 """Channels of VGG16's convolutions; between the groups maps are halved."""
 MAP_CHANNELS: Final = (512, 1024, 512, 256, 256, 256)
@@ -15,11 +18,6 @@ _FC_CHANNELS = 1024
 _FC6_DILATION = 6
 # Of conv8 to conv11: channels of the 1x1 convolution; of the 3x3 one; its stride and padding.
 _EXTRAS = ((256, 512, 2, 1), (128, 256, 2, 1), (128, 256, 1, 0), (128, 256, 1, 0))
-
-
-def scaled(channels: int, width: float) -> int:
-    """Channels of a layer in a network of another width: at least one."""
-    return max(round(channels * width), 1)
 
 
 class L2Norm(nn.Module):
@@ -92,9 +90,7 @@ class VggStream(nn.Module):
         self.extras = nn.ModuleList(extras)
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
-                nn.init.kaiming_normal_(module.weight)  # He et al. 2015: keeps deep ReLUs alive
-                assert module.bias is not None, "all have one"
-                nn.init.zeros_(module.bias)
+                start_small(module)  # from inputs up to 255, maps become smaller with depth
 
     @property
     def vgg_convs(self) -> tuple[nn.Conv2d, ...]:

@@ -36,6 +36,10 @@ def load_vgg_weights(network: Detector, source: str) -> None:
     Raises:
         ValueError: The weights cannot be had or are no VGG16's, or the network has no such streams.
     """
+    if network.config.dgfn is None:
+        raise ValueError(
+            f"VGG16's weights fit dgfn's streams only; begin without them by {_FLAG} null"
+        )
     if network.config.width != 1:
         raise ValueError(
             f"VGG16's weights fit a network of width 1, got {network.config.width}; begin without "

@@ -35,6 +35,7 @@ LIGHTNING_NOISE = (
     "Checkpoint directory .* exists and is not empty",
     "You're using the WeightAveraging callback, but loading a checkpoint outside",
     "`isinstance.treespec, LeafSpec.` is deprecated",
+    "Precision bf16-mixed is not supported by the model summary",
     r"\s*By default only one JsonargparseDeprecationWarning",
     r"\s*``instantiate_classes`` was deprecated",
 )
