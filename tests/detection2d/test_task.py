@@ -35,7 +35,8 @@ def train(task, batch, steps, learning_rate):
     optimizer = torch.optim.Adam(task.network.parameters(), lr=learning_rate, betas=(0.9, 0.99))
     costs = []
     for step in range(steps):
-        optimizer.param_groups[0]["lr"] = learning_rate * (1 if step < 0.7 * steps else 0.3)
+        factor = min(1, (step + 1) / 5) * (1 if step < 0.7 * steps else 0.3)
+        optimizer.param_groups[0]["lr"] = learning_rate * factor
         optimizer.zero_grad()
         losses = task.losses(batch)
         losses.total.backward()
