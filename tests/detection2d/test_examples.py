@@ -131,6 +131,21 @@ def test_faults_come_as_often_as_is_said_and_gates_are_told_of_them(sample):
     assert max(shares) > 0.6
 
 
+def test_a_fault_may_be_the_same_for_all_samples_of_an_update(sample):
+    settings = replace(CROPS, faults_for="update", fault_share=0.5, color_jitter=None)
+    examples = DetectionExamples(settings, (NoCamera(), BlackBox()))
+    kinds = set()
+    for seed in range(12):
+        shared = examples.for_update(np.random.default_rng(seed))
+        batches = [
+            shared.prepare(sample, np.random.default_rng(each), training=True) for each in range(4)
+        ]
+        told = {(bool(each.image.any()), bool(each.lidar.any())) for each in batches}
+        assert len(told) == 1
+        kinds |= told
+    assert kinds == {(True, True), (False, True), (True, False)}
+
+
 def test_a_black_image_stays_black_whatever_becomes_of_its_colours(sample):
     batch = example(sample, CROPS, faults=(BlackBox(),), seed=1)
     assert (batch.image == 0).any()

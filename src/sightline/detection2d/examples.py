@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from torch import Tensor
@@ -47,6 +48,9 @@ class ExampleConfig:
     """How far training changes the image's colours. None: not at all."""
     fault_share: float = 0.8
     """Share of the training examples that get one of the faults."""
+    faults_for: Literal["image", "update"] = "image"
+    """Whether the fault is drawn for each image, or one for all images of a batch: where the fault
+    is, say, is each image's own in any case."""
     health: bool = False
     """Whether training examples say which parts of the sensors' images a fault has taken away."""
     targets: TargetConfig = TargetConfig()  # noqa: RUF009
@@ -80,6 +84,14 @@ class DetectionExamples(SamplePreparation):
         """
         self.settings = settings
         self.faults = tuple(faults)
+
+    def for_update(self, rng: np.random.Generator) -> "DetectionExamples":
+        """With the one fault, or none, that all samples of a batch get, if the settings say so."""
+        if self.settings.faults_for == "image" or not self.faults:
+            return self
+        is_faulty = rng.random() < self.settings.fault_share
+        settings = replace(self.settings, fault_share=1.0 if is_faulty else 0.0)
+        return DetectionExamples(settings, (self.faults[int(rng.integers(len(self.faults)))],))
 
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
