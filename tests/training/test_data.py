@@ -197,6 +197,7 @@ def test_a_source_that_never_comes_is_refused():
 def test_what_a_batch_shares_is_drawn_for_training_batches_only(frames):
     class Sharing(toy.ToyPreparation):
         def __init__(self, number=-1):
+            super().__init__()
             self.number = number
 
         def for_update(self, rng):
