@@ -6,6 +6,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sightline.data.open import open_dataset
+from sightline.training.data import PreparedSamples
 from sightline.training.sampling import ScoringBatches, TrainingBatches
 from sightline.training.sources import SourceConfig
 from tests.data import trees
@@ -190,3 +192,28 @@ def test_data_that_does_not_suffice_is_refused(frames, settings, said):
 def test_a_source_that_never_comes_is_refused():
     with pytest.raises(ValueError, match="repeat must be at least 1, got 0"):
         SourceConfig(path=Path(), repeat=0)
+
+
+def test_what_a_batch_shares_is_drawn_for_training_batches_only(frames):
+    class Sharing(toy.ToyPreparation):
+        def __init__(self, number=-1):
+            super().__init__()
+            self.number = number
+
+        def for_update(self, rng):
+            return Sharing(int(rng.integers(1_000_000)))
+
+        def collate(self, prepared):
+            del prepared
+            return self.number
+
+    def numbers(*, training):
+        dataset = open_dataset(frames)
+        samples = PreparedSamples([(dataset, 1)], Sharing(), seed=0, training=training)
+        keys = ([(0, 0), (0, 1)], [(0, 1), (0, 0)], [(1, 0), (1, 1)])
+        return [samples.__getitems__(each) for each in keys]
+
+    drawn = numbers(training=True)
+    assert len(set(drawn)) == 3
+    assert drawn == numbers(training=True)
+    assert numbers(training=False) == [-1, -1, -1]

@@ -56,6 +56,32 @@ def test_a_constant_rate_after_the_warm_up_stays():
     assert set(found[4:]) == {0.2}
 
 
+def test_a_rate_in_steps_falls_to_a_tenth_at_each():
+    config = OptimizerConfig(
+        learning_rate=0.2, schedule="steps", warm_up_share=0.02, drop_shares=(0.5, 0.75)
+    )
+    found = rates(config, 100)
+    assert found[0] == pytest.approx(0.2 / 3)
+    assert found[2:50] == pytest.approx([0.2] * 48)
+    assert found[50:75] == pytest.approx([0.02] * 25)
+    assert found[75:] == pytest.approx([0.002] * 25)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"schedule": "steps"},
+        {"drop_shares": (0.5,)},
+        {"schedule": "steps", "drop_shares": (0.7, 0.6)},
+        {"schedule": "steps", "drop_shares": (1.2,)},
+        {"schedule": "steps", "drop_shares": (0.1,), "warm_up_share": 0.2},
+    ],
+)
+def test_drops_that_make_no_sense_are_refused(settings):
+    with pytest.raises(ValueError, match="drop_shares"):
+        OptimizerConfig(**settings)
+
+
 def test_the_schedule_ends_with_the_training(frames, tmp_path):
     module = toy.module(schedule="cosine", warm_up_share=0.0)
     toy.trainer(tmp_path, max_epochs=2).fit(module, datamodule=toy.data(frames))
@@ -69,7 +95,8 @@ def test_a_schedule_over_an_endless_training_is_refused(frames, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"), [("adam", torch.optim.Adam), ("adamw", torch.optim.AdamW)]
+    ("name", "kind"),
+    [("adam", torch.optim.Adam), ("adamw", torch.optim.AdamW), ("sgd", torch.optim.SGD)],
 )
 def test_the_named_optimiser_is_made(name, kind):
     module = toy.module(name=name, schedule="constant", warm_up_share=0.0, weight_decay=0.25)
@@ -85,6 +112,7 @@ def test_the_named_optimiser_is_made(name, kind):
         ("weight_decay", -1.0),
         ("warm_up_share", 1.0),
         ("warm_up_share", -0.1),
+        ("momentum", 1.0),
     ],
 )
 def test_settings_out_of_range_are_refused(setting, value):

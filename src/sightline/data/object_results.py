@@ -32,7 +32,7 @@ def kitti_from_detections(
         image_size: Height, width [px] of its image.
     """
     if isinstance(found, Detections2D):
-        return _results_2d(found, image_size)
+        return kitti_from_detections2d(found, image_size)
     boxes = Boxes3D(found.boxes.tensor.detach().cpu().double())
     dimensions_hwl, locations, rotation_y = kitti_from_boxes3d(boxes, calibration.camera_from_lidar)
     corners = kitti_corners(dimensions_hwl, locations, rotation_y)
@@ -49,7 +49,8 @@ def kitti_from_detections(
     )
 
 
-def _results_2d(found: Detections2D, image_size: tuple[int, int]) -> KittiObjects:
+def kitti_from_detections2d(found: Detections2D, image_size: tuple[int, int]) -> KittiObjects:
+    """`kitti_from_detections` of 2D detections, which need no calibration."""
     boxes = found.boxes.to("cpu").clip(image_size)
     count = len(boxes)
     return _results(

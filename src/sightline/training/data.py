@@ -29,6 +29,8 @@ from sightline.training.sampling import (
 )
 from sightline.training.sources import SourceConfig, open_source
 
+_OF_UPDATE = 1  # in a batch's seed, which is that of its first sample but for this
+
 
 class SamplePreparation(ABC):
     """What a task makes of samples before the network sees them; runs in the worker processes."""
@@ -48,6 +50,18 @@ class SamplePreparation(ABC):
                 same outside of training.
             training: Whether to augment.
         """
+
+    def for_update(self, rng: np.random.Generator) -> "SamplePreparation":
+        """What prepares the samples of one training batch: draws what they are to share.
+
+        Args:
+            rng: The batch's own.
+
+        Returns:
+            By default itself: each sample draws for itself.
+        """
+        del rng
+        return self
 
     def collate(self, prepared: Sequence[Any]) -> Batch:
         """Makes one batch of several, as `concatenate` does it."""
@@ -80,19 +94,27 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
 
     def __getitem__(self, key: SampleKey) -> FieldwiseBatch:
         """Reads and prepares a sample."""
+        return self._prepared(key, self._preparation)
+
+    def _prepared(self, key: SampleKey, preparation: SamplePreparation) -> FieldwiseBatch:
         epoch, index = key
         source = int(np.searchsorted(self._ends, index, side="right"))
         start = int(self._ends[source - 1]) if source else 0
         sample = self._datasets[source][(index - start) % int(self._lengths[source])]
         rng = np.random.default_rng((self._seed, epoch, index))
-        return self._preparation.prepare(sample, rng, training=self._training)
+        return preparation.prepare(sample, rng, training=self._training)
 
     def __getitems__(self, keys: Sequence[SampleKey]) -> "Batch | Unusable | None":
         """Reads and prepares a batch; None if it has no samples. PyTorch's loader asks for this."""
         if not keys:
             return None
+        preparation = self._preparation
+        if self._training:
+            epoch, first = keys[0]
+            rng = np.random.default_rng((self._seed, epoch, first, _OF_UPDATE))
+            preparation = preparation.for_update(rng)
         try:
-            return self._preparation.collate([self[key] for key in keys])
+            return preparation.collate([self._prepared(key, preparation) for key in keys])
         except (ValueError, OSError) as error:  # raised by a worker it would be a traceback
             return Unusable(str(error))
 

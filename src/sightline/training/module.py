@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +15,7 @@ from jaxtyping import UInt8
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
-from torch.optim import Adam, AdamW, Optimizer
+from torch.optim import SGD, Adam, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
@@ -38,18 +38,23 @@ _NUM_PICTURES = 4  # validation batches of which the first sample is drawn
 class OptimizerConfig:
     """How the weights are updated. Clipping is the Trainer's: `trainer.gradient_clip_val`."""
 
-    name: Literal["adam", "adamw"] = "adamw"
+    name: Literal["adam", "adamw", "sgd"] = "adamw"
     """adam: Kingma and Ba 2015 (arXiv:1412.6980); adamw: Loshchilov and Hutter 2019
-    (arXiv:1711.05101)."""
+    (arXiv:1711.05101); sgd: gradient descent with momentum."""
     learning_rate: float = 1e-3
     """The highest that the schedule reaches."""
     weight_decay: float = 0.0
-    """Of all weights; adam adds it to the gradient, adamw takes it off the weights."""
-    schedule: Literal["constant", "one_cycle", "cosine"] = "constant"
-    """How the learning rate goes after the warm-up: stays, or falls to nothing by the last step.
-    one_cycle (Smith and Topin 2018, arXiv:1708.07120) also moves Adam's first momentum."""
+    """Of all weights; adam and sgd add it to the gradient, adamw takes it off the weights."""
+    momentum: float = 0.9
+    """Of sgd."""
+    schedule: Literal["constant", "one_cycle", "cosine", "steps"] = "constant"
+    """How the learning rate goes after the warm-up: stays, falls to nothing by the last step, or
+    falls to a tenth at each of `drop_shares`.
+    one_cycle (Smith and Topin 2018, arXiv:1708.07120) also moves the (first) momentum."""
     warm_up_share: float = 0.0
     """Share of all steps during which the learning rate rises."""
+    drop_shares: tuple[float, ...] = ()
+    """Shares of all steps after which schedule steps takes a tenth, in their order."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -59,6 +64,19 @@ class OptimizerConfig:
             raise ValueError(f"weight_decay must not be negative, got {self.weight_decay}")
         if not 0 <= self.warm_up_share < 1:
             raise ValueError(f"warm_up_share must be in [0, 1), got {self.warm_up_share}")
+        if not 0 <= self.momentum < 1:
+            raise ValueError(f"momentum must be in [0, 1), got {self.momentum}")
+        ends = (self.warm_up_share, *self.drop_shares, 1)
+        if list(ends) != sorted(ends):
+            raise ValueError(
+                f"drop_shares must rise from warm_up_share {self.warm_up_share} to 1 at most, got "
+                f"{self.drop_shares}"
+            )
+        if bool(self.drop_shares) != (self.schedule == "steps"):
+            raise ValueError(
+                f"drop_shares belong to schedule steps, got schedule {self.schedule} and "
+                f"drop_shares {self.drop_shares}; set both or neither"
+            )
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -184,11 +202,9 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Makes the optimiser and, over all steps of the training, its schedule."""
-        kind = Adam if self.optimizer.name == "adam" else AdamW
-        optimizer = kind(
+        optimizer = make_optimizer(
             [parameter for parameter in self.parameters() if parameter.requires_grad],
-            lr=self.optimizer.learning_rate,
-            weight_decay=self.optimizer.weight_decay,
+            self.optimizer,
         )
         if self.optimizer.schedule == "constant" and self.optimizer.warm_up_share == 0:
             self._num_steps = None
@@ -326,6 +342,15 @@ def _load(module: nn.Module, tensors: Mapping[str, Tensor], source: str) -> None
         ) from error
 
 
+def make_optimizer(parameters: Sequence[nn.Parameter], config: OptimizerConfig) -> Optimizer:
+    """What updates the parameters."""
+    rate, decay = config.learning_rate, config.weight_decay
+    if config.name == "sgd":
+        return SGD(parameters, lr=rate, momentum=config.momentum, weight_decay=decay)
+    kind = Adam if config.name == "adam" else AdamW
+    return kind(parameters, lr=rate, weight_decay=decay)
+
+
 def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:
     """The learning rate over `total_steps` updates; stepped after each.
 
@@ -351,6 +376,9 @@ def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: in
             return (step + 1) / (warm_up_steps + 1)
         if config.schedule == "constant":
             return 1.0
+        if config.schedule == "steps":
+            drops = (round(share * total_steps) for share in config.drop_shares)
+            return 0.1 ** sum(step >= drop for drop in drops)
         progress = (step - warm_up_steps) / max(total_steps - warm_up_steps, 1)
         return (1 + math.cos(math.pi * min(progress, 1.0))) / 2
 

@@ -1,0 +1,122 @@
+"""The compact detector's head: for each cell its classes, and distances to the box's sides."""
+
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sightline.detection2d.config import CLASSES
+from sightline.detection2d.readings import HeadReading
+from sightline.detection2d.residual_stream import MAP_STRIDES, ConvNorm
+
+_INITIAL_SCORE = 0.01  # of every class everywhere: Lin et al. 2017 (focal loss), section 3.3
+_INITIAL_SLOPE = 0.3  # by which log-likelihoods of distances fall at first: boxes start small
+
+
+class PyramidNeck(nn.Module):
+    """Maps of three scales told of each other: from coarse to fine, then back (Liu et al. 2018).
+
+    PANet's two ways, with sums and few convolutions.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.down_16, self.down_8 = ConvNorm(channels, channels), ConvNorm(channels, channels)
+        self.shrink_8 = ConvNorm(channels, channels, stride=2)
+        self.shrink_16 = ConvNorm(channels, channels, stride=2)
+
+    def forward(
+        self, maps: Sequence[Float[Tensor, "batch channels _rows _columns"]]
+    ) -> list[Float[Tensor, "batch channels _rows _columns"]]:
+        """Maps of strides 8, 16 and 32; their sizes halve exactly."""
+        fine, middle, coarse = maps
+        middle = self.down_16(middle + F.interpolate(coarse, scale_factor=2.0))
+        fine = self.down_8(fine + F.interpolate(middle, scale_factor=2.0))
+        middle = middle + self.shrink_8(fine)
+        return [fine, middle, coarse + self.shrink_16(middle)]
+
+
+class AlignedHead(nn.Module):
+    """Scores and boxes of every cell, without anchors; one set of weights for all scales.
+
+    A box is told as four distances from the cell's middle, each as a distribution over whole
+    multiples of the stride (Li et al. 2020, generalized focal loss, section 3.2).
+
+    Args:
+        in_channels: Of the maps that it gets.
+        channels: Inside.
+        convs: 3x3 convolutions before the prediction.
+        bins: The farthest distance, in strides.
+        neck: Whether scales are told of each other first.
+    """
+
+    def __init__(
+        self, in_channels: Sequence[int], channels: int, *, convs: int, bins: int, neck: bool
+    ) -> None:
+        super().__init__()
+        self.bins = bins
+        self.laterals = nn.ModuleList(
+            nn.Identity() if count == channels else ConvNorm(count, channels, 1)
+            for count in in_channels
+        )
+        self.neck = PyramidNeck(channels) if neck else None
+        self.tower = nn.Sequential(*(ConvNorm(channels, channels) for _ in range(convs)))
+        self.classify = nn.Conv2d(channels, len(CLASSES), 1)
+        self.measure = nn.Conv2d(channels, 4 * (bins + 1), 1)
+        nn.init.normal_(self.classify.weight, std=0.01)
+        nn.init.normal_(self.measure.weight, std=0.01)
+        assert self.classify.bias is not None, "made with one"
+        assert self.measure.bias is not None, "made with one"
+        nn.init.constant_(self.classify.bias, -math.log(1 / _INITIAL_SCORE - 1))
+        with torch.no_grad():
+            self.measure.bias.copy_(-_INITIAL_SLOPE * torch.arange(bins + 1).repeat(4))
+
+    def forward(
+        self,
+        maps: Sequence[Float[Tensor, "batch _channels _rows _columns"]],
+        image_size: tuple[int, int],
+    ) -> HeadReading:
+        """Reads maps of strides 8, 16 and 32 of an image of (height, width) [px]."""
+        del image_size  # the strides tell
+        features = [lateral(each) for lateral, each in zip(self.laterals, maps, strict=True)]
+        if self.neck is not None:
+            features = self.neck(features)
+        classes, boxes, places = [], [], []
+        for stride, each in zip(MAP_STRIDES, features, strict=True):
+            seen = self.tower(each)
+            classes.append(self.classify(seen).float().flatten(2))
+            boxes.append(self.measure(seen).float().flatten(2))
+            places.append(cells(seen.shape[2], seen.shape[3], stride, classes[-1]))
+        return HeadReading(
+            class_logits=torch.cat(classes, dim=2).transpose(1, 2),
+            box_logits=torch.cat(boxes, dim=2).transpose(1, 2),
+            places=torch.cat(places),
+        )
+
+    def decode(
+        self, reading: HeadReading
+    ) -> tuple[Float[Tensor, "batch places classes"], Float[Tensor, "batch places 4"]]:
+        """Probabilities of the classes, and boxes (corners, px)."""
+        return reading.class_logits.sigmoid(), decode_distances(reading)
+
+
+def cells(rows: int, columns: int, stride: int, like: Tensor) -> Float[Tensor, "cells 4"]:
+    """Middle x, y, width and height [px] of a map's cells, row by row."""
+    y = (torch.arange(rows, device=like.device) + 0.5) * stride - 0.5
+    x = (torch.arange(columns, device=like.device) + 0.5) * stride - 0.5
+    middles = torch.stack((x.expand(rows, -1), y[:, None].expand(-1, columns)), dim=2)
+    middles = middles.reshape(-1, 2).to(like.dtype)
+    return torch.cat((middles, torch.full_like(middles, stride)), dim=1)
+
+
+def decode_distances(reading: HeadReading) -> Float[Tensor, "batch places 4"]:
+    """Corners [px] of the boxes whose sides are at the distributions' means."""
+    batch, number, values = reading.box_logits.shape
+    shares = reading.box_logits.reshape(batch, number, 4, values // 4).softmax(dim=3)
+    steps = torch.arange(values // 4, device=shares.device, dtype=shares.dtype)
+    distances = (shares * steps).sum(dim=3) * reading.places[:, 2:].repeat(1, 2)
+    middles = reading.places[:, :2]
+    return torch.cat((middles - distances[..., :2], middles + distances[..., 2:]), dim=2)

@@ -1,0 +1,170 @@
+"""The compact detector's losses: scores that tell the IoU, boxes by IoU and distribution."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from sightline.detection2d.aligned_assignment import Assignment, AssignmentConfig, assign_places
+from sightline.detection2d.aligned_head import decode_distances
+from sightline.detection2d.config import CLASSES, check_range
+from sightline.detection2d.readings import HeadReading
+from sightline.detection2d.targets import DetectionTargets, covered_shares
+
+_FOCUS = 2.0  # the exponents of both focal losses, as published
+_VARIFOCAL_NEGATIVES = 0.75
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlignedLossConfig:
+    """What cells are told, and what their errors cost."""
+
+    assignment: AssignmentConfig = AssignmentConfig()  # noqa: RUF009 - frozen
+    """Which cells shall find which object."""
+    classification: Literal["quality_focal", "varifocal"] = "quality_focal"
+    """quality_focal: Li et al. 2020, eq. 2; varifocal: Zhang et al. 2021, eq. 2."""
+    ignored_share: float = 0.5
+    """A cell whose box has so much of its area in an ignored region costs nothing there."""
+    class_weight: float = 1.0
+    """Of the scores' error."""
+    box_weight: float = 2.5
+    """Of 1 less the generalized IoU (Rezatofighi et al. 2019)."""
+    distribution_weight: float = 0.5
+    """Of the cross entropy of the distances' distributions (Li et al. 2020, eq. 6)."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_range("aligned.ignored_share", self.ignored_share, 0, 1)
+        for name in ("class_weight", "box_weight", "distribution_weight"):
+            check_range(f"aligned.{name}", getattr(self, name), 0, 1e6)
+
+
+class AlignedLosses(NamedTuple):
+    """Terms of the loss, each already weighted."""
+
+    classification: Float[Tensor, ""]
+    boxes: Float[Tensor, ""]
+    distribution: Float[Tensor, ""]
+
+
+def assign_batch(
+    reading: HeadReading, targets: Sequence[DetectionTargets], config: AssignmentConfig
+) -> list[Assignment]:
+    """What each place of each image shall find, by what the network says now."""
+    with torch.no_grad():
+        scores, boxes = reading.class_logits.sigmoid(), decode_distances(reading)
+        return [
+            assign_places(scores[index], boxes[index], reading.places, truth, config)
+            for index, truth in enumerate(targets)
+        ]
+
+
+def aligned_loss(
+    reading: HeadReading,
+    targets: Sequence[DetectionTargets],
+    assignments: Sequence[Assignment],
+    config: AlignedLossConfig,
+    *,
+    image_weights: Float[Tensor, " batch"] | None = None,
+) -> AlignedLosses:
+    """The losses of a head's reading, divided by the sum of the qualities that are asked for.
+
+    Args:
+        reading: A head's.
+        targets: Of each image.
+        assignments: Of each image, this head's or another's over the same places.
+        config: Weights.
+        image_weights: Factor on the errors of each image; None: 1.
+    """
+    found = decode_distances(reading)
+    weights = (
+        reading.class_logits.new_ones(len(targets)) if image_weights is None else image_weights
+    )
+    wanted = torch.zeros_like(reading.class_logits)
+    counts = torch.ones_like(reading.class_logits)
+    box_loss = distribution_loss = reading.box_logits.sum() * 0  # a gradient where nothing is found
+    for index, (truth, assignment) in enumerate(zip(targets, assignments, strict=True)):
+        places = (assignment.objects >= 0).nonzero()[:, 0]
+        objects = assignment.objects[places]
+        quality = assignment.qualities[places] * weights[index]
+        wanted[index, places, truth.class_indices[objects]] = assignment.qualities[places]
+        is_ignored = ignored_places(reading.places, found[index].detach(), truth, config)
+        counts[index] = weights[index] * (~is_ignored | (wanted[index] > 0))
+        boxes = truth.boxes[objects]
+        box_loss = box_loss + (quality * (1 - generalized_iou(found[index, places], boxes))).sum()
+        costs = distribution_costs(reading.box_logits[index, places], reading.places[places], boxes)
+        distribution_loss = distribution_loss + (quality * costs).sum()
+    number = (wanted.sum(dim=(1, 2)) * weights).sum().clamp(min=1)
+    costs = class_costs(reading.class_logits, wanted, config.classification)
+    return AlignedLosses(
+        classification=config.class_weight * (costs * counts).sum() / number,
+        boxes=config.box_weight * box_loss / number,
+        distribution=config.distribution_weight * distribution_loss / number,
+    )
+
+
+def class_costs(
+    logits: Float[Tensor, "*shape"],
+    wanted: Float[Tensor, "*shape"],
+    kind: Literal["quality_focal", "varifocal"],
+) -> Float[Tensor, "*shape"]:
+    """What each score costs that shall be the quality `wanted`, 0 where there is nothing."""
+    entropy = F.binary_cross_entropy_with_logits(logits, wanted, reduction="none")
+    scores = logits.sigmoid()
+    if kind == "quality_focal":
+        return entropy * (scores - wanted).abs() ** _FOCUS
+    is_there = wanted > 0
+    return entropy * torch.where(is_there, wanted, _VARIFOCAL_NEGATIVES * scores.detach() ** _FOCUS)
+
+
+def ignored_places(
+    places: Float[Tensor, "places 4"],
+    boxes: Float[Tensor, "places 4"],
+    truth: DetectionTargets,
+    config: AlignedLossConfig,
+) -> Bool[Tensor, "places classes"]:
+    """For which classes a place lies in an ignored region, or its box mostly does."""
+    if not len(truth.ignored_boxes):
+        return torch.zeros(len(places), len(CLASSES), dtype=torch.bool, device=places.device)
+    after = places[:, None, :2] >= truth.ignored_boxes[:, :2]
+    before = places[:, None, :2] <= truth.ignored_boxes[:, 2:]
+    is_within = (after & before).all(dim=2)
+    is_within |= covered_shares(boxes, truth.ignored_boxes) >= config.ignored_share
+    return (is_within[:, :, None] & truth.ignored_classes).any(dim=1)
+
+
+def generalized_iou(a: Float[Tensor, "num 4"], b: Float[Tensor, "num 4"]) -> Float[Tensor, " num"]:
+    """Of boxes in pairs; from -1 to 1: Rezatofighi et al. 2019, algorithm 1."""
+    shared = torch.minimum(a[:, 2:], b[:, 2:]) - torch.maximum(a[:, :2], b[:, :2])
+    around = torch.maximum(a[:, 2:], b[:, 2:]) - torch.minimum(a[:, :2], b[:, :2])
+    intersection = shared.clamp(min=0).prod(dim=1)
+    areas = [(each[:, 2:] - each[:, :2]).clamp(min=0).prod(dim=1) for each in (a, b)]
+    union = areas[0] + areas[1] - intersection
+    hull = around.prod(dim=1).clamp(min=1e-6)
+    return intersection / union.clamp(min=1e-6) - (hull - union) / hull
+
+
+def distribution_costs(
+    logits: Float[Tensor, "num values"],
+    places: Float[Tensor, "num 4"],
+    boxes: Float[Tensor, "num 4"],
+) -> Float[Tensor, " num"]:
+    """Cross entropy of the two steps around each true distance, the mean of the four sides.
+
+    Li et al. 2020, eq. 6. A side that is farther than the last step, or on the wrong side of the
+    place's middle, is asked for at the end of the scale.
+    """
+    steps = logits.shape[1] // 4
+    middles = places[:, :2]
+    distances = torch.cat((middles - boxes[:, :2], boxes[:, 2:] - middles), dim=1)
+    distances = (distances / places[:, 2:].repeat(1, 2)).clamp(0, steps - 1 - 1e-3)
+    lower = distances.floor()
+    share = distances - lower
+    chances = logits.reshape(-1, 4, steps).log_softmax(dim=2)
+    index = lower.long()[..., None]
+    below, above = chances.gather(2, index)[..., 0], chances.gather(2, index + 1)[..., 0]
+    return -((1 - share) * below + share * above).mean(dim=1)

@@ -1,0 +1,154 @@
+"""The parts that the two designs of detectors are made of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from torch import nn
+
+from sightline.detection2d.aligned_head import AlignedHead
+from sightline.detection2d.config import CompactConfig, Detection2DConfig, DgfnConfig, scaled
+from sightline.detection2d.gated_fusion import GatedFusion
+from sightline.detection2d.initialization import start_small
+from sightline.detection2d.inputs import CompactInput, VggInput
+from sightline.detection2d.residual_stream import ConvNorm, ResidualStream
+from sightline.detection2d.ssd_head import SsdHead
+from sightline.detection2d.vgg_stream import MAP_CHANNELS, VggStream
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class Design(Protocol):
+    """What a `Detector` is put together from."""
+
+    @property
+    def stride(self) -> int:
+        """Height and width of images must be multiples of it."""
+        ...
+
+    def prepare(self) -> CompactInput | VggInput:
+        """What makes planes of images."""
+        ...
+
+    def stream(self, sensor: str, planes: int) -> nn.Module:
+        """Of the camera, the LiDAR or both."""
+        ...
+
+    def channels(self, sensor: str) -> tuple[int, ...]:
+        """Of the maps that such a stream gives."""
+        ...
+
+    def fusions(self, *, gated: bool) -> list[GatedFusion]:
+        """One for each map."""
+        ...
+
+    def head(self, seen: str) -> SsdHead | AlignedHead:
+        """For a sensor's maps, those of both, or the joint ones."""
+        ...
+
+    def auxiliary_head(self, sensor: str) -> AlignedHead | None:
+        """For a stream's own maps, in training."""
+        ...
+
+
+@dataclass(frozen=True)
+class DgfnDesign:
+    """Of the paper."""
+
+    config: DgfnConfig
+    width: float
+    stride: int = 1
+
+    def prepare(self) -> VggInput:
+        """See `VggInput`."""
+        return VggInput()
+
+    def stream(self, sensor: str, planes: int) -> VggStream:
+        """All streams are alike."""
+        del sensor
+        return VggStream(planes, self.width, self.config.l2_norm_scale)
+
+    def channels(self, sensor: str) -> tuple[int, ...]:
+        """Of the six maps."""
+        del sensor
+        return tuple(scaled(count, self.width) for count in MAP_CHANNELS)
+
+    def fusions(self, *, gated: bool) -> list[GatedFusion]:
+        """Joint maps have as many channels as each sensor's: eq. 9."""
+        return [
+            GatedFusion(
+                (count, count),
+                nn.Sequential(start_small(nn.Conv2d(2 * count, count, 1)), nn.ReLU()),
+                gated=gated,
+            )
+            for count in self.channels("camera")
+        ]
+
+    def head(self, seen: str) -> SsdHead:
+        """All heads are alike."""
+        return SsdHead(self.channels(seen), self.config)
+
+    def auxiliary_head(self, sensor: str) -> None:
+        """The paper has none."""
+        del sensor
+
+
+@dataclass(frozen=True)
+class CompactDesign:
+    """The light one."""
+
+    config: CompactConfig
+    width: float
+    stride: int = 32
+
+    def prepare(self) -> CompactInput:
+        """See `CompactInput`."""
+        return CompactInput()
+
+    def stream(self, sensor: str, planes: int) -> ResidualStream:
+        """The LiDAR's own pools its image."""
+        config = self.config
+        settings = config.lidar if sensor == "lidar" else config.camera
+        pooling = config.lidar_pooling if sensor == "lidar" else 1
+        return ResidualStream(planes, self._all_channels(sensor), settings.blocks, pooling)
+
+    def channels(self, sensor: str) -> tuple[int, ...]:
+        """Of strides 8, 16 and 32."""
+        return self._all_channels(sensor)[2:]
+
+    def fusions(self, *, gated: bool) -> list[GatedFusion]:
+        """Joint maps have the head's channels."""
+        joint = scaled(self.config.head_channels, self.width)
+        return [
+            GatedFusion(
+                both, ConvNorm(sum(both), joint, 1), gated=gated, groups=self.config.gate_groups
+            )
+            for both in zip(self.channels("camera"), self.channels("lidar"), strict=True)
+        ]
+
+    def head(self, seen: str) -> AlignedHead:
+        """With a neck."""
+        channels = scaled(self.config.head_channels, self.width)
+        given: Sequence[int] = (channels,) * 3 if seen == "joint" else self.channels(seen)
+        return AlignedHead(
+            given, channels, convs=self.config.head_convs, bins=self.config.bins, neck=True
+        )
+
+    def auxiliary_head(self, sensor: str) -> AlignedHead | None:
+        """As short as can be: the stream shall do the work."""
+        if not self.config.auxiliary:
+            return None
+        channels = scaled(self.config.head_channels, self.width)
+        given = self.channels(sensor)
+        return AlignedHead(given, channels, convs=1, bins=self.config.bins, neck=False)
+
+    def _all_channels(self, sensor: str) -> tuple[int, ...]:
+        settings = self.config.lidar if sensor == "lidar" else self.config.camera
+        return tuple(scaled(count, self.width) for count in settings.channels)
+
+
+def design_of(config: Detection2DConfig) -> Design:
+    """The design that the settings name."""
+    if config.compact is not None:
+        return CompactDesign(config.compact, config.width)
+    assert config.dgfn is not None, "settings name one of them"
+    return DgfnDesign(config.dgfn, config.width)

@@ -1,0 +1,189 @@
+"""What the detectors train on and are scored on, made of samples."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from torch import Tensor
+
+from sightline.data.augmentation import ColorJitterConfig, jitter_color
+from sightline.data.faults import Fault
+from sightline.data.object_labels import kitti_from_labels
+from sightline.detection2d.augmentation import (
+    ViewConfig,
+    draw_mirror,
+    min_iou_crop,
+    scaled_crop,
+)
+from sightline.detection2d.batch import DetectionBatch, FrameTruth
+from sightline.detection2d.config import InputConfig, check_range
+from sightline.detection2d.health import camera_health, lidar_health
+from sightline.detection2d.placement import (
+    camera_image,
+    lidar_image,
+    padded,
+    place,
+    whole_strides,
+)
+from sightline.detection2d.targets import TargetConfig, make_targets
+from sightline.structures.sample import CameraLidarSample
+from sightline.training.data import SamplePreparation
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExampleConfig:
+    """What an example holds, for training and for scoring alike, and what training does to it."""
+
+    input: InputConfig = InputConfig()  # noqa: RUF009 - frozen
+    """What the network sees of a frame: as in its own settings."""
+    pad_to: int = 1
+    """Height and width are padded to multiples of it: the network's stride."""
+    crop_size: tuple[int, int] | None = None
+    """Height, width [px] of the crops to train on. None: whole frames, or patches of them, at the
+    network's input size."""
+    view: ViewConfig = ViewConfig()  # noqa: RUF009
+    """How training draws its views of a frame."""
+    color_jitter: ColorJitterConfig | None = None
+    """How far training changes the image's colours. None: not at all."""
+    fault_share: float = 0.8
+    """Share of the training examples that get one of the faults."""
+    faults_for: Literal["image", "update"] = "image"
+    """Whether the fault is drawn for each image, or one for all images of a batch: where the fault
+    is, say, is each image's own in any case."""
+    health: bool = False
+    """Whether training examples say which parts of the sensors' images a fault has taken away."""
+    targets: TargetConfig = TargetConfig()  # noqa: RUF009
+    """What training asks the network to find."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges, and what belongs together."""
+        check_range("fault_share", self.fault_share, 0, 1)
+        check_range("pad_to", self.pad_to, 1, 1024)
+        if self.crop_size is None and self.input.size is None:
+            raise ValueError(
+                "frames of any size make no batches: set crop_size, or input.size to resize all"
+            )
+        if self.crop_size is not None and self.view.min_iou_crop:
+            raise ValueError("view.min_iou_crop cuts patches of its own: set crop_size to null")
+
+
+class DetectionExamples(SamplePreparation):
+    """Examples for training and scoring detection, each a batch of one."""
+
+    parts = frozenset({"image", "points", "objects"})
+
+    def __init__(
+        self, settings: ExampleConfig = ExampleConfig(), faults: Sequence[Fault] = ()
+    ) -> None:
+        """Takes the settings.
+
+        Args:
+            settings: What examples hold.
+            faults: What may be wrong with the sensors in training; each is as likely.
+        """
+        self.settings = settings
+        self.faults = tuple(faults)
+
+    def for_update(self, rng: np.random.Generator) -> "DetectionExamples":
+        """With the one fault, or none, that all samples of a batch get, if the settings say so."""
+        if self.settings.faults_for == "image" or not self.faults:
+            return self
+        is_faulty = rng.random() < self.settings.fault_share
+        settings = replace(self.settings, fault_share=1.0 if is_faulty else 0.0)
+        return DetectionExamples(settings, (self.faults[int(rng.integers(len(self.faults)))],))
+
+    def prepare(
+        self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
+    ) -> DetectionBatch:
+        """See `training_example` and `scoring_example`."""
+        if sample.objects is None:
+            raise ValueError(
+                f"sample {sample.sample_id} has no labels to train on or to score against; give "
+                "data with label_2"
+            )
+        if training:
+            return training_example(sample, self.settings, self.faults, rng)
+        return scoring_example(sample, self.settings)
+
+
+def training_example(
+    sample: CameraLidarSample,
+    config: ExampleConfig,
+    faults: Sequence[Fault],
+    rng: np.random.Generator,
+) -> DetectionBatch:
+    """A batch of one: a view of the frame, maybe by a faulty sensor, and its truth.
+
+    Colours are changed first, so that what a fault makes black stays black; then comes the fault,
+    on the frame as it was taken: some go by the order of its points, which a mirror undoes.
+    """
+    sound = (
+        sample if config.color_jitter is None else jitter_color(sample, rng, config.color_jitter)
+    )
+    worse = sound
+    if faults and rng.random() < config.fault_share:
+        worse = faults[int(rng.integers(len(faults)))](sound, rng)
+    seed = int(rng.integers(2**63))  # both are seen the same way
+    view = _view(worse, config, np.random.default_rng(seed))
+    assert view.objects is not None, "checked when it was prepared"
+    size = whole_strides(config.crop_size or view.image_size, config.pad_to)
+    maps = _maps(view, config.input, size)
+    if config.health:
+        before = maps
+        if worse is not sound:
+            before = _maps(_view(sound, config, np.random.default_rng(seed)), config.input, size)
+        maps = maps | {
+            "camera_health": camera_health(before["image"], maps["image"]),
+            "lidar_health": lidar_health(before["lidar"], maps["lidar"]),
+        }
+    targets = make_targets(view.objects, config.targets)
+    return DetectionBatch(
+        sample_ids=(sample.sample_id,),
+        targets=(targets,),
+        image=maps["image"][None],
+        lidar=maps["lidar"][None],
+        camera_health=maps["camera_health"][None] if config.health else None,
+        lidar_health=maps["lidar_health"][None] if config.health else None,
+    )
+
+
+def scoring_example(sample: CameraLidarSample, config: ExampleConfig) -> DetectionBatch:
+    """A batch of one: the whole frame as it is, with all of its labels."""
+    assert sample.objects is not None, "checked when it was prepared"
+    given, placement = place(sample, config.input)
+    assert given.objects is not None, "as before"
+    size = whole_strides(given.image_size, config.pad_to)
+    maps = _maps(given, config.input, size)
+    truth = FrameTruth(
+        placement=placement, objects=kitti_from_labels(sample.objects, sample.calibration)
+    )
+    return DetectionBatch(
+        sample_ids=(sample.sample_id,),
+        targets=(make_targets(given.objects, config.targets),),
+        frames=(truth,),
+        image=maps["image"][None],
+        lidar=maps["lidar"][None],
+    )
+
+
+def _view(
+    sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator
+) -> CameraLidarSample:
+    # The depth map of simulated frames is not needed, and takes as long to resize as the image.
+    sample = draw_mirror(replace(sample, depth=None), config.view, rng)
+    if config.crop_size is not None:
+        return scaled_crop(sample, config.crop_size, config.input.scale, config.view, rng)
+    if config.view.min_iou_crop:
+        sample = min_iou_crop(sample, rng)
+    return place(sample, config.input)[0]
+
+
+def _maps(
+    sample: CameraLidarSample, config: InputConfig, size: tuple[int, int]
+) -> dict[str, Tensor]:
+    """The sensors' images, padded to a size."""
+    return {
+        "image": padded(camera_image(sample), size),
+        "lidar": padded(lidar_image(sample, config), size),
+    }

@@ -1,0 +1,66 @@
+"""The gated fusion unit: Kim et al. 2018, section III-C."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sightline.detection2d.initialization import start_small
+from sightline.detection2d.readings import GateReading
+
+_KERNEL_PX = 3
+
+
+class GatedFusion(nn.Module):
+    """Weighs the feature maps of two sensors pixel by pixel, then mixes them: eq. 5 to 9.
+
+    Both gates see the maps of both sensors. Without gates the weights are 1, which is the paper's
+    "without GFU"; concatenation and mixing stay.
+
+    Args:
+        channels: Of the camera's and of the LiDAR's map.
+        mix: Makes the joint map of the weighted ones, the LiDAR's first: the paper's is a 1x1
+            convolution and a ReLU.
+        gated: Whether there are gates.
+        groups: Groups of channels that have a gate of their own; the paper has one. They must
+            divide the channels.
+    """
+
+    def __init__(
+        self, channels: tuple[int, int], mix: nn.Module, *, gated: bool, groups: int = 1
+    ) -> None:
+        super().__init__()
+        if any(count % groups for count in channels):
+            raise ValueError(
+                f"gate_groups must divide the channels of both sensors' maps, got {groups} for "
+                f"{channels[0]} and {channels[1]}"
+            )
+        self.camera_gate = self._gate(sum(channels), groups) if gated else None
+        self.lidar_gate = self._gate(sum(channels), groups) if gated else None
+        self.mix = mix
+
+    @staticmethod
+    def _gate(in_channels: int, groups: int) -> nn.Conv2d:
+        # With a bias of 0 both sensors start at a half.
+        return start_small(nn.Conv2d(in_channels, groups, _KERNEL_PX, padding=_KERNEL_PX // 2))
+
+    def forward(
+        self,
+        camera: Float[Tensor, "batch camera_channels rows columns"],
+        lidar: Float[Tensor, "batch lidar_channels rows columns"],
+    ) -> tuple[Float[Tensor, "batch out_channels rows columns"], GateReading | None]:
+        """The joint map, and what the gates say."""
+        both = torch.cat((lidar, camera), dim=1)
+        if self.camera_gate is None or self.lidar_gate is None:
+            return self.mix(both), None
+        gates = GateReading(self.camera_gate(both), self.lidar_gate(both))
+        weighted = (_weighted(lidar, gates.lidar_logits), _weighted(camera, gates.camera_logits))
+        return self.mix(torch.cat(weighted, dim=1)), gates
+
+
+def _weighted(
+    maps: Float[Tensor, "batch channels rows columns"],
+    logits: Float[Tensor, "batch groups rows columns"],
+) -> Float[Tensor, "batch channels rows columns"]:
+    """Each group of channels, which lie side by side, times its gate."""
+    each = maps.shape[1] // logits.shape[1]
+    return maps * logits.sigmoid().repeat_interleave(each, dim=1)

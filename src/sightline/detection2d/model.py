@@ -1,0 +1,139 @@
+"""The detectors' networks: streams of the sensors, their fusion, heads."""
+
+from typing import Protocol, cast
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from sightline.detection2d.config import Detection2DConfig
+from sightline.detection2d.designs import design_of
+from sightline.detection2d.readings import DetectorOutput, GateReading, HeadReading, Readings
+
+Image = Float[Tensor, "batch 3 height width"]
+
+
+class _Head(Protocol):
+    def decode(self, reading: HeadReading) -> tuple[Tensor, Tensor]: ...
+
+
+class Detector(nn.Module):
+    """A camera-LiDAR detector in the image, by one of the ways of `Fusion`.
+
+    Kim et al. 2018, Fig. 1, with the settings' defaults; the other ways of fusion are the systems
+    that it is compared with, and the compact design is put together in the same ways.
+    """
+
+    def __init__(self, config: Detection2DConfig) -> None:
+        super().__init__()
+        self.config = config
+        design = design_of(config)
+        self.stride = design.stride
+        self.prepare = design.prepare()
+        planes = {"camera": self.prepare.camera_planes, "lidar": self.prepare.lidar_planes}
+        if config.fusion == "early":
+            planes = {"both": sum(planes.values())}
+        elif config.fusion in planes:
+            planes = {config.fusion: planes[config.fusion]}
+        self.streams = nn.ModuleDict(
+            {sensor: design.stream(sensor, count) for sensor, count in planes.items()}
+        )
+        is_joint = config.fusion in ("gated", "ones")
+        self.fusions = (
+            nn.ModuleList(design.fusions(gated=config.fusion == "gated")) if is_joint else None
+        )
+        seen = ("joint",) if is_joint else tuple(self.streams)
+        self.heads = nn.ModuleDict({name: design.head(name) for name in seen})
+        own = {sensor: design.auxiliary_head(sensor) for sensor in self.streams if is_joint}
+        self.auxiliary = nn.ModuleDict(
+            {sensor: head for sensor, head in own.items() if head is not None}
+        )
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Which images `forward` takes."""
+        fusion = self.config.fusion
+        return {"camera": ("image",), "lidar": ("lidar",)}.get(fusion, ("image", "lidar"))
+
+    def forward(self, image: Image | None = None, lidar: Image | None = None) -> DetectorOutput:
+        """Detects in images whose sides are multiples of `stride`.
+
+        Args:
+            image: RGB in [0, 1], black where the camera delivered nothing.
+            lidar: Depth, height and intensity in [0, 1], as `lidar_image` makes them.
+
+        Raises:
+            ValueError: An image that the network needs is not given, or has another size.
+        """
+        readings = self.read(image, lidar)
+        decoded = [
+            cast("_Head", head).decode(reading)
+            for head, reading in zip(self.heads.values(), readings.heads, strict=True)
+        ]
+        finest = readings.gates[0] if readings.gates else None
+        return DetectorOutput(
+            scores=torch.cat([scores for scores, _ in decoded], dim=1),
+            boxes=torch.cat([boxes for _, boxes in decoded], dim=1),
+            camera_gate=None if finest is None else finest.camera_logits.float().sigmoid(),
+            lidar_gate=None if finest is None else finest.lidar_logits.float().sigmoid(),
+        )
+
+    def read(
+        self, image: Image | None = None, lidar: Image | None = None, *, auxiliary: bool = False
+    ) -> Readings:
+        """What the heads and gates say, as losses take it.
+
+        Args:
+            image: As for `forward`.
+            lidar: As for `forward`; one that the network does not take is passed over.
+            auxiliary: Whether to read the streams' own heads too.
+
+        Raises:
+            ValueError: As for `forward`.
+        """
+        given = {"image": image, "lidar": lidar}
+        size = self._checked_size({name: given[name] for name in self.input_names})
+        maps = {sensor: self.streams[sensor](each) for sensor, each in self._planes(given).items()}
+        own = {
+            sensor: head(maps[sensor], size) for sensor, head in self.auxiliary.items() if auxiliary
+        }
+        gates: list[GateReading] = []
+        if self.fusions is not None:
+            joint = []
+            for fuse, camera_map, lidar_map in zip(
+                self.fusions, maps["camera"], maps["lidar"], strict=True
+            ):
+                fused, gate = fuse(camera_map, lidar_map)
+                joint.append(fused)
+                gates += [gate] if gate is not None else []
+            maps = {"joint": joint}
+        heads = tuple(self.heads[name](seen, size) for name, seen in maps.items())
+        return Readings(heads=heads, gates=tuple(gates), auxiliary=own)
+
+    def _checked_size(self, given: dict[str, Image | None]) -> tuple[int, int]:
+        missing = [name for name, planes in given.items() if planes is None]
+        if missing:
+            raise ValueError(
+                f"a network of fusion {self.config.fusion} needs the inputs "
+                f"{', '.join(given)}; {', '.join(missing)} is missing"
+            )
+        sizes = [planes.shape[-2:] for planes in given.values() if planes is not None]
+        height, width = sizes[0]
+        if not torch.compiler.is_compiling() and (height % self.stride or width % self.stride):
+            raise ValueError(
+                f"height and width must be multiples of {self.stride}, got {height} x {width}; "
+                "pad the inputs"
+            )
+        return height, width
+
+    def _planes(self, given: dict[str, Image | None]) -> dict[str, Tensor]:
+        """What each stream sees."""
+        image, lidar = given["image"], given["lidar"]
+        planes = {}
+        if image is not None:
+            planes["camera"] = self.prepare.camera(image)
+        if lidar is not None:
+            planes["lidar"] = self.prepare.lidar(lidar)
+        if self.config.fusion == "early":
+            return {"both": torch.cat((planes["camera"], planes["lidar"]), dim=1)}
+        return {sensor: planes[sensor] for sensor in self.streams}

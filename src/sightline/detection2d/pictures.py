@@ -1,0 +1,61 @@
+"""Detections, gates and inputs to look at."""
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from sightline.detection2d.batch import DetectionBatch
+from sightline.detection2d.config import CLASSES, PostprocessConfig
+from sightline.detection2d.placement import Placement
+from sightline.detection2d.postprocess import to_detections
+from sightline.detection2d.readings import DetectorOutput
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.visualization.colors import RGB
+from sightline.visualization.image import draw_boxes2d
+
+_LABEL: RGB = (245, 245, 245)
+_DRAWN_SCORE = 0.3  # what is less sure is not drawn
+
+
+def gate_picture(
+    gate: Float[Tensor, "groups rows columns"], size: tuple[int, int]
+) -> UInt8[np.ndarray, "height width"]:
+    """A gate as grey levels at a size of (height, width): 0 is closed, 255 open; mean of groups."""
+    levels = (255 * gate.detach().float().mean(dim=0)).round().byte().cpu().numpy()
+    stretched = cv2.resize(levels, size[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(stretched, dtype=np.uint8)
+
+
+def training_picture(
+    batch: DetectionBatch, output: DetectorOutput, config: PostprocessConfig
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The first sample of a batch, one picture below the other.
+
+    From the top: the image with detections, and labels in white; the LiDAR's image (depth, height,
+    intensity as red, green, blue); the camera's and the LiDAR's gate where there are gates.
+    """
+    size = (batch.image.shape[-2], batch.image.shape[-1])
+    seen = Placement(image_size=size, scale_x=1.0, scale_y=1.0)
+    found = to_detections(output.scores[0], output.boxes[0], seen, config)
+    is_sure = found.scores >= _DRAWN_SCORE
+    names = tuple(found.class_names[index] for index in is_sure.nonzero()[:, 0].tolist())
+    truth = batch.targets[0]
+    drawn = draw_boxes2d(
+        _rgb(batch.image[0]),
+        Boxes2D(truth.boxes),
+        [CLASSES[index] for index in truth.class_indices.tolist()],
+        color=_LABEL,
+        tags=False,
+    )
+    drawn = draw_boxes2d(drawn, found.boxes[is_sure], names, scores=found.scores[is_sure])
+    rows = [drawn, _rgb(batch.lidar[0])]
+    gates = [gate[0] for gate in (output.camera_gate, output.lidar_gate) if gate is not None]
+    greys = [np.repeat(gate_picture(gate, size)[..., None], 3, axis=2) for gate in gates]
+    return np.concatenate(rows + greys)
+
+
+def _rgb(planes: Float[Tensor, "3 height width"]) -> UInt8[np.ndarray, "height width 3"]:
+    levels = (planes.detach().float().cpu() * 255).round().to(torch.uint8)
+    return np.ascontiguousarray(levels.permute(1, 2, 0).numpy())

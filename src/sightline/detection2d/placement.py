@@ -1,0 +1,77 @@
+"""Frames as networks see them, and the way back into the frame's own pixels."""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Float32
+from torch import Tensor
+
+from sightline.data.scene_changes import resize
+from sightline.detection2d.config import InputConfig
+from sightline.geometry.projection import dhi_image
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Placement:
+    """Where a frame lies in a network's input: at its top left, resized."""
+
+    image_size: tuple[int, int]
+    """Height, width [px] of the frame."""
+    scale_x: float
+    scale_y: float
+    """Pixels of the input for each of the frame."""
+
+    def to_image(self, boxes: Float[Tensor, "num_boxes 4"]) -> Float[Tensor, "num_boxes 4"]:
+        """Boxes in the frame, of boxes in the input; pixels are squares around their centres."""
+        scales = boxes.new_tensor([self.scale_x, self.scale_y] * 2)
+        return (boxes + 0.5) / scales - 0.5
+
+
+def place(sample: CameraLidarSample, config: InputConfig) -> tuple[CameraLidarSample, Placement]:
+    """The sample at the size at which a network sees it, before it is padded."""
+    old_height, old_width = sample.image_size
+    height, width = config.size or (
+        max(round(side * config.scale), 1) for side in sample.image_size
+    )
+    placement = Placement(
+        image_size=sample.image_size, scale_x=width / old_width, scale_y=height / old_height
+    )
+    if (height, width) == sample.image_size:
+        return sample, placement
+    return resize(sample, height, width), placement
+
+
+def camera_image(sample: CameraLidarSample) -> Float32[Tensor, "3 height width"]:
+    """RGB in [0, 1]; black where the camera delivered nothing."""
+    if sample.image is None:
+        return torch.zeros(3, *sample.image_size)
+    return sample.image.float() / 255
+
+
+def lidar_image(
+    sample: CameraLidarSample, config: InputConfig
+) -> Float32[Tensor, "3 height width"]:
+    """Depth, height and intensity of the sweep in [0, 1], by `dhi_image`; zeros without a sweep."""
+    if sample.points is None:
+        return torch.zeros(3, *sample.image_size)
+    offset_m = config.height_offset_m
+    image = dhi_image(
+        sample.points, sample.calibration, sample.image_size, height_offset_m=offset_m
+    )
+    return image / 255
+
+
+def padded(
+    planes: Float32[Tensor, "channels height width"], size: tuple[int, int]
+) -> Float32[Tensor, "channels new_height new_width"]:
+    """Widened by zeros at the right and bottom, so that pixels keep their coordinates."""
+    height, width = planes.shape[-2:]
+    return F.pad(planes, (0, size[1] - width, 0, size[0] - height))
+
+
+def whole_strides(size: tuple[int, int], stride: int) -> tuple[int, int]:
+    """The next larger height and width that the stride divides."""
+    height, width = (-(-side // stride) * stride for side in size)
+    return height, width

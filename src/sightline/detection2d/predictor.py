@@ -1,0 +1,154 @@
+"""Detection in samples by a trained network."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from beartype import beartype
+from jaxtyping import Float32, jaxtyped
+from torch import Tensor
+
+from sightline.data.object_tree import Part
+from sightline.detection2d.export_graph import export_graph
+from sightline.detection2d.model import Detector
+from sightline.detection2d.placement import (
+    camera_image,
+    lidar_image,
+    padded,
+    place,
+    whole_strides,
+)
+from sightline.detection2d.postprocess import to_detections
+from sightline.detection2d.registration import TASK
+from sightline.export.names import EngineName
+from sightline.export.process_engine import ProcessEngine
+from sightline.inference.network import LoadedNetwork, load_network
+from sightline.structures.predictions import Detections2D
+from sightline.structures.sample import CameraLidarSample
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DetectorAnswer:
+    """What a detector makes of a frame."""
+
+    detections: Detections2D
+    """In the frame's pixels, the surest first."""
+    camera_gate: Float32[Tensor, "rows columns"] | None = None
+    """Over the frame, from 0 (the camera's features are not used) to 1, at the resolution of the
+    network's finest map; None of a network without gates."""
+    lidar_gate: Float32[Tensor, "rows columns"] | None = None
+
+
+class DetectionPredictor:
+    """Detects cars, pedestrians and cyclists with a trained network.
+
+        predictor = DetectionPredictor.load("weights.safetensors")
+        found = predictor(sample).detections
+
+    Takes images of any size and sweeps of any number of beams. Either sensor may be missing, and a
+    black image or an empty sweep is as good as none: a network that was trained with faults knows
+    what to make of it. May be pickled, and called in a forked process.
+    """
+
+    def __init__(
+        self,
+        loaded: LoadedNetwork[Detector],
+        *,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> None:
+        """Takes a network; `load` takes the name of its weights.
+
+        Args:
+            loaded: The network.
+            engine: What runs it.
+            device: cpu or cuda.
+            threads: Of the CPU; None: the engine's own choice.
+
+        Raises:
+            ValueError: The engine is not installed or cannot run on the device.
+        """
+        self.name = loaded.name
+        self.sha256 = loaded.sha256
+        self.engine: EngineName = engine
+        self._config = loaded.network.config
+        self._stride = loaded.network.stride
+        self._input_names = loaded.network.input_names
+        self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
+
+    @classmethod
+    def load(
+        cls,
+        weights: str | Path,
+        *,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> "DetectionPredictor":
+        """Loads weights by name or from a file, and makes a predictor of them.
+
+        Raises:
+            ValueError: As `load_network` and the constructor do.
+        """
+        return cls(load_network(TASK, weights), engine=engine, device=device, threads=threads)
+
+    _PARTS: ClassVar[dict[str, Part]] = {"image": "image", "lidar": "points"}
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What it needs of a sample."""
+        return tuple(self._PARTS[name] for name in self._input_names)
+
+    @property
+    def gives(self) -> tuple[str, ...]:
+        """Which of the task's outputs its answers have."""
+        return ("results", "gates") if self._config.fusion == "gated" else ("results",)
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """What a manifest says beside the name."""
+        return {"weights_sha256": self.sha256, "engine": self.engine}
+
+    def __call__(self, sample: CameraLidarSample) -> DetectorAnswer:
+        """Detects in a sample.
+
+        Raises:
+            ValueError: The sample has nothing of what the network looks at.
+        """
+        if all(getattr(sample, part) is None for part in self.parts):
+            needed = " nor ".join(
+                {"image": "image", "points": "sweep"}[part] for part in self.parts
+            )
+            raise ValueError(
+                f"sample {sample.sample_id} has no {needed}, so nothing can be detected; give "
+                "data with a sensor that the network takes"
+            )
+        given, placement = place(sample, self._config.input)
+        size = whole_strides(given.image_size, self._stride)
+        images = {"image": camera_image(given), "lidar": lidar_image(given, self._config.input)}
+        outputs = self._run({name: padded(images[name], size)[None] for name in self._input_names})
+        on_cpu = {name: tensor[0].cpu() for name, tensor in outputs.items()}
+        gates = {
+            name: _over_frame(on_cpu[name], size, given.image_size)
+            for name in ("camera_gate", "lidar_gate")
+            if name in on_cpu
+        }
+        found = to_detections(
+            on_cpu["scores"], on_cpu["boxes"], placement, self._config.postprocess
+        )
+        return DetectorAnswer(detections=found, **gates)
+
+
+def _over_frame(
+    gate: Float32[Tensor, "groups rows columns"],
+    padded_size: tuple[int, int],
+    size: tuple[int, int],
+) -> Float32[Tensor, "new_rows new_columns"]:
+    """The mean gate of a map without what lies over the padding."""
+    rows, columns = (
+        max(round(count * side / whole), 1)
+        for count, side, whole in zip(gate.shape[1:], size, padded_size, strict=True)
+    )
+    return gate.mean(dim=0)[:rows, :columns].contiguous()

@@ -1,0 +1,123 @@
+"""2D detection as a task: what `sightline.tasks` knows of it.
+
+Light: the command line reads it to answer `--help`, so that all else is imported where it is used.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from sightline.inference.predictor import Output
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import UInt8
+
+    from sightline.detection2d.config import Detection2DConfig
+    from sightline.detection2d.model import Detector
+    from sightline.detection2d.predictor import DetectionPredictor, DetectorAnswer
+    from sightline.export.graph import ExportGraph
+    from sightline.export.names import EngineName
+    from sightline.inference.network import LoadedNetwork
+    from sightline.structures.sample import CameraLidarSample
+
+
+def _write_results(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswer") -> None:
+    from sightline.detection2d.files import write_results
+
+    write_results(path, sample, answer)
+
+
+def _write_gates(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswer") -> None:
+    from sightline.detection2d.files import write_gates
+
+    write_gates(path, sample, answer)
+
+
+class Detection2DTask:
+    """`sightline.tasks.Task`, by networks that look at the camera, the LiDAR or both."""
+
+    name: Final = "detection2d"
+    summary: Final = (
+        "Detects cars, pedestrians and cyclists in the image and writes KITTI's result files."
+    )
+    training_class: Final = "sightline.detection2d.task.Detection2D"
+    trial_settings: Final = {
+        "model.init_args.network.width": "0.125",
+        "model.init_args.vgg_weights": "null",
+        "data.init_args.preparation.init_args.settings.crop_size": "[288,320]",
+        "data.init_args.preparation.init_args.settings.view.min_iou_crop": "false",
+        "data.init_args.training": "[{path: ., sample_list: train}]",
+        "data.init_args.validation": "[{path: ., sample_list: val}]",
+    }
+    default_weights = None
+    methods: tuple[str, ...] = ()
+    outputs: tuple[Output, ...] = (
+        Output(
+            name="results",
+            suffix=".txt",
+            summary="KITTI's result files, with 2D boxes and scores.",
+            write=_write_results,
+        ),
+        Output(
+            name="gates",
+            suffix=".png",
+            summary="How far each sensor is let through: PNGs, the camera red, the LiDAR green.",
+            write=_write_gates,
+        ),
+    )
+
+    def config_type(self) -> "type[Detection2DConfig]":
+        """The network's settings."""
+        from sightline.detection2d.config import Detection2DConfig
+
+        return Detection2DConfig
+
+    def build(self, config: "Detection2DConfig") -> "Detector":
+        """The network."""
+        from sightline.detection2d.model import Detector
+
+        return Detector(config)
+
+    def graphs(self, loaded: "LoadedNetwork[Detector]") -> "tuple[ExportGraph, ...]":
+        """One, the whole network with decoded boxes."""
+        from sightline.detection2d.export_graph import export_graph
+
+        return (export_graph(loaded),)
+
+    def predictor(
+        self,
+        *,
+        method: str | None = None,
+        weights: str | Path | None = None,
+        engine: "EngineName" = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> "DetectionPredictor":
+        """A network with its weights, which must be named.
+
+        Raises:
+            ValueError: They are not, or as `DetectionPredictor.load`.
+        """
+        from sightline.detection2d.predictor import DetectionPredictor
+
+        if method is not None or weights is None:
+            raise ValueError(
+                "detection2d answers by a network, and no weights of it come with sightline: train "
+                "one by `sightline fit` and name its weights"
+            )
+        return DetectionPredictor.load(weights, engine=engine, device=device, threads=threads)
+
+    def picture(
+        self, sample: "CameraLidarSample", predictor: "DetectionPredictor"
+    ) -> "UInt8[np.ndarray, 'height width 3']":
+        """All there is to see of a sample, with what was detected."""
+        from sightline.visualization.sheet import frame_sheet
+
+        return frame_sheet(sample, detections2d=predictor(sample).detections)
+
+    def demo(self, frames: Path, out: Path) -> None:
+        """Has nothing to show before weights come with the package."""
+        del frames, out
+
+
+TASK: Final = Detection2DTask()

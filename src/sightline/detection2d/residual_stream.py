@@ -1,0 +1,85 @@
+"""One sensor's stream of the compact detector: dense convolutions in residual blocks."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+MAP_STRIDES: Final = (8, 16, 32)
+"""Of the maps that a stream gives."""
+
+
+class ConvNorm(nn.Sequential):
+    """Convolution, batch norm, ReLU. Depthwise convolutions take longer on CPUs than dense ones."""
+
+    def __init__(
+        self, in_channels: int, out_channels: int, kernel_px: int = 3, stride: int = 1
+    ) -> None:
+        super().__init__(
+            nn.Conv2d(
+                in_channels, out_channels, kernel_px, stride, padding=kernel_px // 2, bias=False
+            ),
+            nn.BatchNorm2d(out_channels),
+            nn.ReLU(inplace=True),
+        )
+
+
+class ResidualBlock(nn.Module):
+    """Two convolutions beside the identity: He et al. 2016, with the ReLU after the sum."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = ConvNorm(channels, channels)
+        self.second = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, padding=1, bias=False), nn.BatchNorm2d(channels)
+        )
+        self.activate = nn.ReLU(inplace=True)
+
+    def forward(
+        self, maps: Float[Tensor, "batch channels rows columns"]
+    ) -> Float[Tensor, "batch channels rows columns"]:
+        """Same size and channels."""
+        changed: Tensor = self.activate(maps + self.second(self.first(maps)))
+        return changed
+
+
+class ResidualStream(nn.Module):
+    """A stem and four stages, each of which halves the maps, down to a stride of 32.
+
+    Args:
+        in_channels: Of the sensor's image.
+        channels: After the stem (stride 2) and the stages (4, 8, 16, 32).
+        blocks: Residual blocks of each stage.
+        pooling: Blocks of so many pixels squared are reduced to their maxima first; the first
+            convolutions then keep the size. For images that are empty but for single pixels.
+    """
+
+    def __init__(
+        self, in_channels: int, channels: Sequence[int], blocks: Sequence[int], pooling: int = 1
+    ) -> None:
+        super().__init__()
+        self.pool = nn.MaxPool2d(pooling) if pooling > 1 else nn.Identity()
+        stem_stride, first_stride = {1: (2, 2), 2: (1, 2), 4: (1, 1)}[pooling]
+        self.stem = ConvNorm(in_channels, channels[0], stride=stem_stride)
+        strides = (first_stride, 2, 2, 2)
+        self.stages = nn.ModuleList(
+            nn.Sequential(
+                ConvNorm(before, count, stride=stride),
+                *(ResidualBlock(count) for _ in range(number)),
+            )
+            for before, count, number, stride in zip(
+                channels, channels[1:], blocks, strides, strict=False
+            )
+        )
+
+    def forward(
+        self, planes: Float[Tensor, "batch in_channels height width"]
+    ) -> list[Float[Tensor, "batch _channels _rows _columns"]]:
+        """Maps of strides 8, 16 and 32."""
+        features = self.stem(self.pool(planes))
+        maps = []
+        for stage in self.stages:
+            features = stage(features)
+            maps.append(features)
+        return maps[1:]

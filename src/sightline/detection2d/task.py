@@ -1,0 +1,124 @@
+"""Training and scoring of the 2D detectors."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+
+from sightline.data.object_results import kitti_from_detections2d
+from sightline.detection2d.batch import DetectionBatch
+from sightline.detection2d.config import Detection2DConfig
+from sightline.detection2d.loss import DetectionLossConfig, DetectionLosses, detection_loss
+from sightline.detection2d.model import Detector
+from sightline.detection2d.pictures import training_picture
+from sightline.detection2d.postprocess import to_detections
+from sightline.detection2d.readings import DetectorOutput
+from sightline.detection2d.vgg_weights import load_vgg_weights
+from sightline.evaluation.kitti_object_metric import KittiObjectMetric
+from sightline.training.module import OptimizerConfig, TrainingModule, choose_settings
+
+_LOSS, _OPTIMIZER = DetectionLossConfig(), OptimizerConfig()
+
+
+class Detection2D(TrainingModule):
+    """2D detection in training: scored by KITTI's rules, AP over 40 recall positions in percent."""
+
+    task_name: ClassVar[str] = "detection2d"
+    monitored: ClassVar[tuple[str, Literal["min", "max"]]] = (
+        "validation/Car/bbox/moderate",
+        "max",
+    )
+    network: Detector
+
+    def __init__(
+        self,
+        network: Detection2DConfig | None = None,
+        loss: DetectionLossConfig = _LOSS,
+        optimizer: OptimizerConfig = _OPTIMIZER,
+        initial_weights: Path | None = None,
+        vgg_weights: str | None = None,
+    ) -> None:
+        """Builds the network.
+
+        Args:
+            network: What is trained. None: the network of the initial weights; without those, the
+                paper's.
+            loss: What it is told.
+            optimizer: How its weights are updated.
+            initial_weights: Such a network's weights to start from: name of shipped ones, file or
+                checkpoint.
+            vgg_weights: VGG16's weights that its streams start from: imagenet, which torchvision
+                downloads, or a file of torchvision's VGG16. None: the streams start at random.
+
+        Raises:
+            ValueError: The initial weights cannot be read or are another network's.
+        """
+        settings = choose_settings(network, Detection2DConfig, initial_weights)
+        super().__init__(
+            Detector(settings),
+            KittiObjectMetric(),
+            optimizer=optimizer,
+            initial_weights=initial_weights,
+        )
+        self.loss = loss
+        self.vgg_weights = vgg_weights
+
+    def network_config(self) -> Detection2DConfig:
+        """The network's settings."""
+        config: Detection2DConfig = self.network.config
+        return config
+
+    def setup(self, stage: str) -> None:
+        """Takes VGG16's weights at the start of a training, before a checkpoint's replace them.
+
+        Raises:
+            ValueError: They cannot be had.
+        """
+        if stage == "fit" and self.vgg_weights is not None:
+            load_vgg_weights(self.network, self.vgg_weights)
+
+    def losses(self, batch: DetectionBatch) -> DetectionLosses:
+        """The loss of a batch and its terms."""
+        readings = self.network.read(
+            **self._inputs(batch), auxiliary=self.loss.auxiliary_weight > 0
+        )
+        is_compact = self.network.config.compact is not None
+        return detection_loss(readings, batch, self.loss, compact=is_compact)
+
+    def score(self, batch: DetectionBatch) -> DetectorOutput:
+        """Scores a batch."""
+        assert batch.frames is not None, "examples to score hold the frames' truth"
+        output: DetectorOutput = self.network(**self._inputs(batch))
+        found = [
+            to_detections(scores, boxes, frame.placement, self.network.config.postprocess)
+            for scores, boxes, frame in zip(output.scores, output.boxes, batch.frames, strict=True)
+        ]
+        self.metric.update(
+            [
+                kitti_from_detections2d(each, frame.placement.image_size)
+                for each, frame in zip(found, batch.frames, strict=True)
+            ],
+            [frame.objects for frame in batch.frames],
+        )
+        return output
+
+    def scores(self) -> Mapping[str, Tensor]:
+        """The image's AP of each class and difficulty."""
+        return {name: value for name, value in super().scores().items() if "/bbox/" in name}
+
+    def picture(
+        self, batch: DetectionBatch, answer: DetectorOutput
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """The first sample of a batch with its boxes, the LiDAR's image and the gates."""
+        return training_picture(batch, answer, self.network.config.postprocess)
+
+    def _inputs(self, batch: DetectionBatch) -> dict[str, Tensor]:
+        images = {"image": batch.image, "lidar": batch.lidar}
+        return {
+            name: images[name].contiguous(memory_format=torch.channels_last)
+            for name in self.network.input_names
+        }

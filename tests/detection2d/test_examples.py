@@ -1,0 +1,222 @@
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.augmentation import ColorJitterConfig, mirror
+from sightline.data.faults import Fault, FewerRings, NoCamera
+from sightline.data.open import open_dataset
+from sightline.detection2d.augmentation import ViewConfig, min_iou_crop, scaled_crop
+from sightline.detection2d.config import InputConfig
+from sightline.detection2d.examples import DetectionExamples, ExampleConfig
+from sightline.detection2d.placement import lidar_image
+from sightline.detection2d.targets import TargetConfig
+from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.batch import concatenate
+
+ANY_SIZE = InputConfig(size=None)
+CROPS = ExampleConfig(
+    input=ANY_SIZE,
+    pad_to=32,
+    crop_size=(256, 320),
+    view=ViewConfig(scales=(0.5, 1.5)),
+    color_jitter=ColorJitterConfig(),
+)
+PLAIN = ViewConfig(mirror=False)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return open_dataset(PACKAGED_FRAMES, parts={"image", "points", "objects"})[0]
+
+
+def example(sample, settings, *, seed=0, training=True, faults=()):
+    examples = DetectionExamples(settings, faults)
+    return examples.prepare(sample, np.random.default_rng(seed), training=training)
+
+
+@dataclass(frozen=True)
+class BlackBox(Fault):
+    """The left half of the image is black, and the sweep empty."""
+
+    def __str__(self):
+        return "black box"
+
+    def __call__(self, sample, rng):
+        del rng
+        image = sample.image.clone()
+        image[:, :, : image.shape[2] // 2] = 0
+        return replace(sample, image=image, points=sample.points[:0])
+
+
+def test_a_training_example_shows_objects_where_their_boxes_say(sample):
+    """A car's box holds nearer points than what is around it, whatever view was drawn."""
+    settings = replace(CROPS, targets=TargetConfig(min_height_px=40.0), color_jitter=None)
+    seen = 0
+    for seed in range(12):
+        batch = example(sample, settings, seed=seed)
+        assert batch.image.shape == batch.lidar.shape == (1, 3, 256, 320)
+        for box in batch.targets[0].boxes.long().tolist():
+            depth = batch.lidar[0, 0]
+            inside = depth[box[1] : box[3], box[0] : box[2]]
+            above = depth[max(box[1] - 40, 0) : box[1], box[0] : box[2]]
+            if (inside > 0).sum() > 30 and (above > 0).sum() > 30:
+                assert inside[inside > 0].median() > above[above > 0].median()
+                seen += 1
+    assert seen > 5
+
+
+def test_the_whole_frame_is_stretched_to_the_networks_input(sample):
+    size = (200, 500)
+    settings = ExampleConfig(input=InputConfig(size=size), view=PLAIN, targets=TargetConfig())
+    batch = example(sample, settings)
+    assert batch.image.shape == (1, 3, *size)
+    car = sample.objects.boxes2d.tensor[0].float()
+    scales = torch.tensor([500 / 1242, 200 / 375] * 2)
+    torch.testing.assert_close(batch.targets[0].boxes[0], (car + 0.5) * scales - 0.5)
+
+
+@pytest.mark.parametrize("settings", [CROPS, ExampleConfig(input=InputConfig(size=(64, 96)))])
+def test_an_example_depends_on_its_generator_alone(sample, settings):
+    faults = (NoCamera(), BlackBox())
+    first, again, other = (example(sample, settings, seed=s, faults=faults) for s in (3, 3, 4))
+    assert torch.equal(first.image, again.image)
+    assert torch.equal(first.lidar, again.lidar)
+    assert torch.equal(first.targets[0].boxes, again.targets[0].boxes)
+    assert not torch.equal(first.lidar, other.lidar)
+
+
+def test_mirrored_views_come_as_often_as_not(sample):
+    settings = ExampleConfig(input=InputConfig(size=(64, 96)))
+    plain, turned = (lidar_image_of(each, settings) for each in (sample, mirror(sample)))
+    found = [example(sample, settings, seed=seed).lidar[0] for seed in range(20)]
+    mirrored = [torch.equal(each, turned) for each in found]
+    assert all(
+        torch.equal(each, plain)
+        for each, is_turned in zip(found, mirrored, strict=True)
+        if not is_turned
+    )
+    assert 4 < sum(mirrored) < 16
+
+
+def lidar_image_of(sample, settings):
+    return example(sample, replace(settings, view=PLAIN)).lidar[0]
+
+
+def test_scoring_shows_the_whole_frame_as_it_is_with_all_its_labels(sample):
+    batch = example(sample, CROPS, training=False, faults=(NoCamera(),))
+    assert batch.image.shape == (1, 3, 384, 1248)
+    torch.testing.assert_close(batch.image[0, :, :375, :1242], sample.image / 255)
+    assert not batch.image[0, :, 375:].any()
+    (frame,) = batch.frames
+    assert frame.objects.class_names == sample.objects.class_names
+    np.testing.assert_allclose(frame.objects.boxes2d, sample.objects.boxes2d.tensor)
+    boxes = batch.targets[0].boxes
+    torch.testing.assert_close(frame.placement.to_image(boxes), boxes)
+
+
+def test_faults_come_as_often_as_is_said_and_gates_are_told_of_them(sample):
+    settings = replace(CROPS, health=True, fault_share=0.5)
+    found = [example(sample, settings, seed=seed, faults=(BlackBox(),)) for seed in range(24)]
+    broken = [batch for batch in found if not batch.lidar.any()]
+    assert 6 < len(broken) < 18
+    assert all((batch.lidar_health == 0).all() for batch in broken)
+    sound = [batch for batch in found if batch.lidar.any()]
+    assert all((batch.camera_health.nan_to_num(1) == 1).all() for batch in sound)
+    assert all((batch.lidar_health.nan_to_num(1) == 1).all() for batch in sound)
+    shares = [float(batch.camera_health.nanmean()) for batch in broken]
+    assert min(shares) < 0.4
+    assert max(shares) > 0.6
+
+
+def test_a_fault_may_be_the_same_for_all_samples_of_an_update(sample):
+    settings = replace(CROPS, faults_for="update", fault_share=0.5, color_jitter=None)
+    examples = DetectionExamples(settings, (NoCamera(), BlackBox()))
+    kinds = set()
+    for seed in range(12):
+        shared = examples.for_update(np.random.default_rng(seed))
+        batches = [
+            shared.prepare(sample, np.random.default_rng(each), training=True) for each in range(4)
+        ]
+        told = {"box" if not each.lidar.any() else bool(each.image.any()) for each in batches}
+        assert len(told) == 1
+        kinds |= told
+    assert kinds == {"box", True, False}
+
+
+def test_a_black_image_stays_black_whatever_becomes_of_its_colours(sample):
+    batch = example(sample, CROPS, faults=(BlackBox(),), seed=1)
+    assert (batch.image == 0).any()
+    dark = example(sample, replace(CROPS, fault_share=1.0), faults=(NoCamera(),), seed=2)
+    assert not dark.image.any()
+
+
+def test_a_fault_that_goes_by_the_order_of_points_works_in_mirrored_views_too(sample):
+    settings = replace(CROPS, fault_share=1.0)
+    for seed in range(4):
+        few = example(sample, settings, seed=seed, faults=(FewerRings(keep_every=4),))
+        all_ = example(sample, settings, seed=seed, faults=(FewerRings(keep_every=1),))
+        assert (few.lidar > 0).sum() < 0.5 * (all_.lidar > 0).sum()
+
+
+def test_examples_of_one_crop_size_make_a_batch(sample):
+    batch = concatenate([example(sample, CROPS, seed=seed) for seed in range(2)])
+    assert batch.image.shape == (2, 3, 256, 320)
+    assert len(batch.targets) == 2
+
+
+def test_a_patch_overlaps_an_object_or_is_the_whole_frame(sample):
+    wholes = 0
+    for seed in range(30):
+        patch = min_iou_crop(sample, np.random.default_rng(seed))
+        wholes += patch is sample
+        height, width = patch.image_size
+        assert height >= 0.29 * 375
+        assert width >= 0.29 * 1242
+        assert 0.49 < (height / 375) / (width / 1242) < 2.05
+    assert 2 < wholes < 28
+
+
+def test_a_crop_of_a_small_image_is_as_large_as_the_image_allows(sample):
+    view = ViewConfig(scales=(0.5, 0.5))
+    part = scaled_crop(sample, (384, 640), 1.0, view, np.random.default_rng(0))
+    assert part.image_size == (188, 621)
+
+
+def test_crops_that_are_aimed_show_an_object(sample):
+    view = ViewConfig(object_share=1.0)
+    whole = Boxes2D(torch.tensor([[0.0, 0.0, 199.0, 199.0]], dtype=torch.float64))
+    for seed in range(10):
+        part = scaled_crop(sample, (200, 200), 1.0, view, np.random.default_rng(seed))
+        named = part.objects.select(part.objects.has_box3d)
+        assert pairwise_iou2d(whole, named.boxes2d).sum() > 0
+
+
+def test_the_lidars_image_is_near_and_low_where_it_is_bright(sample):
+    image = lidar_image(sample, InputConfig())
+    assert ((image >= 0) & (image <= 1)).all()
+    rows = [band[band > 0].median() for band in (image[0, 300:], image[0, :175])]
+    assert rows[0] > rows[1]
+    literal = lidar_image(sample, InputConfig(height_offset_m=0.0))
+    assert (literal[1] >= image[1]).all()
+    assert not lidar_image(replace(sample, points=None), InputConfig()).any()
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"input": ANY_SIZE}, "frames of any size make no batches"),
+        ({"crop_size": (64, 64), "view": ViewConfig(min_iou_crop=True)}, "set crop_size to null"),
+        ({"fault_share": 1.5}, "fault_share must be from 0 to 1, got 1.5"),
+    ],
+)
+def test_settings_that_do_not_belong_together_are_refused(settings, said):
+    with pytest.raises(ValueError, match=said):
+        ExampleConfig(**settings)
+
+
+def test_a_sample_without_labels_is_refused(sample):
+    with pytest.raises(ValueError, match="000000 has no labels"):
+        example(replace(sample, objects=None), CROPS)

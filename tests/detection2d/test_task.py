@@ -1,0 +1,147 @@
+import lightning
+import numpy as np
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from torch.utils.data import DataLoader
+
+from sightline.data.open import open_dataset
+from sightline.data.weights import write_weights
+from sightline.detection2d.config import Detection2DConfig, InputConfig
+from sightline.detection2d.examples import DetectionExamples, ExampleConfig
+from sightline.detection2d.task import Detection2D
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.batch import concatenate
+from sightline.training.lightning_cli import LIGHTNING_NOISE
+from sightline.training.module import OptimizerConfig
+from tests.detection2d.frames import SIZE, TINY, painted_frame, write_network
+
+pytestmark = [pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE]
+
+
+def batch_of(samples, settings):
+    examples = DetectionExamples(settings)
+    rng = np.random.default_rng(0)
+    return concatenate([examples.prepare(each, rng, training=False) for each in samples])
+
+
+@pytest.fixture(scope="module")
+def batch():
+    frames = [painted_frame(number) for number in range(4)]
+    return batch_of(frames, ExampleConfig(input=InputConfig(size=SIZE)))
+
+
+def train(task, batch, steps, learning_rate):
+    optimizer = torch.optim.Adam(task.network.parameters(), lr=learning_rate, betas=(0.9, 0.99))
+    costs = []
+    for step in range(steps):
+        factor = min(1, (step + 1) / 5) * (1 if step < 0.7 * steps else 0.3)
+        optimizer.param_groups[0]["lr"] = learning_rate * factor
+        optimizer.zero_grad()
+        losses = task.losses(batch)
+        losses.total.backward()
+        torch.nn.utils.clip_grad_norm_(task.network.parameters(), 10.0)
+        optimizer.step()
+        costs.append(float(losses.total.detach()))
+    return costs
+
+
+def scores_of(task, batch, times=1):
+    """AP over 40 recall positions needs more than 40 objects to come near 100."""
+    task.network.eval()
+    with torch.inference_mode():
+        for _ in range(times):
+            task.score(batch)
+    return {name: float(value) for name, value in task.scores().items()}
+
+
+def test_the_papers_network_learns_four_frames_by_heart(batch):
+    torch.manual_seed(0)
+    task = Detection2D(Detection2DConfig(width=0.0625, input=InputConfig(size=SIZE)))
+    train(task, batch, steps=60, learning_rate=1e-3)
+    assert scores_of(task, batch, times=15)["Car/bbox/moderate"] > 90
+
+
+def test_only_the_images_scores_are_logged(batch):
+    scores = scores_of(Detection2D(TINY), batch)
+    assert len(scores) == 9
+    assert all("/bbox/" in name for name in scores)
+
+
+def test_tensorboard_gets_losses_scores_and_pictures(batch, tmp_path):
+    task = Detection2D(TINY)
+    loader = DataLoader([0], batch_size=None, collate_fn=lambda _: batch)
+    trainer = lightning.Trainer(
+        default_root_dir=tmp_path,
+        max_steps=1,
+        accelerator="cpu",
+        logger=lightning.pytorch.loggers.TensorBoardLogger(tmp_path, name="", version=""),
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        log_every_n_steps=1,
+        num_sanity_val_steps=0,
+    )
+    trainer.fit(task, loader, loader)
+    events = EventAccumulator(str(tmp_path))
+    events.Reload()
+    scalars = set(events.Tags()["scalars"])
+    assert {"training/total", "training/boxes", "validation/Car/bbox/moderate"} <= scalars
+    assert events.Tags()["images"] == ["validation/0"]
+
+
+def test_a_picture_shows_both_inputs_and_both_gates(batch):
+    task = Detection2D(TINY)
+    with torch.inference_mode():
+        output = task.score(batch)
+    shown = task.picture(batch, output)
+    assert shown.shape == (4 * SIZE[0], SIZE[1], 3)
+    np.testing.assert_array_equal(
+        shown[SIZE[0] : 2 * SIZE[0]], (batch.lidar[0].permute(1, 2, 0) * 255).round().byte()
+    )
+    without = task.picture(batch, output._replace(camera_gate=None, lidar_gate=None))
+    np.testing.assert_array_equal(without, shown[: 2 * SIZE[0]])
+
+
+def test_vgg_weights_are_taken_when_a_training_begins_and_only_then(tmp_path):
+    task = Detection2D(TINY, vgg_weights=str(tmp_path / "absent.pth"))
+    task.setup("validate")
+    with pytest.raises(ValueError, match="fit a network of width 1"):
+        task.setup("fit")
+
+
+def test_a_training_starts_from_the_weights_of_another(tmp_path):
+    network = write_network(tmp_path / "w.safetensors")
+    started = Detection2D(initial_weights=tmp_path / "w.safetensors")
+    assert started.network_config() == TINY
+    for name, tensor in started.network.state_dict().items():
+        assert torch.equal(tensor, network.state_dict()[name])
+    other = Detection2DConfig(width=TINY.width, input=TINY.input, fusion="ones")
+    with pytest.raises(ValueError, match=r"other settings \(fusion gated instead of ones\)"):
+        Detection2D(other, initial_weights=tmp_path / "w.safetensors")
+
+
+@pytest.mark.slow
+def test_the_papers_network_takes_ten_steps_of_its_own_training():
+    samples = open_dataset(PACKAGED_FRAMES, parts={"image", "points", "objects"})
+    batch = batch_of([samples[0]], ExampleConfig())
+    torch.manual_seed(0)
+    optimizer = OptimizerConfig(name="sgd", learning_rate=3e-4, weight_decay=5e-4)
+    task = Detection2D(Detection2DConfig(), optimizer=optimizer)
+    update = task.configure_optimizers()
+    costs = []
+    for _ in range(10):
+        update.zero_grad()
+        losses = task.losses(batch)
+        losses.total.backward()
+        update.step()
+        costs.append(float(losses.total.detach()))
+    assert all(np.isfinite(costs))
+    assert costs[-1] < costs[0]
+
+
+def test_weights_of_another_task_are_refused(tmp_path):
+    path = tmp_path / "w.safetensors"
+    write_weights(path, {"a": torch.zeros(1)}, task="tarot", config={}, provenance={})
+    with pytest.raises(ValueError, match="is of task tarot, expected detection2d"):
+        Detection2D(TINY, initial_weights=path)
