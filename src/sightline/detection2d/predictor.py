@@ -11,6 +11,7 @@ from torch import Tensor
 from sightline.data.object_tree import Part
 from sightline.detection2d.export_graph import export_graph
 from sightline.detection2d.model import Detector
+from sightline.detection2d.network_task import NETWORK_TASK
 from sightline.detection2d.placement import (
     camera_image,
     lidar_image,
@@ -19,7 +20,6 @@ from sightline.detection2d.placement import (
     whole_strides,
 )
 from sightline.detection2d.postprocess import to_detections
-from sightline.detection2d.registration import TASK
 from sightline.export.names import EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork, load_network
@@ -92,7 +92,9 @@ class DetectionPredictor:
         Raises:
             ValueError: As `load_network` and the constructor do.
         """
-        return cls(load_network(TASK, weights), engine=engine, device=device, threads=threads)
+        return cls(
+            load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
+        )
 
     _PARTS: ClassVar[dict[str, Part]] = {"image": "image", "lidar": "points"}
 

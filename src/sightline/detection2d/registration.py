@@ -6,13 +6,13 @@ Light: the command line reads it to answer `--help`, so that all else is importe
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from sightline.detection2d.network_task import DetectionNetworkTask
 from sightline.inference.predictor import Output
 
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import UInt8
 
-    from sightline.detection2d.config import Detection2DConfig
     from sightline.detection2d.model import Detector
     from sightline.detection2d.predictor import DetectionPredictor, DetectorAnswer
     from sightline.export.graph import ExportGraph
@@ -33,10 +33,9 @@ def _write_gates(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswe
     write_gates(path, sample, answer)
 
 
-class Detection2DTask:
+class Detection2DTask(DetectionNetworkTask):
     """`sightline.tasks.Task`, by networks that look at the camera, the LiDAR or both."""
 
-    name: Final = "detection2d"
     summary: Final = (
         "Detects cars, pedestrians and cyclists in the image and writes KITTI's result files."
     )
@@ -65,18 +64,6 @@ class Detection2DTask:
             write=_write_gates,
         ),
     )
-
-    def config_type(self) -> "type[Detection2DConfig]":
-        """The network's settings."""
-        from sightline.detection2d.config import Detection2DConfig
-
-        return Detection2DConfig
-
-    def build(self, config: "Detection2DConfig") -> "Detector":
-        """The network."""
-        from sightline.detection2d.model import Detector
-
-        return Detector(config)
 
     def graphs(self, loaded: "LoadedNetwork[Detector]") -> "tuple[ExportGraph, ...]":
         """One, the whole network with decoded boxes."""
