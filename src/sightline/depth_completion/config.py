@@ -121,6 +121,9 @@ class DepthCompletionConfig:
     dead_zone: float = 0.0
     """Corrections by less than this, as the logarithm of a factor, are none, and larger ones are
     smaller by it: what the classical completion knows to the centimetre stays as it is."""
+    least_correction: float = 0.0
+    """In use, not in training, what the dead zone leaves of a correction counts only from this on,
+    and wholly from twice this."""
     validity_channel: bool = False
     """Tells the network by a channel of its own where the sparse map holds a measurement."""
     presence_channel: bool = False
@@ -149,10 +152,12 @@ class DepthCompletionConfig:
             raise ValueError("residual corrects the classical completion: set filled_input too")
         if self.correction == "log" and not self.residual:
             raise ValueError("correction log is a factor on the classical completion: set residual")
-        if not 0 <= self.dead_zone < 1:
-            raise ValueError(f"dead_zone must be from 0 to below 1, got {self.dead_zone}")
-        if self.dead_zone and self.correction != "log":
-            raise ValueError("dead_zone is of a factor's logarithm: set correction log too")
+        for name in ("dead_zone", "least_correction"):
+            value = getattr(self, name)
+            if not 0 <= value < 1:
+                raise ValueError(f"{name} must be from 0 to below 1, got {value}")
+            if value and self.correction != "log":
+                raise ValueError(f"{name} is of a factor's logarithm: set correction log too")
 
     @property
     def stride(self) -> int:
