@@ -12,8 +12,8 @@ from sightline.detection2d.examples import DetectionExamples, ExampleConfig
 from sightline.detection2d.task import Detection2D
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
-from sightline.training.lightning_cli import LIGHTNING_NOISE
 from sightline.training.module import OptimizerConfig
+from sightline.training.quiet import LIGHTNING_NOISE
 from tests.detection2d.frames import SIZE, TINY, painted_frame, write_network
 
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE]
