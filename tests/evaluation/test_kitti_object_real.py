@@ -11,7 +11,9 @@ def labels_7481(kitti_root, tmp_path_factory):
     folder = tmp_path_factory.mktemp("kitti")
     with tarfile.open(kitti_root / "labels_and_calib_7481.tar.gz") as archive:
         members = [each for each in archive if each.name.startswith("label_2/")]
-        archive.extractall(folder, members, filter="data")
+        # As an attribute: the argument came with Python 3.11.4.
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)
+        archive.extractall(folder, members)
     return folder / "label_2"
 
 
