@@ -196,6 +196,15 @@ def test_an_archive_that_is_packed_is_not_unpacked(tmp_path):
     assert "it is packed, to hold 10000000 bytes" in refused(path)
 
 
+def test_an_archive_that_claims_to_span_several_disks_is_refused(tmp_path):
+    content = bytearray(bytes_of(checkpoint()))
+    num_disks = content.rindex(b"PK\x06\x07") + 16  # in the locator of the 64-bit directory
+    content[num_disks] = 2
+    path = tmp_path / "last.ckpt"
+    path.write_bytes(content)
+    assert "cannot be read as a checkpoint" in refused(path)
+
+
 damages = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), max_size=8)
 
 

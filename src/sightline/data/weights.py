@@ -95,7 +95,7 @@ def read_weights(weights: Path | str) -> Weights:
             finite, or says not what network it is for; the error names the file, in one line.
     """
     path = find_weights(weights)
-    if zipfile.is_zipfile(path):
+    if _is_archive(path):
         return read_checkpoint_weights(path)
     description = read_description(path)
     try:
@@ -166,6 +166,13 @@ def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
 
 def _kind(tensor: Tensor) -> str:
     return f"{str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)}"
+
+
+def _is_archive(path: Path) -> bool:
+    try:
+        return zipfile.is_zipfile(path)
+    except zipfile.BadZipFile:  # one that is damaged: Python's own, before 3.13, raises on some
+        return True
 
 
 def _check_archive(path: Path) -> None:
