@@ -21,6 +21,7 @@ class CameraBlank(CameraCorruption):
     """A dead camera whose picture still comes, black; `data.faults.NoCamera` has no picture."""
 
     kind = "camera_blank"
+    leaves_nothing = True
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -36,6 +37,7 @@ class LidarBlank(LidarCorruption):
     """A dead LiDAR: a sweep without points, so that all its projected maps are zero."""
 
     kind = "lidar_blank"
+    leaves_nothing = True
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator

@@ -69,6 +69,8 @@ class Corruption(Fault):
     """Name, which also keeps its random numbers apart from other kinds'."""
     sensors: ClassVar[tuple[Sensor, ...]]
     """What it changes; all other parts of a sample stay."""
+    leaves_nothing: ClassVar[bool] = False
+    """Whether nothing of the scene is left where the masks say, or only less."""
 
     def __str__(self) -> str:
         """The kind."""

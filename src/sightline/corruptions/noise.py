@@ -43,6 +43,7 @@ class CameraDeadPixels(CameraCorruption):
     """Pixels that deliver nothing, scattered over the sensor."""
 
     kind = "camera_dead_pixels"
+    leaves_nothing = True
 
     share: tuple[float, float]
     """Of the pixels, drawn evenly."""

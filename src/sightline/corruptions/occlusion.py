@@ -24,6 +24,7 @@ class CameraOcclusion(CameraCorruption):
     """A black box in the image."""
 
     kind = "camera_occlusion"
+    leaves_nothing = True
 
     box: BoxDrawing = field(default_factory=BoxDrawing)
 
@@ -42,6 +43,7 @@ class LidarOcclusion(LidarCorruption):
     """An empty box in the maps that the sweep is projected to."""
 
     kind = "lidar_occlusion"
+    leaves_nothing = True
 
     box: BoxDrawing = field(default_factory=BoxDrawing)
 

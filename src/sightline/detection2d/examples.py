@@ -2,12 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
+import torch
+from jaxtyping import Bool, Float32
 from torch import Tensor
 
+from sightline.corruptions.corruption import Corrupted
+from sightline.corruptions.drawing import CaseDrawing
+from sightline.corruptions.suites import CLEAN, Case
 from sightline.data.augmentation import ColorJitterConfig, jitter_color
+from sightline.data.camera_chain import CameraChainConfig, change_camera
 from sightline.data.faults import Fault
 from sightline.data.object_labels import kitti_from_labels
 from sightline.detection2d.augmentation import (
@@ -18,7 +23,7 @@ from sightline.detection2d.augmentation import (
 )
 from sightline.detection2d.batch import DetectionBatch, FrameTruth
 from sightline.detection2d.config import InputConfig, check_range
-from sightline.detection2d.health import camera_health, lidar_health
+from sightline.detection2d.health import health
 from sightline.detection2d.placement import (
     camera_image,
     lidar_image,
@@ -29,6 +34,9 @@ from sightline.detection2d.placement import (
 from sightline.detection2d.targets import TargetConfig, make_targets
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
+
+_SOUND = CaseDrawing(probabilities={CLEAN: 1.0})
+_HALF_LEVEL = 127  # of a painted mask
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,13 +54,15 @@ class ExampleConfig:
     """How training draws its views of a frame."""
     color_jitter: ColorJitterConfig | None = None
     """How far training changes the image's colours. None: not at all."""
-    fault_share: float = 0.8
-    """Share of the training examples that get one of the faults."""
-    faults_for: Literal["image", "update"] = "image"
-    """Whether the fault is drawn for each image, or one for all images of a batch: where the fault
-    is, say, is each image's own in any case."""
+    camera: CameraChainConfig | None = None
+    """Which other cameras training sees through. None: none."""
+    cases: CaseDrawing | None = None
+    """Which corruptions training meets. None: none."""
     health: bool = False
-    """Whether training examples say which parts of the sensors' images a fault has taken away."""
+    """Whether training examples say which parts of the sensors' images their case has broken."""
+    fault_share: float = 0.5
+    """Share of the training examples that get one of the further faults as well, of which health
+    does not tell."""
     targets: TargetConfig = TargetConfig()  # noqa: RUF009
     """What training asks the network to find."""
 
@@ -74,24 +84,27 @@ class DetectionExamples(SamplePreparation):
     parts = frozenset({"image", "points", "objects"})
 
     def __init__(
-        self, settings: ExampleConfig = ExampleConfig(), faults: Sequence[Fault] = ()
+        self,
+        settings: ExampleConfig = ExampleConfig(),
+        faults: Sequence[Fault] = (),
     ) -> None:
         """Takes the settings.
 
         Args:
             settings: What examples hold.
-            faults: What may be wrong with the sensors in training; each is as likely.
+            faults: What else may be wrong with the sensors in training; each is as likely.
         """
         self.settings = settings
         self.faults = tuple(faults)
 
     def for_update(self, rng: np.random.Generator) -> "DetectionExamples":
-        """With the one fault, or none, that all samples of a batch get, if the settings say so."""
-        if self.settings.faults_for == "image" or not self.faults:
+        """With the one case that all samples of a batch meet, if the settings say so."""
+        cases = self.settings.cases
+        if cases is None or cases.per == "image":
             return self
-        is_faulty = rng.random() < self.settings.fault_share
-        settings = replace(self.settings, fault_share=1.0 if is_faulty else 0.0)
-        return DetectionExamples(settings, (self.faults[int(rng.integers(len(self.faults)))],))
+        (case,) = cases.draw(rng)
+        only = replace(cases, probabilities={case.name: 1.0}, per="image")
+        return DetectionExamples(replace(self.settings, cases=only), self.faults)
 
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
@@ -115,36 +128,32 @@ def training_example(
 ) -> DetectionBatch:
     """A batch of one: a view of the frame, maybe by a faulty sensor, and its truth.
 
-    Colours are changed first, so that what a fault makes black stays black; then comes the fault,
-    on the frame as it was taken: some go by the order of its points, which a mirror undoes.
+    Colours are changed first, so that what a corruption makes black stays black; then the sensors
+    are broken, on the frame as it was taken: some faults go by the order of its points, which a
+    mirror undoes. Lens and image sensor come last, where the camera is not broken.
     """
-    sound = (
-        sample if config.color_jitter is None else jitter_color(sample, rng, config.color_jitter)
-    )
-    worse = sound
+    if config.color_jitter is not None:
+        sample = jitter_color(sample, rng, config.color_jitter)
     if faults and rng.random() < config.fault_share:
-        worse = faults[int(rng.integers(len(faults)))](sound, rng)
-    seed = int(rng.integers(2**63))  # both are seen the same way
-    view = _view(worse, config, np.random.default_rng(seed))
+        sample = faults[int(rng.integers(len(faults)))](sample, rng)
+    (case,) = (config.cases or _SOUND).draw(rng)
+    corrupted = case.corruption.corrupt(sample, rng)
+    seed = int(rng.integers(2**63))  # sample and masks are seen the same way
+    view = _view(corrupted.sample, config, np.random.default_rng(seed))
     assert view.objects is not None, "checked when it was prepared"
+    targets = make_targets(view.objects, config.targets)
+    camera_mask, lidar_mask = _seen_masks(corrupted, config, np.random.default_rng(seed))
+    if config.camera is not None:
+        view = _through_camera(view, camera_mask, config.camera, rng)
     size = whole_strides(config.crop_size or view.image_size, config.pad_to)
     maps = _maps(view, config.input, size)
-    if config.health:
-        before = maps
-        if worse is not sound:
-            before = _maps(_view(sound, config, np.random.default_rng(seed)), config.input, size)
-        maps = maps | {
-            "camera_health": camera_health(before["image"], maps["image"]),
-            "lidar_health": lidar_health(before["lidar"], maps["lidar"]),
-        }
-    targets = make_targets(view.objects, config.targets)
     return DetectionBatch(
         sample_ids=(sample.sample_id,),
         targets=(targets,),
         image=maps["image"][None],
         lidar=maps["lidar"][None],
-        camera_health=maps["camera_health"][None] if config.health else None,
-        lidar_health=maps["lidar_health"][None] if config.health else None,
+        camera_health=_health(camera_mask, size, case) if config.health else None,
+        lidar_health=_health(lidar_mask, size, case) if config.health else None,
     )
 
 
@@ -177,6 +186,37 @@ def _view(
     if config.view.min_iou_crop:
         sample = min_iou_crop(sample, rng)
     return place(sample, config.input)[0]
+
+
+def _seen_masks(
+    corrupted: Corrupted, config: ExampleConfig, rng: np.random.Generator
+) -> tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]:
+    """The masks of camera and LiDAR in a view: resized and turned as an image is."""
+    masks = torch.stack(
+        (corrupted.camera_mask, corrupted.lidar_mask, torch.zeros_like(corrupted.camera_mask))
+    )
+    painted = replace(corrupted.sample, image=masks.byte() * 255, points=None)
+    image = _view(painted, config, rng).image
+    assert image is not None, "it was given one"
+    return image[0] > _HALF_LEVEL, image[1] > _HALF_LEVEL
+
+
+def _through_camera(
+    view: CameraLidarSample,
+    broken: Bool[Tensor, "height width"],
+    config: CameraChainConfig,
+    rng: np.random.Generator,
+) -> CameraLidarSample:
+    changed = change_camera(view, rng, config)
+    if changed.image is None or view.image is None or not broken.any():
+        return changed
+    return replace(changed, image=torch.where(broken, view.image, changed.image))
+
+
+def _health(
+    broken: Bool[Tensor, "height width"], size: tuple[int, int], case: Case
+) -> Float32[Tensor, "1 1 rows columns"]:
+    return health(broken, size, nothing_left=case.corruption.leaves_nothing)[None]
 
 
 def _maps(

@@ -1,33 +1,38 @@
-"""Which parts of the sensors' images a fault has taken away: what gates are taught."""
+"""Which parts of the sensors' images are left: what gates are taught."""
 
 from typing import Final
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 from torch import Tensor
+
+from sightline.detection2d.placement import padded
 
 CELL_PX: Final = 8
 """Side of the cells that health is told for: the finest maps' stride."""
 
 
-def camera_health(
-    before: Float32[Tensor, "3 height width"], after: Float32[Tensor, "3 height width"]
+def health(
+    broken: Bool[Tensor, "height width"], size: tuple[int, int], *, nothing_left: bool
 ) -> Float32[Tensor, "1 rows columns"]:
-    """Share of each cell's pixels that have not become black; NaN where all were black before."""
-    return _kept_share(_is_given(before), _is_given(after))
+    """Share of each cell's pixels that a sensor still delivers.
 
+    NaN, which is unknown, where a cell lies outside of the image, or where all of it is broken and
+    yet something left of it: how much, a gate must find out for itself.
 
-def lidar_health(
-    before: Float32[Tensor, "3 height width"], after: Float32[Tensor, "3 height width"]
-) -> Float32[Tensor, "1 rows columns"]:
-    """Share of each cell's pixels with a point that still have one; NaN where there was none.
-
-    Where the whole sweep is gone, that is known of the cells without points too: 0.
+    Args:
+        broken: Where the sensor's image is.
+        size: Height, width [px] that the image is padded to.
+        nothing_left: Whether nothing of the scene is left where it is broken.
     """
-    given, kept = _is_given(before), _is_given(after)
-    share = _kept_share(given, kept)
-    return torch.zeros_like(share) if given.any() and not kept.any() else share
+    is_sound = ~broken
+    is_known = torch.ones_like(broken) if nothing_left else is_sound
+    sound, known = (
+        F.avg_pool2d(padded(each[None].float(), size), CELL_PX, ceil_mode=True)
+        for each in (is_sound, is_known)
+    )
+    return torch.where(known > 0, sound / known.clamp(min=1e-6), torch.nan)
 
 
 def pooled_health(
@@ -39,14 +44,3 @@ def pooled_health(
     share = F.adaptive_avg_pool2d(health.nan_to_num(), size)
     known = F.adaptive_avg_pool2d(is_known, size)
     return torch.where(known > 0, share / known.clamp(min=1e-6), torch.nan)
-
-
-def _is_given(image: Float32[Tensor, "3 height width"]) -> Float32[Tensor, "1 height width"]:
-    return (image.amax(dim=0, keepdim=True) > 0).float()
-
-
-def _kept_share(
-    given: Float32[Tensor, "1 height width"], kept: Float32[Tensor, "1 height width"]
-) -> Float32[Tensor, "1 rows columns"]:
-    before, after = (F.avg_pool2d(each, CELL_PX, ceil_mode=True) for each in (given, given * kept))
-    return torch.where(before > 0, after / before.clamp(min=1e-6), torch.nan)
