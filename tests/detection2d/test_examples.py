@@ -1,15 +1,19 @@
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 
+from sightline.corruptions.drawing import CaseDrawing
 from sightline.data.augmentation import ColorJitterConfig, mirror
-from sightline.data.faults import Fault, FewerRings, NoCamera
+from sightline.data.camera_chain import CameraChainConfig
+from sightline.data.faults import FewerRings, NoCamera
 from sightline.data.open import open_dataset
 from sightline.detection2d.augmentation import ViewConfig, min_iou_crop, scaled_crop
 from sightline.detection2d.config import InputConfig
 from sightline.detection2d.examples import DetectionExamples, ExampleConfig
+from sightline.detection2d.health import CELL_PX
 from sightline.detection2d.placement import lidar_image
 from sightline.detection2d.targets import TargetConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
@@ -37,23 +41,9 @@ def example(sample, settings, *, seed=0, training=True, faults=()):
     return examples.prepare(sample, np.random.default_rng(seed), training=training)
 
 
-@dataclass(frozen=True)
-class BlackBox(Fault):
-    """The left half of the image is black, and the sweep empty."""
-
-    def __str__(self):
-        return "black box"
-
-    def __call__(self, sample, rng):
-        del rng
-        image = sample.image.clone()
-        image[:, :, : image.shape[2] // 2] = 0
-        return replace(sample, image=image, points=sample.points[:0])
-
-
 def test_a_training_example_shows_objects_where_their_boxes_say(sample):
     """A car's box holds nearer points than what is around it, whatever view was drawn."""
-    settings = replace(CROPS, targets=TargetConfig(min_height_px=40.0), color_jitter=None)
+    settings = replace(CROPS, targets=TargetConfig(min_height_px=40.0, max_occlusion=0))
     seen = 0
     for seed in range(12):
         batch = example(sample, settings, seed=seed)
@@ -80,8 +70,8 @@ def test_the_whole_frame_is_stretched_to_the_networks_input(sample):
 
 @pytest.mark.parametrize("settings", [CROPS, ExampleConfig(input=InputConfig(size=(64, 96)))])
 def test_an_example_depends_on_its_generator_alone(sample, settings):
-    faults = (NoCamera(), BlackBox())
-    first, again, other = (example(sample, settings, seed=s, faults=faults) for s in (3, 3, 4))
+    settings = replace(settings, cases=CaseDrawing(), camera=CameraChainConfig())
+    first, again, other = (example(sample, settings, seed=s) for s in (3, 3, 4))
     assert torch.equal(first.image, again.image)
     assert torch.equal(first.lidar, again.lidar)
     assert torch.equal(first.targets[0].boxes, again.targets[0].boxes)
@@ -117,40 +107,78 @@ def test_scoring_shows_the_whole_frame_as_it_is_with_all_its_labels(sample):
     torch.testing.assert_close(frame.placement.to_image(boxes), boxes)
 
 
-def test_faults_come_as_often_as_is_said_and_gates_are_told_of_them(sample):
-    settings = replace(CROPS, health=True, fault_share=0.5)
-    found = [example(sample, settings, seed=seed, faults=(BlackBox(),)) for seed in range(24)]
-    broken = [batch for batch in found if not batch.lidar.any()]
-    assert 6 < len(broken) < 18
-    assert all((batch.lidar_health == 0).all() for batch in broken)
-    sound = [batch for batch in found if batch.lidar.any()]
-    assert all((batch.camera_health.nan_to_num(1) == 1).all() for batch in sound)
-    assert all((batch.lidar_health.nan_to_num(1) == 1).all() for batch in sound)
-    shares = [float(batch.camera_health.nanmean()) for batch in broken]
-    assert min(shares) < 0.4
-    assert max(shares) > 0.6
+def only(case):
+    return CaseDrawing(probabilities={case: 1.0})
 
 
-def test_a_fault_may_be_the_same_for_all_samples_of_an_update(sample):
-    settings = replace(CROPS, faults_for="update", fault_share=0.5, color_jitter=None)
-    examples = DetectionExamples(settings, (NoCamera(), BlackBox()))
+def test_cases_come_as_often_as_is_said(sample):
+    shares = {"clean": 0.4, "lidar_blank": 0.3, "camera_blank": 0.3}
+    settings = replace(CROPS, health=True, cases=CaseDrawing(probabilities=shares))
+    found = [example(sample, settings, seed=seed) for seed in range(40)]
+    no_lidar = [batch for batch in found if not batch.lidar.any()]
+    no_camera = [batch for batch in found if not batch.image.any()]
+    assert 5 < len(no_lidar) < 20
+    assert 5 < len(no_camera) < 20
+    for batch in found:
+        assert bool(batch.lidar.any()) == bool(batch.lidar_health.nansum() > 0)
+        assert bool(batch.image.any()) == bool(batch.camera_health.nansum() > 0)
+
+
+@pytest.mark.parametrize("settings", [CROPS, ExampleConfig(input=InputConfig(size=(96, 200)))])
+@pytest.mark.parametrize(("sensor", "image"), [("camera", "image"), ("lidar", "lidar")])
+def test_gates_are_told_where_a_box_is_in_each_view(sample, settings, sensor, image):
+    cases = only(f"{sensor}_occlusion")
+    settings = replace(settings, health=True, color_jitter=None, cases=cases)
+    seen = 0
+    for seed in range(10):
+        batch = example(sample, settings, seed=seed)
+        told = getattr(batch, f"{sensor}_health")
+        other = getattr(batch, f"{'lidar' if sensor == 'camera' else 'camera'}_health")
+        assert (other.nan_to_num(1) == 1).all()
+        shown = F.max_pool2d(getattr(batch, image), CELL_PX, ceil_mode=True).amax(1, keepdim=True)
+        assert not shown[is_within(told)].any()
+        if sensor == "camera":
+            assert shown[told == 1].bool().float().mean() > 0.99
+        seen += bool(is_within(told).any())
+    assert seen > 5
+
+
+def is_within(told):
+    """Cells that are broken, with all their neighbours: edges are blurred where views are scaled."""
+    return F.max_pool2d(told.nan_to_num(1), 3, stride=1, padding=1) == 0
+
+
+def test_gates_are_not_told_of_what_is_only_disturbed(sample):
+    batch = example(sample, replace(CROPS, health=True, cases=only("camera_noise")))
+    assert batch.camera_health.isnan().all()
+    assert (batch.lidar_health.nan_to_num(1) == 1).all()
+
+
+def test_a_case_may_be_the_same_for_all_samples_of_an_update(sample):
+    shares = {"clean": 0.4, "lidar_blank": 0.3, "camera_blank": 0.3}
+    cases = CaseDrawing(probabilities=shares, per="update")
+    examples = DetectionExamples(replace(CROPS, cases=cases, color_jitter=None))
     kinds = set()
     for seed in range(12):
         shared = examples.for_update(np.random.default_rng(seed))
         batches = [
-            shared.prepare(sample, np.random.default_rng(each), training=True) for each in range(4)
+            shared.prepare(sample, np.random.default_rng(each), training=True) for each in range(3)
         ]
-        told = {"box" if not each.lidar.any() else bool(each.image.any()) for each in batches}
-        assert len(told) == 1
-        kinds |= told
-    assert kinds == {"box", True, False}
+        (told,) = {(bool(each.image.any()), bool(each.lidar.any())) for each in batches}
+        kinds.add(told)
+    assert kinds == {(True, True), (True, False), (False, True)}
 
 
 def test_a_black_image_stays_black_whatever_becomes_of_its_colours(sample):
-    batch = example(sample, CROPS, faults=(BlackBox(),), seed=1)
-    assert (batch.image == 0).any()
-    dark = example(sample, replace(CROPS, fault_share=1.0), faults=(NoCamera(),), seed=2)
-    assert not dark.image.any()
+    settings = replace(CROPS, camera=CameraChainConfig(share=1.0), cases=only("camera_blank"))
+    assert not example(sample, settings).image.any()
+    boxed = replace(settings, cases=only("camera_occlusion"), health=True)
+    batches = [example(sample, boxed, seed=seed) for seed in range(5)]
+    hidden = [is_within(each.camera_health) for each in batches]
+    assert any(where.any() for where in hidden)
+    for where, each in zip(hidden, batches, strict=True):
+        shown = F.max_pool2d(each.image, CELL_PX).amax(1, keepdim=True)
+        assert not shown[where].any()
 
 
 def test_a_fault_that_goes_by_the_order_of_points_works_in_mirrored_views_too(sample):

@@ -16,10 +16,10 @@ CELL_PX: Final = 8
 def health(
     broken: Bool[Tensor, "height width"], size: tuple[int, int], *, nothing_left: bool
 ) -> Float32[Tensor, "1 rows columns"]:
-    """Share of each cell's pixels that a sensor still delivers.
+    """Share of each cell's pixels within the image that a sensor still delivers.
 
-    NaN, which is unknown, where a cell lies outside of the image, or where all of it is broken and
-    yet something left of it: how much, a gate must find out for itself.
+    NaN, which is unknown, beyond the image, and where all of a cell is broken but not gone: how
+    much is left of it, a gate must find out by itself.
 
     Args:
         broken: Where the sensor's image is.
