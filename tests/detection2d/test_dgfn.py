@@ -40,6 +40,21 @@ def test_the_fused_maps_have_the_papers_sizes(papers):
     ]  # fmt: skip
 
 
+def test_all_convolutions_of_the_streams_may_be_normalised(papers):
+    config = Detection2DConfig(width=TINY.width, dgfn=DgfnConfig(batch_norm=True))
+    streams = Detector(config).streams
+    for stream in streams.values():
+        layers = [each for each in stream.modules() if not list(each.children())]
+        following = list(zip(layers, layers[1:], layers[2:], strict=False))
+        convs = [trio for trio in following if isinstance(trio[0], nn.Conv2d)]
+        assert len(convs) == 13 + 2 + 8
+        for conv, norm, activation in convs:
+            assert isinstance(norm, nn.BatchNorm2d)
+            assert norm.num_features == conv.out_channels
+            assert isinstance(activation, nn.ReLU)
+    assert not any(isinstance(each, nn.BatchNorm2d) for each in papers.modules())
+
+
 def test_it_has_the_papers_parameters_operations_and_priors(papers):
     image = torch.zeros(1, 3, *PAPER_SIZE, device="meta")
     with FlopCounterMode(display=False) as counter:

@@ -144,7 +144,7 @@ def test_gates_are_told_where_a_box_is_in_each_view(sample, settings, sensor, im
 
 
 def is_within(told):
-    """Cells that are broken, with all their neighbours: edges are blurred where views are scaled."""
+    """Cells that are broken, with all their neighbours: scaled views have blurred edges."""
     return F.max_pool2d(told.nan_to_num(1), 3, stride=1, padding=1) == 0
 
 

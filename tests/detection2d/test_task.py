@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import lightning
 import numpy as np
 import pytest
@@ -103,8 +105,23 @@ def test_a_picture_shows_both_inputs_and_both_gates(batch):
     np.testing.assert_array_equal(without, shown[: 2 * SIZE[0]])
 
 
+def attached(task, **data):
+    """A task whose Trainer has such data."""
+    task.trainer = lightning.Trainer(logger=False, enable_checkpointing=False, accelerator="cpu")
+    task.trainer.datamodule = SimpleNamespace(**data)
+    return task
+
+
+def test_examples_that_show_frames_otherwise_than_the_network_sees_them_are_refused():
+    same = DetectionExamples(ExampleConfig(input=TINY.input))
+    attached(Detection2D(TINY), preparation=same).setup("fit")
+    other = DetectionExamples(ExampleConfig(input=InputConfig(size=(64, 96))))
+    with pytest.raises(ValueError, match=r"examples' settings\.input is .*\(64, 96\).* set both"):
+        attached(Detection2D(TINY), preparation=other).setup("validate")
+
+
 def test_vgg_weights_are_taken_when_a_training_begins_and_only_then(tmp_path):
-    task = Detection2D(TINY, vgg_weights=str(tmp_path / "absent.pth"))
+    task = attached(Detection2D(TINY, vgg_weights=str(tmp_path / "absent.pth")))
     task.setup("validate")
     with pytest.raises(ValueError, match="fit a network of width 1"):
         task.setup("fit")

@@ -2,7 +2,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from sightline.detection2d.config import Detection2DConfig
+from sightline.detection2d.config import Detection2DConfig, DgfnConfig
 from sightline.detection2d.model import Detector
 from sightline.detection2d.vgg_stream import VGG_CONVS
 from sightline.detection2d.vgg_weights import load_vgg_weights
@@ -99,6 +99,13 @@ def test_a_file_of_something_else_is_refused_with_what_to_do(tensors, tmp_path, 
 def test_a_narrow_network_is_refused(files):
     with pytest.raises(ValueError, match=r"fit a network of width 1, got 0\.03"):
         load_vgg_weights(Detector(TINY), str(files / "vgg16.pth"))
+
+
+def test_a_normalised_network_is_refused(files):
+    with torch.device("meta"):
+        network = Detector(Detection2DConfig(dgfn=DgfnConfig(batch_norm=True)))
+    with pytest.raises(ValueError, match="fit streams without batch_norm; begin without them by"):
+        load_vgg_weights(network, str(files / "vgg16.pth"))
 
 
 def test_without_a_net_it_says_where_to_fetch_them(monkeypatch):

@@ -76,6 +76,9 @@ class DgfnConfig:
     """Width over height of each map's other priors; each comes upright and lying."""
     l2_norm_scale: float = 20.0
     """To which the features of conv4_3 are scaled at first (Liu et al. 2016, section 3.1)."""
+    batch_norm: bool = False
+    """Whether the convolutions of the streams are normalised. Without VGG16's weights, a short
+    training of the paper's own layers hardly leaves its start."""
 
     def __post_init__(self) -> None:
         """Checks the numbers of the priors."""

@@ -65,7 +65,8 @@ class DgfnDesign:
     def stream(self, sensor: str, planes: int) -> VggStream:
         """All streams are alike."""
         del sensor
-        return VggStream(planes, self.width, self.config.l2_norm_scale)
+        config = self.config
+        return VggStream(planes, self.width, config.l2_norm_scale, batch_norm=config.batch_norm)
 
     def channels(self, sensor: str) -> tuple[int, ...]:
         """Of the six maps."""

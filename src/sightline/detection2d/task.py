@@ -12,6 +12,7 @@ from torch import Tensor
 from sightline.data.object_results import kitti_from_detections2d
 from sightline.detection2d.batch import DetectionBatch
 from sightline.detection2d.config import Detection2DConfig
+from sightline.detection2d.examples import DetectionExamples
 from sightline.detection2d.loss import DetectionLossConfig, DetectionLosses, detection_loss
 from sightline.detection2d.model import Detector
 from sightline.detection2d.pictures import training_picture
@@ -76,10 +77,24 @@ class Detection2D(TrainingModule):
         """Takes VGG16's weights at the start of a training, before a checkpoint's replace them.
 
         Raises:
-            ValueError: They cannot be had.
+            ValueError: They cannot be had, or the examples show frames otherwise than the network
+                is to see them.
         """
+        self._check_examples()
         if stage == "fit" and self.vgg_weights is not None:
             load_vgg_weights(self.network, self.vgg_weights)
+
+    def _check_examples(self) -> None:
+        data = getattr(self.trainer, "datamodule", None)
+        preparation = getattr(data, "preparation", None)
+        if not isinstance(preparation, DetectionExamples):
+            return
+        shown, seen = preparation.settings.input, self.network.config.input
+        if shown != seen:
+            raise ValueError(
+                f"the examples' settings.input is {shown}, the network's input is {seen}: what it "
+                "is trained on would not be what it sees in use; set both to the same"
+            )
 
     def losses(self, batch: DetectionBatch) -> DetectionLosses:
         """The loss of a batch and its terms."""

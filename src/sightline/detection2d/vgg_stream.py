@@ -44,13 +44,22 @@ class VggStream(nn.Module):
         in_channels: Of the sensor's image.
         width: Factor on the channels of all layers.
         l2_norm_scale: Of conv4_3's features at first.
+        batch_norm: Whether convolutions are followed by a normalisation.
     """
 
     smallest_px = 257
     """Height and width that leave something of the last map."""
 
-    def __init__(self, in_channels: int, width: float, l2_norm_scale: float) -> None:
+    def __init__(
+        self, in_channels: int, width: float, l2_norm_scale: float, *, batch_norm: bool = False
+    ) -> None:
         super().__init__()
+
+        def then(conv: nn.Conv2d) -> list[nn.Module]:
+            """The convolution and what follows it."""
+            norm = [nn.BatchNorm2d(conv.out_channels)] if batch_norm else []
+            return [conv, *norm, nn.ReLU()]
+
         stages: list[nn.Sequential] = []
         channels = in_channels
         for group in VGG_CONVS:
@@ -58,7 +67,7 @@ class VggStream(nn.Module):
             if stages:
                 layers.append(nn.MaxPool2d(2, ceil_mode=True))
             for wanted in group:
-                layers += [nn.Conv2d(channels, scaled(wanted, width), 3, padding=1), nn.ReLU()]
+                layers += then(nn.Conv2d(channels, scaled(wanted, width), 3, padding=1))
                 channels = scaled(wanted, width)
             stages.append(nn.Sequential(*layers))
         fc = scaled(_FC_CHANNELS, width)
@@ -68,22 +77,20 @@ class VggStream(nn.Module):
             nn.MaxPool2d(2, ceil_mode=True),
             *stages[4][1:],
             nn.MaxPool2d(3, stride=1, padding=1),
-            nn.Conv2d(channels, fc, 3, padding=_FC6_DILATION, dilation=_FC6_DILATION),
-            nn.ReLU(),
-            nn.Conv2d(fc, fc, 1),
-            nn.ReLU(),
+            *then(nn.Conv2d(channels, fc, 3, padding=_FC6_DILATION, dilation=_FC6_DILATION)),
+            *then(nn.Conv2d(fc, fc, 1)),
         )
         extras = []
         channels = fc
         for narrow, wide, stride, padding in _EXTRAS:
             extras.append(
                 nn.Sequential(
-                    nn.Conv2d(channels, scaled(narrow, width), 1),
-                    nn.ReLU(),
-                    nn.Conv2d(
-                        scaled(narrow, width), scaled(wide, width), 3, stride, padding=padding
+                    *then(nn.Conv2d(channels, scaled(narrow, width), 1)),
+                    *then(
+                        nn.Conv2d(
+                            scaled(narrow, width), scaled(wide, width), 3, stride, padding=padding
+                        )
                     ),
-                    nn.ReLU(),
                 )
             )
             channels = scaled(wide, width)

@@ -40,6 +40,10 @@ def load_vgg_weights(network: Detector, source: str) -> None:
         raise ValueError(
             f"VGG16's weights fit dgfn's streams only; begin without them by {_FLAG} null"
         )
+    if network.config.dgfn.batch_norm:
+        raise ValueError(
+            f"VGG16's weights fit streams without batch_norm; begin without them by {_FLAG} null"
+        )
     if network.config.width != 1:
         raise ValueError(
             f"VGG16's weights fit a network of width 1, got {network.config.width}; begin without "
