@@ -78,7 +78,8 @@ def test_what_is_read_is_what_the_case_makes_of_the_sample(data: Path, cases: Pa
 
 def test_the_manifest_says_what_made_the_cases(cases: Path):
     manifest = json.loads((cases / "sightline.json").read_text())
-    assert (manifest["suite"], manifest["seed"], manifest["data"]) == ("dgfn7", 3, "tiny")
+    assert (manifest["suite"], manifest["seed"]) == ("dgfn7", 3)
+    assert manifest["data"].endswith("/tiny")
     assert manifest["cases"]["camera_noise"]["sigma_levels"] == [20, 120]
     assert list(manifest["cases"]) == list(DGFN7.case_names)
 
@@ -272,7 +273,7 @@ def test_other_settings_never_mix_with_what_is_there(
 
 def test_other_data_never_mix_with_what_is_there(cases: Path, tmp_path: Path):
     write_object_tree(tmp_path / "other", "000000")
-    with pytest.raises(ValueError, match="data tiny instead of other"):
+    with pytest.raises(ValueError, match=r"data \S+/tiny instead of \S+/other"):
         make(tmp_path / "other", cases)
 
 

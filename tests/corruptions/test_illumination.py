@@ -1,4 +1,7 @@
+import math
+
 import numpy as np
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -51,3 +54,9 @@ def test_centre_radius_and_brightness_are_drawn_evenly_over_their_whole_ranges()
         assert counts.min() > 145  # of 200 expected
         assert counts.max() < 255
     assert {100, 230} <= {each["added_levels"] for each in drawn}
+
+
+@pytest.mark.parametrize("radius_px", [(-1.0, 5.0), (5.0, 4.0), (5.0, math.inf), (math.nan, 5.0)])
+def test_radii_that_cannot_be_drawn_are_refused(radius_px):
+    with pytest.raises(ValueError, match="radius_px must be two numbers from 0 to inf"):
+        CameraIllumination(radius_px=radius_px)

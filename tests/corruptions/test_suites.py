@@ -76,6 +76,7 @@ def test_samples_seeds_and_kinds_draw_differently():
         (lambda: CaseDrawing(probabilities={"clean": 0.5}), "sum to 1, got {'clean': 0.5}"),
         (lambda: CaseDrawing(probabilities={"clean": 2.0, "lidar_blank": -1.0}), "at least 0"),
         (lambda: CaseDrawing(probabilities={}), "sum to 1, got {}"),
+        (lambda: CaseDrawing(probabilities={"clean": float("nan")}), "sum to 1, got"),
     ],
 )
 def test_what_there_is_not_is_refused_with_the_nearest_names(ask, said):

@@ -12,6 +12,7 @@ from sightline.data.open import open_dataset
 from sightline.detection2d.config import Detection2DConfig, InputConfig, PostprocessConfig
 from sightline.detection2d.placement import camera_image, lidar_image
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection2d.registration import TASK
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection2d.frames import SIZE, TINY, painted_frame, write_network
 
@@ -137,3 +138,10 @@ def test_a_frame_is_drawn_with_what_was_found(weights, tmp_path):
     assert main(["show", str(PACKAGED_FRAMES), "000000", "--weights", str(weights), "--out",
                  str(out)]) == 0  # fmt: skip
     assert read_rgb(out).size
+
+
+def test_a_method_is_refused_though_weights_are_named(weights):
+    with pytest.raises(ValueError, match="detection2d has no method 'linear': it answers by a net"):
+        TASK.predictor(method="linear", weights=weights)
+    with pytest.raises(ValueError, match="no weights of it come with sightline"):
+        TASK.predictor()

@@ -127,5 +127,6 @@ def test_settings_out_of_range_are_refused():
             BoxCodingConfig(scope_m=scope_m, bin_m=bin_m)
     with pytest.raises(ValueError, match="heading_bins must be at least 1, got 0"):
         BoxCodingConfig(heading_bins=0)
-    with pytest.raises(ValueError, match="mean_size_m of Tram must be positive"):
-        RoadUserClass(name="Tram", mean_size_m=(0.0, 1.0, 1.0))
+    for length_m in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="mean_size_m of Tram must be positive and finite"):
+            RoadUserClass(name="Tram", mean_size_m=(length_m, 2.0, 3.0))

@@ -63,7 +63,7 @@ def test_no_points_or_no_objects_are_no_fault(num_points, num_boxes):
         max_size=6,
     ),
     alpha=st.sampled_from([0.25, 0.9]),
-    gamma=st.sampled_from([0.0, 1.5, 2.0]),
+    gamma=st.sampled_from([0.0, 0.5, 1.5, 2.0]),
 )
 def test_the_focal_loss_is_its_equation_over_the_points_on_objects(entries, alpha, gamma):
     total = sum(
@@ -79,9 +79,11 @@ def test_the_focal_loss_is_its_equation_over_the_points_on_objects(entries, alph
     assert loss.item() == pytest.approx(total / max(on_objects, 1), rel=1e-6, abs=1e-9)
 
 
-def test_ignored_points_have_no_gradient_and_sure_errors_a_finite_one():
-    logits = torch.tensor([[-300.0], [300.0], [1.0]], requires_grad=True)
-    focal_loss(logits, torch.tensor([0, BACKGROUND, IGNORED])).backward()
+@pytest.mark.parametrize("gamma", [0.0, 0.5, 2.0])
+def test_ignored_points_have_no_gradient_and_sure_errors_a_finite_one(gamma):
+    logits = torch.tensor([[-300.0], [300.0], [1.0], [300.0], [-300.0]], requires_grad=True)
+    classes = torch.tensor([0, BACKGROUND, IGNORED, 0, BACKGROUND])
+    focal_loss(logits, classes, FocalLossConfig(gamma=gamma)).backward()
     assert logits.grad.isfinite().all()
     assert logits.grad[2].item() == 0
     assert logits.grad[0].item() < 0 < logits.grad[1].item()

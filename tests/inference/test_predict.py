@@ -82,6 +82,8 @@ def test_the_manifest_says_what_made_the_files(data, tmp_path):
         "task": "depth-completion",
         "output": "depth",
         "method": "nearest",
+        "data": f"{tmp_path.name}/data",
+        "velodyne": "velodyne",
         "sightline": version("sightline"),
     }
 
@@ -159,6 +161,14 @@ def test_results_of_different_methods_or_versions_do_not_mix(data, out, other, s
         write(data, out, overwrite=overwrite, **other)
     assert "\n" not in str(raised.value)
     assert contents_of(out) == before
+
+
+def test_answers_for_two_data_sets_do_not_mix_though_frames_have_the_same_names(tmp_path, out):
+    cases = [write_object_tree(tmp_path / suite / "camera_blank", 2) for suite in ("a", "b")]
+    write(cases[0], out)
+    with pytest.raises(ValueError, match="files made with data a/camera_blank instead of b/camera"):
+        write(cases[1], out)
+    assert write(cases[0] / "../camera_blank", out) == JobResult(written=0, skipped=2)
 
 
 def test_pngs_of_unknown_origin_are_not_mixed_with(data):

@@ -69,3 +69,10 @@ def test_what_cannot_be_sampled_is_refused():
         cloud[0, 3, 1] = value
         with pytest.raises(ValueError, match=r"^points\[0, 3\] is \[.* must be finite"):
             farthest_points(cloud, 4)
+
+
+def test_infinities_are_refused_in_half_precision_too():
+    cloud = street(0, 9).half()
+    cloud[0, 3, 1] = math.inf
+    with pytest.raises(ValueError, match=r"^points\[0, 3\] is \["):
+        farthest_points(cloud, 4)

@@ -61,3 +61,33 @@ def test_no_index_gives_nothing_and_a_wrong_one_is_refused():
             group_points(features, torch.tensor([[0], [wrong]]))
     with pytest.raises(ValueError, match="batch sizes differ: features 2, index 1"):
         inspect.unwrap(group_points)(features, torch.tensor([[0]]))
+
+
+@pytest.mark.parametrize(
+    ("features", "index", "said"),
+    [
+        (
+            torch.rand(4, 3),
+            torch.tensor([[0]]),
+            r"features must .* got torch.float32 of shape \(4, 3\)",
+        ),
+        (
+            torch.ones(1, 4, 3, dtype=torch.int64),
+            torch.tensor([[0]]),
+            "features must .* got torch.int64",
+        ),
+        (torch.rand(1, 4, 3), torch.tensor([[True]]), "index must .* whole numbers .* torch.bool"),
+        (torch.rand(1, 4, 3), torch.tensor(1), r"index must .* of shape \(\)"),
+    ],
+)
+def test_what_is_no_features_or_no_index_is_refused(features, index, said):
+    with pytest.raises(ValueError, match=said):
+        inspect.unwrap(group_points)(features, index)
+
+
+def test_points_without_features_give_none():
+    features = torch.rand(2, 4, 0, requires_grad=True)
+    grouped = group_points(features, torch.zeros(2, 3, dtype=torch.int64))
+    assert grouped.shape == (2, 3, 0)
+    grouped.sum().backward()
+    assert features.grad.shape == (2, 4, 0)

@@ -1,5 +1,6 @@
 """The three nearest points, and features between them, by kernel and by plain PyTorch."""
 
+import inspect
 import math
 
 import pytest
@@ -98,3 +99,23 @@ def test_a_value_that_is_no_finite_number_is_refused():
         three_nearest(queries, cloud)
     with pytest.raises(ValueError, match="index must be from 0 to 3"):
         interpolate_points(torch.rand(1, 4, 2), three_nearest(cloud, cloud))
+
+
+def test_indices_and_distances_that_do_not_belong_together_are_refused():
+    index, distance = torch.zeros(1, 4, 3, dtype=torch.int64), torch.ones(1, 4, 3)
+    for wrong in (
+        ThreeNearest(index, distance[:, :3]),
+        ThreeNearest(index[..., :2], distance[..., :2]),
+        ThreeNearest(index[:, 0], distance[:, 0]),
+    ):
+        with pytest.raises(ValueError, match="nearest must hold three indices"):
+            inspect.unwrap(interpolate_points)(torch.rand(1, 5, 2), wrong)
+
+
+def test_points_without_features_are_mixed_to_none():
+    cloud = street(0, 5)
+    features = torch.rand(1, 5, 0, requires_grad=True)
+    mixed = interpolate_points(features, three_nearest(cloud, cloud[:, :2]))
+    assert mixed.shape == (1, 2, 0)
+    mixed.sum().backward()
+    assert features.grad.shape == (1, 5, 0)

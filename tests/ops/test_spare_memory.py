@@ -1,5 +1,7 @@
 """Memory that is used again, but never while somebody has it."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import torch
 
@@ -55,11 +57,47 @@ def test_the_larger_of_two_blocks_is_kept_and_no_more_than_one():
     assert [block.nbytes for block in spare_memory._spare] == [600_000 * 16]
     again = rows_to_fill(300_000, 4, np.dtype(np.float32))
     assert again.shape == (300_000, 4)
-    assert spare_memory._spare == []
+    assert not spare_memory._spare
 
 
 def test_small_and_huge_results_are_not_kept():
     spare_memory._spare.clear()
     for count in (10, 20_000_000):
         rows_to_fill(count, 4, np.dtype(np.float32))
-    assert spare_memory._spare == []
+    assert not spare_memory._spare
+
+
+def test_a_result_that_is_kept_does_not_hold_a_far_larger_block():
+    spare_memory._spare.clear()
+    large = rows_to_fill(2_000_000, 4, np.dtype(np.float32))
+    del large
+    kept = rows_to_fill(300_000, 4, np.dtype(np.float32))
+    assert [block.nbytes for block in spare_memory._spare] == [2_000_000 * 16]
+    assert kept.shape == (300_000, 4)
+
+
+def test_a_part_of_an_array_keeps_its_memory():
+    spare_memory._spare.clear()
+    rows = rows_to_fill(300_000, 4, np.dtype(np.float32))
+    rows[:] = 1
+    part = rows[10:20].T[2]
+    del rows
+    other = rows_to_fill(300_000, 4, np.dtype(np.float32))
+    other[:] = 2
+    assert (part == 1).all()
+
+
+def test_threads_never_share_a_block():
+    spare_memory._spare.clear()
+
+    def many(value):
+        for _ in range(10):
+            result = group_points(torch.full((1, 3, 8), value), MANY)
+            again = group_points(torch.full((1, 3, 8), value + 0.5), MANY)
+            if not (bool((result == value).all()) and bool((again == value + 0.5).all())):
+                return False
+        return True
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(many, [1.0, 2.0, 3.0, 4.0]))
+    assert len(spare_memory._spare) <= 1

@@ -16,45 +16,22 @@ from sightline.data.check import check_tree
 from sightline.data.depth_png import read_depth_png
 from sightline.data.instance_png import read_instance_png
 from sightline.data.jobs import JobResult
-from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_labels import read_labels
-from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.open import open_dataset
 from sightline.data.rings import ring_numbers
 from sightline.geometry.projection import sparse_depth_map
-from sightline.geometry.transforms import transform_points
-from sightline.simulation.dataset import SimulatedDataset, sample_of
-from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION, simulate
-from sightline.simulation.presets import PRESETS
-from sightline.simulation.scene import Street
+from sightline.simulation.dataset import sample_of
+from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION
 from sightline.simulation.settings import SimulationConfig
-from sightline.simulation.simulator import simulate_frame, simulate_street
+from sightline.simulation.simulator import simulate_frame
+from tests.simulation.data_sets import DRIVES, TINY, content, make
 from tests.simulation.streets import make_tiny_street
-
-TINY = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0)
-DRIVES = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0, sequence_length=3)
-
-
-def make(out: Path, frames: int, config: SimulationConfig = TINY, **options) -> JobResult:
-    return simulate(out, frames=frames, config=config, streets=make_tiny_street, **options)
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("frames")
     assert make(out, 4, workers=1, validation_frames=1) == JobResult(written=4, skipped=0)
-    return out
-
-
-@pytest.fixture(scope="module")
-def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("drives")
-    assert make(out, 5, DRIVES, workers=1) == JobResult(written=5, skipped=0)
     return out
 
 
@@ -132,7 +109,7 @@ def test_ctrl_c_leaves_whole_files_and_the_next_run_finishes_to_the_same_bytes(
 ):
     program = (
         "from pathlib import Path\n"
-        "from tests.simulation.test_generate import make\n"
+        "from tests.simulation.data_sets import make\n"
         f"make(Path({str(tmp_path)!r}), 400, workers=2, validation_frames=1)\n"
     )
     command = [sys.executable, "-c", program]
@@ -200,45 +177,6 @@ def test_reduced_sweeps_hold_what_the_camera_sees(frames: Path, tmp_path: Path):
     assert (reduced.points[:, 0] > 0).all()
 
 
-def test_drives_pass_the_check_as_recordings_and_as_depth_tree(drives: Path):
-    assert list(check_tree(drives, num_workers=1)) == []
-    day = drives / "2000_01_01"
-    for folder in sorted(day.glob("*_sync")):
-        assert list(check_tree(folder, num_workers=1)) == []
-    depth = KittiDepthDataset(drives, "train")
-    assert len(depth) == 5
-    assert depth[0].depth is not None
-
-
-def test_the_poses_of_a_drive_bring_standing_points_to_the_same_place(drives: Path):
-    folder = drives / "2000_01_01/2000_01_01_drive_0000_sync"
-    drive = KittiRawDrive(folder, folder / "poses.txt")
-    assert [sample.timestamp_s for sample in drive] == pytest.approx([0.0, 0.1, 0.2])
-    for sample in drive:
-        points = sample.points[:, :3].double()
-        world = transform_points(sample.world_from_lidar, points)
-        walls = world[(world[:, :2].abs().amax(dim=1) > 29) & (world[:, 2] > 0.5)]
-        assert len(walls) > 1000
-        # The inner faces of the courtyard's walls stand 29.8 m away in the world.
-        assert (walls[:, :2].abs().amax(dim=1) - 29.8).abs().median() < 0.02
-    first, last = drive[0].world_from_lidar, drive[2].world_from_lidar
-    assert torch.linalg.vector_norm(last[:3, 3] - first[:3, 3]) > 0.15
-
-
-def test_a_drive_cut_short_is_extended_with_its_poses_and_times(drives: Path, tmp_path: Path):
-    make(tmp_path, 2, DRIVES, workers=1)
-    make(tmp_path, 5, DRIVES, workers=2)
-    assert content(tmp_path) == content(drives)
-
-
-def test_labels_of_a_drive_follow_its_frames(drives: Path):
-    folder = drives / "2000_01_01/2000_01_01_drive_0001_sync"
-    names = sorted(path.stem for path in (folder / "label_02/data").glob("*.txt"))
-    assert names == ["0000000000", "0000000001"]
-    instances = read_instance_png(folder / "instance/data/0000000001.png")
-    assert instances.shape == DRIVES.image_size
-
-
 @pytest.mark.parametrize(
     ("frames_asked", "options", "said"),
     [
@@ -268,15 +206,6 @@ def test_parts_of_a_set_make_it_together_in_any_order_and_skip_each_others_frame
     assert content(tmp_path) == content(frames)
 
 
-def test_parts_of_drives_are_whole_drives(drives: Path, tmp_path: Path):
-    options = {"workers": 1, "num_shards": 2}
-    assert make(tmp_path, 5, DRIVES, shard_index=1, **options) == JobResult(written=2, skipped=0)
-    (recording,) = (tmp_path / "2000_01_01").glob("*_sync")
-    assert (recording / "poses.txt").is_file()
-    assert make(tmp_path, 5, DRIVES, shard_index=0, **options) == JobResult(written=3, skipped=0)
-    assert content(tmp_path) == content(drives)
-
-
 def test_files_with_other_names_than_frames_have_are_no_frames_that_were_begun(
     frames: Path, tmp_path: Path
 ):
@@ -285,29 +214,6 @@ def test_files_with_other_names_than_frames_have_are_no_frames_that_were_begun(
         (tmp_path / "training/velodyne" / f"{name}.bin").touch()
     result = make(tmp_path, 4, workers=1, validation_frames=1)
     assert result == JobResult(written=0, skipped=4)
-
-
-def test_sweeps_that_a_drive_cannot_have_are_no_frames_that_were_begun(
-    drives: Path, tmp_path: Path
-):
-    shutil.copytree(drives, tmp_path, dirs_exist_ok=True)
-    recordings = tmp_path / "2000_01_01"
-    data = recordings / "2000_01_01_drive_0001_sync/velodyne_points/data"
-    for name in ("9999999999", "99999999999999999999", "mine"):
-        (data / f"{name}.bin").touch()
-    (recordings / "2000_01_01_drive_99999999_sync").mkdir()
-    (recordings / "2000_01_01_drive_mine_sync").mkdir()
-    assert make(tmp_path, 5, DRIVES, workers=1) == JobResult(written=0, skipped=5)
-
-
-def test_drives_are_not_reduced_or_split(tmp_path: Path):
-    with pytest.raises(ValueError, match="keep to that"):
-        make(tmp_path, 2, DRIVES, velodyne="velodyne_reduced")
-
-
-def test_drives_are_not_made_without_the_camera(tmp_path: Path):
-    with pytest.raises(ValueError, match="drives have images"):
-        make(tmp_path, 2, replace(DRIVES, camera=False))
 
 
 def test_without_the_camera_all_else_is_the_same(frames: Path, tmp_path: Path):
@@ -339,18 +245,6 @@ def test_a_tree_without_the_camera_passes_the_check_and_opens(tmp_path: Path):
     assert [str(problem.path.name) for problem in check_tree(tmp_path)] == ["000001.png"]
 
 
-def test_other_makers_of_streets_are_asked_for_hard_ones_only_where_that_is_set():
-    asked = []
-
-    def maker(rng: np.random.Generator, **arguments: object) -> Street:
-        asked.append(arguments)
-        return make_tiny_street(rng, duration_s=0.0)
-
-    simulate_street(TINY, 0, maker)
-    simulate_street(replace(TINY, hard=True), 0, maker)
-    assert asked == [{"duration_s": 0.0}, {"duration_s": 0.0, "hard": True}]
-
-
 def test_an_output_that_is_a_file_is_refused(tmp_path: Path):
     (tmp_path / "out").write_text("mine")
     with pytest.raises(ValueError, match="is no folder"):
@@ -364,42 +258,3 @@ def test_an_error_names_the_frame(tmp_path: Path, workers: int):
     (tmp_path / "training/depth").write_text("in the way")
     with pytest.raises(ValueError, match=r"^frame 0: .*depth.* cannot be written"):
         make(tmp_path, 3, workers=workers)
-
-
-def test_presets_split_into_training_and_validation():
-    sizes = {
-        name: (p.frames - p.validation_frames, p.validation_frames) for name, p in PRESETS.items()
-    }
-    assert sizes == {
-        "street-2k": (2000, 200),
-        "street-8k": (8000, 500),
-        "street-hard-500": (0, 500),
-    }
-    assert PRESETS["street-2k"].config.image_size == (352, 1216)
-    assert PRESETS["street-8k"].config == SimulationConfig(seed=8000)
-    assert PRESETS["street-hard-500"].config.hard
-
-
-def test_no_two_presets_share_a_street():
-    seeds = [preset.config.seed for preset in PRESETS.values()]
-    assert len(set(seeds)) == len(seeds)
-
-
-def test_a_data_set_without_files_gives_reduced_samples():
-    dataset = SimulatedDataset(2, TINY, make_tiny_street)
-    sample = dataset[1]
-    assert dataset.sample_ids == ("000000", "000001")
-    assert sample.sample_id == "000001"
-    assert (sample.points[:, 0] > 0).all()
-    with pytest.raises(IndexError):
-        dataset[2]
-
-
-def test_a_sample_without_the_camera_lacks_the_image_alone():
-    sample = SimulatedDataset(1, replace(TINY, camera=False), make_tiny_street)[0]
-    other = SimulatedDataset(1, TINY, make_tiny_street)[0]
-    assert sample.image is None
-    assert sample.image_size == other.image_size
-    assert torch.equal(sample.points, other.points)
-    assert torch.equal(sample.depth, other.depth)
-    assert torch.equal(sample.objects.boxes2d.tensor, other.objects.boxes2d.tensor)

@@ -1,5 +1,6 @@
 """What every kind of corruption is: a fault of sensors that tells what it did, and where."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -188,7 +189,7 @@ def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highes
     Raises:
         ValueError: It is.
     """
-    if not lowest <= bounds[0] <= bounds[1] <= highest:
+    if not (lowest <= bounds[0] <= bounds[1] <= highest and bounds[1] < math.inf):
         raise ValueError(
             f"{name} must be two numbers from {lowest:g} to {highest:g}, the lower first; got "
             f"{bounds[0]:g} and {bounds[1]:g}"

@@ -31,7 +31,8 @@ class CaseDrawing:
             return
         suite.select(self.probabilities)
         shares = self.probabilities.values()
-        if min(shares, default=0) < 0 or abs(sum(shares) - 1) > 1e-6:
+        # Written so that NaN is refused, too.
+        if not (min(shares, default=0) >= 0 and abs(sum(shares) - 1) <= 1e-6):
             raise ValueError(
                 "the probabilities of the cases must be at least 0 and sum to 1, got "
                 f"{dict(self.probabilities)}"

@@ -7,7 +7,14 @@ from pathlib import Path
 
 from sightline.corruptions.suites import Case, Suite, find_suite
 from sightline.corruptions.tree import PARTS, CaseTree
-from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
+from sightline.data.jobs import (
+    JobResult,
+    check_workers,
+    claim_folder,
+    data_name,
+    run_job,
+    shard,
+)
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import ObjectFrame, Velodyne, list_object_frames
 from sightline.data.open import open_dataset
@@ -133,7 +140,7 @@ def _settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[str,
     """All that the bytes depend on, but for which frames, cases and masks are asked for."""
     return {
         "sightline": version("sightline"),
-        "data": dataset.root.resolve().name,
+        "data": data_name(dataset.root),
         "split": dataset.split,
         "velodyne": dataset.velodyne,
         "suite": suite.name,

@@ -132,6 +132,15 @@ def claim_folder(
         raise ValueError(_refusal(folder, _difference(there, settings), manifest_name))
 
 
+def data_name(data: Path) -> str:
+    """What a claim calls the data that files are made from: the folder's name and its parent's.
+
+    So trees of one name, such as a case of two corrupted data sets, are told apart, while the same
+    data may be mounted elsewhere on another machine.
+    """
+    return "/".join(data.resolve().parts[-2:])
+
+
 def _refusal(folder: Path, held: str, manifest_name: str) -> str:
     return (
         f"{folder} holds {held}, which would mix with this job; name another output folder or "

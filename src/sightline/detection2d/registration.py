@@ -6,6 +6,7 @@ Light: the command line reads it to answer `--help`, so that all else is importe
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from sightline.data.plain_text import shortened
 from sightline.detection2d.network_task import DetectionNetworkTask
 from sightline.inference.predictor import Output
 
@@ -83,11 +84,16 @@ class Detection2DTask(DetectionNetworkTask):
         """A network with its weights, which must be named.
 
         Raises:
-            ValueError: They are not, or as `DetectionPredictor.load`.
+            ValueError: They are not, a method is, or as `DetectionPredictor.load`.
         """
         from sightline.detection2d.predictor import DetectionPredictor
 
-        if method is not None or weights is None:
+        if method is not None:
+            raise ValueError(
+                f"detection2d has no method '{shortened(method)}': it answers by a network; leave "
+                "the method out and name weights"
+            )
+        if weights is None:
             raise ValueError(
                 "detection2d answers by a network, and no weights of it come with sightline: train "
                 "one by `sightline fit` and name its weights"

@@ -1,5 +1,6 @@
 """The kinds of road users that are detected."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,8 +16,10 @@ class RoadUserClass:
 
     def __post_init__(self) -> None:
         """Checks the sizes."""
-        if min(self.mean_size_m) <= 0:
-            raise ValueError(f"mean_size_m of {self.name} must be positive, got {self.mean_size_m}")
+        if not all(0 < size_m < math.inf for size_m in self.mean_size_m):
+            raise ValueError(
+                f"mean_size_m of {self.name} must be positive and finite, got {self.mean_size_m}"
+            )
 
 
 CAR: Final = RoadUserClass(name="Car", mean_size_m=(3.88, 1.63, 1.53))

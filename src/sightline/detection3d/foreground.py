@@ -96,6 +96,8 @@ def focal_loss(
     entropy = binary_cross_entropy_with_logits(logits, is_class, reduction="none")
     probability = logits.sigmoid()
     wrong = torch.where(is_class > 0, 1 - probability, probability)
+    # Where it is 0 a power below 1 has no finite slope.
+    wrong = wrong.clamp(min=torch.finfo(wrong.dtype).tiny)
     balance = torch.where(is_class > 0, config.alpha, 1 - config.alpha)
     counts = (point_class != IGNORED)[..., None]
     weighted = torch.where(counts, balance * wrong**config.gamma * entropy, 0.0)

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
+from sightline.data.jobs import (
+    JobResult,
+    check_workers,
+    claim_folder,
+    data_name,
+    run_job,
+    shard,
+)
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.inference.predictor import AnsweringTask, Output, Predictor
@@ -29,7 +36,7 @@ def predict(
 
     A file appears whole or not at all, and samples whose files are there are skipped, so a job
     that was stopped goes on where it was: run it again. Each folder's sightline.json says what made
-    the files; those of two makers never share one.
+    the files, and from which data; those of two makers, or of two data sets, never share one.
 
     Args:
         task: Says which files there are.
@@ -57,10 +64,11 @@ def predict(
     names = dataset.sample_ids
     present = _answered(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
+    made_from = {"data": data_name(data), "velodyne": velodyne}
+    made_by = {"sightline": version("sightline"), **predictor.made_by}
     for output, folder in places:
         settings = {"task": task.name, "output": output.name, "method": predictor.name}
-        made_by = {"sightline": version("sightline"), **predictor.made_by}
-        claim_folder(folder, settings | made_by, results=(f"*{output.suffix}",))
+        claim_folder(folder, settings | made_from | made_by, results=(f"*{output.suffix}",))
     works = [_SampleWork(dataset, index, names[index], predictor, places) for index in pending]
     run_job(works, workers, description=f"{task.name} by {predictor.name}")
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))

@@ -8,7 +8,7 @@ from torch import Tensor, library
 from torch.autograd.function import BackwardCFunction
 
 from sightline.ops.gather_kernel import add_to_rows
-from sightline.ops.point_checks import require_same_batch
+from sightline.ops.point_checks import require_features
 from sightline.ops.spare_memory import rows_to_fill
 
 _KERNEL_DTYPES = (torch.float32, torch.float64)
@@ -23,9 +23,9 @@ def group_points(
     order on every run on a CPU.
 
     Raises:
-        ValueError: Batch sizes differ, or there is no such point.
+        ValueError: Batch sizes differ, there is no such point, or these are no features and index.
     """
-    require_same_batch(("features", features), ("index", index))
+    require_features(features, index)
     grouped: Tensor = _group_points(features, index)
     return grouped
 
@@ -34,7 +34,7 @@ def group_points(
 def _group_points(features: Tensor, index: Tensor) -> Tensor:
     rows = flat_rows(index, features.shape[1])
     shape = (*index.shape, features.shape[2])
-    source = features.reshape(-1, features.shape[2])
+    source = features.flatten(0, 1)
     if not (features.is_cpu and features.dtype in _KERNEL_DTYPES):
         return source[rows].reshape(shape)
     out = torch.from_numpy(rows_to_fill(rows.numel(), source.shape[1], source.numpy().dtype))
@@ -49,7 +49,7 @@ def _(features: Tensor, index: Tensor) -> Tensor:
 @library.custom_op("sightline::group_points_backward", mutates_args=())
 def _group_points_backward(by_grouped: Tensor, index: Tensor, num_points: int) -> Tensor:
     channels = by_grouped.shape[-1]
-    rows, flat = flat_rows(index, num_points), by_grouped.reshape(-1, channels)
+    rows, flat = flat_rows(index, num_points), by_grouped.flatten(0, -2)
     total = by_grouped.new_zeros((index.shape[0] * num_points, channels))
     if flat.is_cpu and flat.dtype in _KERNEL_DTYPES:
         add_to_rows(flat.contiguous().numpy(), rows.numpy(), total.numpy())

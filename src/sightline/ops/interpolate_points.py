@@ -7,7 +7,7 @@ from torch.autograd.function import BackwardCFunction
 
 from sightline.ops.gather_kernel import add_weighted_to_rows, weighted_sums
 from sightline.ops.group_points import flat_rows
-from sightline.ops.point_checks import require_same_batch
+from sightline.ops.point_checks import require_features
 from sightline.ops.three_nearest import ThreeNearest
 
 _KERNEL_DTYPES = (torch.float32, torch.float64)
@@ -23,10 +23,15 @@ def interpolate_points(
     those. Differentiable by the features alone, with sums in the same order on every run on a CPU.
 
     Raises:
-        ValueError: Batch sizes differ, or there is no such point.
+        ValueError: Batch sizes differ, there is no such point, or a shape is wrong.
     """
     index, squared_distance = nearest
-    require_same_batch(("features", features), ("nearest", index))
+    require_features(features, index)
+    if index.ndim != 3 or index.shape[2] != 3 or index.shape != squared_distance.shape:
+        raise ValueError(
+            "nearest must hold three indices and as many distances for each query, got shapes "
+            f"{tuple(index.shape)} and {tuple(squared_distance.shape)}"
+        )
     closeness = 1 / squared_distance.clamp(min=_LEAST_SQUARE_M2)
     weights = (closeness / closeness.sum(dim=2, keepdim=True)).to(features.dtype)
     interpolated: Tensor = _interpolate_points(features, index, weights)
@@ -37,7 +42,7 @@ def interpolate_points(
 def _interpolate_points(features: Tensor, index: Tensor, weights: Tensor) -> Tensor:
     batch, num_queries, _ = index.shape
     rows = flat_rows(index, features.shape[1]).reshape(-1, 3)
-    source, flat_weights = features.reshape(-1, features.shape[2]), weights.reshape(-1, 3)
+    source, flat_weights = features.flatten(0, 1), weights.reshape(-1, 3)
     if features.is_cpu and features.dtype in _KERNEL_DTYPES:
         sums = features.new_empty((rows.shape[0], features.shape[2]))
         weighted_sums(
@@ -62,7 +67,7 @@ def _interpolate_points_backward(
     by_sums: Tensor, index: Tensor, weights: Tensor, num_points: int
 ) -> Tensor:
     batch, _, channels = by_sums.shape
-    rows, flat = flat_rows(index, num_points).reshape(-1, 3), by_sums.reshape(-1, channels)
+    rows, flat = flat_rows(index, num_points).reshape(-1, 3), by_sums.flatten(0, 1)
     flat_weights = weights.reshape(-1, 3)
     total = by_sums.new_zeros((batch * num_points, channels))
     if flat.is_cpu and flat.dtype in _KERNEL_DTYPES:

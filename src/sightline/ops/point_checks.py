@@ -37,6 +37,25 @@ def require_boxes(boxes: Tensor, points: Tensor) -> None:
     require_same_batch(("points", points), ("boxes", boxes))
 
 
+def require_features(features: Tensor, index: Tensor) -> None:
+    """Refuses what are no features of points, and no whole numbers that name points.
+
+    Raises:
+        ValueError: They are not, or batch sizes differ.
+    """
+    if features.ndim != 3 or not features.is_floating_point():
+        raise ValueError(
+            "features must be a floating-point tensor of shape (batch, number of points, "
+            f"channels), got {features.dtype} of shape {tuple(features.shape)}"
+        )
+    if index.ndim < 1 or index.dtype not in (torch.int64, torch.int32):
+        raise ValueError(
+            "index must be a tensor of whole numbers of shape (batch, ...), got "
+            f"{index.dtype} of shape {tuple(index.shape)}"
+        )
+    require_same_batch(("features", features), ("index", index))
+
+
 def require_same_batch(*named: tuple[str, Tensor]) -> None:
     """Refuses tensors whose first axes differ in length.
 
@@ -54,8 +73,9 @@ def checked_points(points: Tensor, name: str) -> Float32[Tensor, "batch num_poin
     Raises:
         ValueError: A NaN, an infinity or a coordinate beyond 1e9; says of which point.
     """
-    _require_finite(points.detach(), name)
-    return points.detach().float().contiguous()
+    rows = points.detach().float()  # in float16 the limit itself is infinite
+    _require_finite(rows, name)
+    return rows.contiguous()
 
 
 def checked_columns(points: Tensor, name: str) -> Float64[Tensor, "batch 3 num_points"]:
@@ -64,8 +84,9 @@ def checked_columns(points: Tensor, name: str) -> Float64[Tensor, "batch 3 num_p
     Raises:
         ValueError: As above.
     """
-    _require_finite(points.detach(), name)
-    return points.detach().double().transpose(1, 2).contiguous()
+    rows = points.detach().double()
+    _require_finite(rows, name)
+    return rows.transpose(1, 2).contiguous()
 
 
 def _require_finite(points: Tensor, name: str) -> None:

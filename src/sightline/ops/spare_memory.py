@@ -5,6 +5,7 @@ it; so the last such block is kept, up to 256 MB, as allocators for GPUs keep th
 """
 
 import weakref
+from collections import deque
 from typing import Final
 
 import numpy as np
@@ -13,7 +14,10 @@ from numpy import ndarray
 
 _LEAST_BYTES: Final = 2**22  # what is smaller comes from memory that the process has
 _MOST_BYTES: Final = 2**28
-_spare: Final[list[Shaped[ndarray, " num_bytes"]]] = []  # one block at most
+_MOST_TIMES: Final = (
+    4  # a block so much larger stays: whoever keeps the result would hold all of it
+)
+_spare: Final[deque[Shaped[ndarray, " num_bytes"]]] = deque(maxlen=1)
 
 
 def rows_to_fill(
@@ -27,11 +31,15 @@ def rows_to_fill(
     if not _LEAST_BYTES <= num_bytes <= _MOST_BYTES:
         return np.empty((num_rows, num_columns), dtype)
     block = _take_spare()
+    if block is not None and block.nbytes > _MOST_TIMES * num_bytes:
+        _keep(block)
+        block = None
     if block is None or block.nbytes < num_bytes:
         block = np.empty(num_bytes, np.uint8)  # numpy asks for large pages, torch does not
-    rows = block[:num_bytes].view(dtype).reshape(num_rows, num_columns)
-    weakref.finalize(rows, _keep, block).atexit = False
-    return rows
+    # Over a buffer: views of it hold on to it, where views of a view would hold on to the block.
+    flat = np.frombuffer(block.data, dtype, num_rows * num_columns)
+    weakref.finalize(flat, _keep, block).atexit = False
+    return flat.reshape(num_rows, num_columns)
 
 
 def _take_spare() -> Shaped[ndarray, " num_bytes"] | None:

@@ -13,6 +13,7 @@ from sightline.simulation.layout import (
     Road,
     Side,
     StreetKind,
+    ground_places,
 )
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch, stamped
@@ -24,7 +25,6 @@ from sightline.simulation.meshes.furniture import (
     item_model,
 )
 from sightline.simulation.meshes.markings import stop_lines
-from sightline.simulation.meshes.plots import ground_places
 from sightline.simulation.meshes.primitives import Finish
 from sightline.simulation.meshes.trees import Plants, Species, set_out
 from sightline.simulation.occupancy import Occupancy

@@ -4,6 +4,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+import numpy as np
+from jaxtyping import Float, Float64
+
 from sightline.simulation.layout_line import CenterLine, Terrain
 
 KERB_HEIGHT_M: Final = 0.12
@@ -180,3 +183,16 @@ class Layout:
     def roads(self) -> tuple[Road, ...]:
         """All roads."""
         return (self.main,) if self.junction is None else (self.main, self.junction.cross)
+
+
+def ground_places(
+    layout: Layout,
+    road: Road,
+    stations: Float[np.ndarray, "..."],
+    offsets: Float[np.ndarray, "..."] | float,
+    level: float,
+) -> Float64[np.ndarray, "... 3"]:
+    """World points at stations and offsets of a road, at a level above the terrain."""
+    places = road.line.place(np.asarray(stations, np.float64), np.asarray(offsets, np.float64))
+    heights = layout.terrain.height(places) + level
+    return np.concatenate((places, heights[..., None]), axis=-1)
