@@ -135,9 +135,7 @@ def read_gate_record(path: Path) -> GateRecord:
     """
     try:
         plain = json.loads(read_text(path))
-        return GateRecord(
-            camera=_from_plain(plain["camera"]), lidar=_from_plain(plain["lidar"])
-        )
+        return GateRecord(camera=_from_plain(plain["camera"]), lidar=_from_plain(plain["lidar"]))
     except (KeyError, TypeError, IndexError, RecursionError, json.JSONDecodeError) as error:
         raise FileError(path, "is no record of gates", _REMEDY) from error
 
@@ -147,7 +145,9 @@ def _to_plain(gate: SensorGate) -> dict[str, object]:
     return {"mean": gate.mean} | {
         name: {
             "total": cells.total,
-            "counts": [[int(level), int(cells.counts[level])] for level in np.flatnonzero(cells.counts)],
+            "counts": [
+                [int(level), int(cells.counts[level])] for level in np.flatnonzero(cells.counts)
+            ],
         }
         for name, cells in groups.items()
     }

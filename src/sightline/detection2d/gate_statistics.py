@@ -1,14 +1,16 @@
 """How well gates tell broken sensors from sound ones, over the frames of a case."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from jaxtyping import Float64
 
 from sightline.corruptions.corruption import Sensor
-from sightline.detection2d.gate_record import GateCells, GateRecord, SensorGate
+from sightline.detection2d.gate_record import NUM_LEVELS, GateCells, GateRecord, SensorGate
 from sightline.evaluation.auroc import auroc, auroc_of_values
+
+_NO_CELLS = np.zeros(NUM_LEVELS, dtype=np.int64)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,48 +48,54 @@ class CaseGates:
         return {"case": self.case, "camera": asdict(self.camera), "lidar": asdict(self.lidar)}
 
 
-class _Pooled:
-    """A sensor's gate over all frames of a case."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PooledGate:
+    """One sensor's gate over the frames of a case."""
 
-    def __init__(self, gates: Sequence[SensorGate]) -> None:
-        self.means = np.array([gate.mean for gate in gates])
-        self.masked = _sum([gate.masked for gate in gates])
-        self.clear = _sum([gate.clear for gate in gates])
+    means: Float64[np.ndarray, " num_frames"]
+    """Each frame's mean gate."""
+    masked: GateCells
+    clear: GateCells
 
 
-def _sum(parts: Sequence[GateCells]) -> GateCells:
-    return GateCells(
-        total=sum(part.total for part in parts),
-        counts=np.sum([part.counts for part in parts], axis=0, dtype=np.int64),
-    )
+def pool_gates(records: Iterable[GateRecord]) -> dict[Sensor, PooledGate]:
+    """The gates of a case's frames, one or more, added up as they come."""
+    means: dict[Sensor, list[float]] = {"camera": [], "lidar": []}
+    masked = {sensor: GateCells(total=0.0, counts=_NO_CELLS) for sensor in means}
+    clear = dict(masked)
+    for record in records:
+        gates: dict[Sensor, SensorGate] = {"camera": record.camera, "lidar": record.lidar}
+        for sensor, gate in gates.items():
+            means[sensor].append(gate.mean)
+            masked[sensor] = _sum(masked[sensor], gate.masked)
+            clear[sensor] = _sum(clear[sensor], gate.clear)
+    return {
+        sensor: PooledGate(
+            means=np.array(means[sensor]), masked=masked[sensor], clear=clear[sensor]
+        )
+        for sensor in means
+    }
+
+
+def _sum(first: GateCells, second: GateCells) -> GateCells:
+    return GateCells(total=first.total + second.total, counts=first.counts + second.counts)
 
 
 def score_gates(
-    case: str, records: Sequence[GateRecord], clean: Sequence[GateRecord]
+    case: str, pooled: Mapping[Sensor, PooledGate], clean: Mapping[Sensor, PooledGate]
 ) -> CaseGates:
-    """Compares the gates of a case's frames with its masks and with those of the clean frames.
-
-    Args:
-        case: Name of the case.
-        records: Of its frames, one or more.
-        clean: Of the same frames without corruption.
-    """
-    scores, means = {}, {}
-    sensors: tuple[Sensor, ...] = ("camera", "lidar")
-    for sensor in sensors:
-        pooled = _Pooled([getattr(record, sensor) for record in records])
-        sound = _Pooled([getattr(record, sensor) for record in clean])
-        scores[sensor], means[sensor] = _score(pooled, sound), pooled.means
+    """Compares the gates of a case with its masks, and with those of the same frames when clean."""
+    camera, lidar = pooled["camera"], pooled["lidar"]
     return CaseGates(
         case=case,
-        camera=scores["camera"],
-        lidar=scores["lidar"],
-        camera_means=means["camera"],
-        lidar_means=means["lidar"],
+        camera=_score(camera, clean["camera"]),
+        lidar=_score(lidar, clean["lidar"]),
+        camera_means=camera.means,
+        lidar_means=lidar.means,
     )
 
 
-def _score(pooled: _Pooled, sound: _Pooled) -> SensorGateScore:
+def _score(pooled: PooledGate, clean: PooledGate) -> SensorGateScore:
     masked, is_changed = pooled.masked, pooled.masked.num_cells > 0
     return SensorGateScore(
         mean=float(pooled.means.mean()),
@@ -95,6 +103,6 @@ def _score(pooled: _Pooled, sound: _Pooled) -> SensorGateScore:
         clear_mean=pooled.clear.mean,
         # Counts from the most open level on: what is closed is what is sought.
         auroc_cells=auroc(masked.counts[::-1], pooled.clear.counts[::-1]),
-        auroc_clean_cells=auroc(masked.counts[::-1], sound.clear.counts[::-1]),
-        auroc_frames=auroc_of_values(-pooled.means, -sound.means) if is_changed else None,
+        auroc_clean_cells=auroc(masked.counts[::-1], clean.clear.counts[::-1]),
+        auroc_frames=auroc_of_values(-pooled.means, -clean.means) if is_changed else None,
     )

@@ -109,9 +109,7 @@ def _read_frame(results: Path, labels: Path) -> tuple[KittiObjects, KittiObjects
     return found, labelled
 
 
-def _frame_names(
-    labels_dir: Path, sample_list: Path | str | Sequence[str] | None
-) -> Sequence[str]:
+def _frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None) -> Sequence[str]:
     if sample_list is not None:
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))
