@@ -52,16 +52,17 @@ def answer_row(
         masks: What a corruption may have changed is outlined, where it is one part of the image.
         width_px: Of each picture.
     """
-    image, sweep = _image(sample), _sweep(sample)
     camera_mask, lidar_mask = masks or (None, None)
-    cells = [_cell(title, "", _outlined(_detections(image, sample, answer), camera_mask), width_px)]
+    image, sweep = (_scaled(each, width_px) for each in (_image(sample), _sweep(sample)))
+    found = _with_boxes(_outlined(image, camera_mask), sample, answer)
+    cells = [_cell(title, "", found)]
     for name, gate, backdrop, mask in (
         ("camera gate", answer.camera_gate, image, camera_mask),
         ("LiDAR gate", answer.lidar_gate, sweep, lidar_mask),
     ):
         if gate is not None:
             laid = _outlined(lay_shares(backdrop, gate.numpy()), mask)
-            cell = _cell(name, f"mean {float(gate.mean()):.2f}", laid, width_px)
+            cell = _cell(name, f"mean {float(gate.mean()):.2f}", laid)
             put_share_legend(cell, "0", "1", right=width_px, top=9, color=_MUTED)
             cells.append(cell)
     return np.concatenate(cells, axis=1)
@@ -88,39 +89,55 @@ def _sweep(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
     return draw_points(black, sample.points, sample.calibration)
 
 
-def _detections(
+def _scaled(
+    picture: UInt8[np.ndarray, "height width 3"], width_px: int
+) -> UInt8[np.ndarray, "new_height new_width 3"]:
+    height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
+    small = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
+    return small.astype(np.uint8, copy=False)
+
+
+def _with_boxes(
     image: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample, answer: DetectorAnswer
 ) -> UInt8[np.ndarray, "height width 3"]:
+    """Boxes are drawn at the size at which they are seen, so that their tags can be read."""
+    scale_y, scale_x = (
+        new / old for new, old in zip(image.shape[:2], sample.image_size, strict=True)
+    )
     found = sure_detections(answer.detections)
     if sample.objects is not None:
         labels = sample.objects
-        image = draw_boxes2d(image, labels.boxes2d, labels.class_names, color=_LABEL, tags=False)
-    return draw_boxes2d(image, found.boxes, found.class_names, scores=found.scores)
+        boxes = labels.boxes2d.resize(scale_x, scale_y)
+        image = draw_boxes2d(image, boxes, labels.class_names, color=_LABEL, tags=False)
+    boxes = found.boxes.resize(scale_x, scale_y)
+    return draw_boxes2d(image, boxes, found.class_names, scores=found.scores)
 
 
 def _outlined(
-    picture: UInt8[np.ndarray, "height width 3"], mask: Bool[Tensor, "height width"] | None
+    picture: UInt8[np.ndarray, "height width 3"],
+    mask: Bool[Tensor, "full_height full_width"] | None,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The picture with the border of what the mask marks, where that is one part of it."""
     if mask is None or bool(mask.all()):
         return picture
-    marked = mask.numpy().astype(np.uint8)
+    marked = cv2.resize(
+        mask.numpy().astype(np.uint8), picture.shape[1::-1], interpolation=cv2.INTER_NEAREST
+    )
     if cv2.connectedComponents(marked)[0] != 2:
         return picture
     contours, _ = cv2.findContours(marked, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     canvas = picture.copy()
-    cv2.drawContours(canvas, contours, -1, _OUTLINE, thickness=3)
+    cv2.drawContours(canvas, contours, -1, _OUTLINE, thickness=2)
     return canvas
 
 
 def _cell(
-    title: str, muted: str, picture: UInt8[np.ndarray, "height width 3"], width_px: int
+    title: str, muted: str, picture: UInt8[np.ndarray, "height width 3"]
 ) -> UInt8[np.ndarray, "new_height new_width 3"]:
     """A picture under its title, with the page's gap at its right and bottom."""
-    height = round(picture.shape[0] * width_px / picture.shape[1])
-    small = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
-    page = np.full((_TITLE_PX + height + _GAP_PX, width_px + _GAP_PX, 3), PAGE, np.uint8)
-    page[_TITLE_PX : _TITLE_PX + height, :width_px] = small
+    height, width = picture.shape[:2]
+    page = np.full((_TITLE_PX + height + _GAP_PX, width + _GAP_PX, 3), PAGE, np.uint8)
+    page[_TITLE_PX : _TITLE_PX + height, :width] = picture
     put_text(page, title, 2, _TITLE_PX - 7, height_px=_TEXT_PX, color=_TITLE)
     at = 2 + text_width(title, _TEXT_PX) + 12
     put_text(page, muted, at, _TITLE_PX - 7, height_px=_TEXT_PX, color=_MUTED)

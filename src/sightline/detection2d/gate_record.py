@@ -22,6 +22,7 @@ from sightline.structures.sample import CameraLidarSample
 
 NUM_LEVELS = 1024
 _LEVELS_A_LOGIT = 32  # from log odds of -16 to those of 16
+_MOST_CELLS = 2**31  # of a map
 _REMEDY = "remove it and run the same command again"
 
 
@@ -133,10 +134,11 @@ def read_gate_record(path: Path) -> GateRecord:
     Raises:
         FileError: The file is none of these.
     """
+    text = read_text(path)
     try:
-        plain = json.loads(read_text(path))
+        plain = json.loads(text)
         return GateRecord(camera=_from_plain(plain["camera"]), lidar=_from_plain(plain["lidar"]))
-    except (KeyError, TypeError, IndexError, RecursionError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise FileError(path, "is no record of gates", _REMEDY) from error
 
 
@@ -164,5 +166,7 @@ def _from_plain(plain: Mapping[str, Any]) -> SensorGate:
 def _cells_from_plain(plain: Mapping[str, Any]) -> GateCells:
     counts = np.zeros(NUM_LEVELS, dtype=np.int64)
     for level, count in plain["counts"]:
+        if level not in range(NUM_LEVELS) or count not in range(_MOST_CELLS):
+            raise ValueError(f"no {count} cells can be at level {level}")
         counts[level] = count
     return GateCells(total=float(plain["total"]), counts=counts)

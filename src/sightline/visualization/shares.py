@@ -12,7 +12,7 @@ from sightline.visualization.canvas import put_lines
 from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import put_text, text_width
 
-_OPACITY = 0.62
+_DARKEST = 0.6  # what black leaves of a colour
 _BACKGROUND: RGB = (22, 25, 30)
 _GRID: RGB = (64, 70, 80)
 _TEXT: RGB = (222, 225, 230)
@@ -26,7 +26,7 @@ _FILL = 0.55
 def lay_shares(
     picture: UInt8[np.ndarray, "height width 3"], shares: Float[np.ndarray, "rows columns"]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The RGB picture in grey under the colours of a map: violet is 0, green a half, yellow 1.
+    """The colours of a map, shaded by the RGB picture: violet is 0, green a half, yellow 1.
 
     The map is stretched to the picture's size; values beyond 0 and 1 take the colour of that end.
     """
@@ -34,8 +34,9 @@ def lay_shares(
     levels = np.rint(255 * np.clip(shares, 0, 1)).astype(np.uint8)
     stretched = cv2.resize(levels, (width, height), interpolation=cv2.INTER_LINEAR)
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None]
-    mixed = _OPACITY * _share_colors()[stretched] + (1 - _OPACITY) * grey
-    laid: UInt8[np.ndarray, "height width 3"] = np.rint(mixed).astype(np.uint8)
+    shade = _DARKEST + (1 - _DARKEST) * grey / 255
+    laid: UInt8[np.ndarray, "height width 3"]
+    laid = np.rint(_share_colors()[stretched] * shade).astype(np.uint8)
     return laid
 
 
