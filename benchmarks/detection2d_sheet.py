@@ -50,7 +50,9 @@ def main(
         _column(dataset[index], predictor, seed, width_px)
         for index in track(indices, description="detecting")
     ]
-    sheet = np.concatenate(columns, axis=1)
+    height = max(len(column) for column in columns)  # KITTI's images differ by a few rows
+    filled = [np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in columns]
+    sheet = np.concatenate(filled, axis=1)
     atomic_write_bytes(out, _encoded(sheet))
     print(out)
 
