@@ -164,8 +164,8 @@ class DgfnReport:
         return table
 
     def _gates_table(self) -> "Table":
-        columns = ("case", "gate of", "mean", "changed cells", "other cells")
-        columns += ("AUROC, same frames", "AUROC, clean frames", "AUROC, frame means")
+        aurocs = ("AUROC, same frames", "AUROC, clean frames", "AUROC, frame means")
+        columns = ("case", "gate of", "mean", "changed cells", "other cells", *aurocs)
         table = _new_table(
             f"Gates at the finest fused map (0 closed, 1 open); AUROC of 1 - gate. {self._where()}",
             columns,
@@ -222,6 +222,6 @@ def _levels(levels: Levels | None) -> str:
 
 
 def _gate_cells(score: SensorGateScore) -> tuple[str, ...]:
-    values = (score.mean, score.masked_mean, score.clear_mean, score.auroc_cells)
-    values += (score.auroc_clean_cells, score.auroc_frames)
+    means = (score.mean, score.masked_mean, score.clear_mean)
+    values = (*means, score.auroc_cells, score.auroc_clean_cells, score.auroc_frames)
     return tuple("-" if value is None else f"{value:.3f}" for value in values)
