@@ -78,6 +78,7 @@ def test_published_figures_are_quoted_and_open_cells_say_what_they_need(run):
     assert said.count("needs --early WEIGHTS") == said.count("needs --late WEIGHTS") == 8
     assert said.count("needs --lidar WEIGHTS") == 1
     assert "needs --gated" not in said
+    assert "sightline fit --config detection2d-dgfn-kitti" in said
     assert "does not compare with the published figures" in said
 
 

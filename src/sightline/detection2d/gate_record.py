@@ -166,7 +166,8 @@ def _from_plain(plain: Mapping[str, Any]) -> SensorGate:
 def _cells_from_plain(plain: Mapping[str, Any]) -> GateCells:
     counts = np.zeros(NUM_LEVELS, dtype=np.int64)
     for level, count in plain["counts"]:
-        if level not in range(NUM_LEVELS) or count not in range(_MOST_CELLS):
+        is_whole = isinstance(level, int) and isinstance(count, int)
+        if not (is_whole and 0 <= level < NUM_LEVELS and 0 <= count < _MOST_CELLS):
             raise ValueError(f"no {count} cells can be at level {level}")
         counts[level] = count
     return GateCells(total=float(plain["total"]), counts=counts)

@@ -25,6 +25,11 @@ NAMES: Final[dict[Fusion, str]] = {
 }
 """What tables call the ways of fusion."""
 
+_HOW_TO_TRAIN = (
+    "Networks to give: sightline fit --config detection2d-dgfn-kitti, and the same with "
+    "--model.init_args.network.fusion ones, early, late, camera or lidar."
+)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaseScore:
@@ -152,6 +157,8 @@ class DgfnReport:
                 cells = self._our_cells(fusion, case)
                 said = title if fusion == "gated" else ""
                 table.add_row(said, NAMES[fusion], _levels(published[case]), *cells)
+        if any(fusion not in self.systems for fusion in TABLE_1 | TABLE_2):
+            table.caption, table.caption_justify = _HOW_TO_TRAIN, "left"
         return table
 
     def _peers_table(self) -> "Table":

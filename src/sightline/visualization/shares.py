@@ -143,11 +143,11 @@ def _put_steps(
     """Filled bars, so far transparent that another series shows through, and their outline."""
     edges = [plot.column(edge) for edge in np.linspace(0, 1, len(heights) + 1)]
     tops = [plot.row(float(share)) for share in heights]
-    for start, end, top in zip(edges, edges[1:], tops, strict=True):
+    for start, end, top in zip(edges[:-1], edges[1:], tops, strict=True):
         area = canvas[round(top) : plot.bottom, round(start) : round(end)]
         area[:] = np.rint(_FILL * np.array(color) + (1 - _FILL) * area)
     outline = [[edges[0], plot.bottom]]
-    for start, end, top in zip(edges, edges[1:], tops, strict=True):
+    for start, end, top in zip(edges[:-1], edges[1:], tops, strict=True):
         outline += [[start, top], [end, top]]
     outline.append([edges[-1], plot.bottom])
     points = np.array(outline, dtype=np.float64)
