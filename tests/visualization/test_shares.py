@@ -3,9 +3,8 @@ import numpy as np
 from sightline.visualization.shares import ShareSeries, draw_histogram, lay_shares
 
 
-def bars(picture, color):
-    """Pixels in which a series' own colour prevails."""
-    return np.abs(picture.astype(int) - np.array(color)).sum(axis=2) < 10
+def is_red(picture):
+    return (picture[..., 0] > 120) & (picture[..., 1] < 60)
 
 
 def test_what_is_open_is_brighter_than_what_is_closed_on_any_picture():
@@ -36,15 +35,18 @@ def test_shares_beyond_the_ends_take_the_ends_colours():
         )
 
 
-def test_a_histograms_bars_stand_where_the_shares_are():
-    color = (250, 20, 20)
-    series = ShareSeries(name="a", values=np.array([0.9, 0.91]), color=color)
+def test_a_histograms_bars_stand_where_the_shares_are_and_as_high():
+    values = np.array([0.9, 0.91, 0.9, 0.3])
+    series = ShareSeries(name="", values=values, color=(250, 20, 20))
     picture = draw_histogram("title", [series], size=(200, 500))
-    columns = np.nonzero(bars(picture, color)[30:170].any(axis=0))[0]
-    # of 440 px between the margins, the class from 0.88 to 0.92; the outline runs along the axis
-    tall = [column for column in columns if bars(picture, color)[40:140, column].any()]
-    assert min(tall) >= 46 + 0.87 * 440
-    assert max(tall) <= 46 + 0.93 * 440
+    # 440 x 152 px between the margins: a quarter in one class, three in another
+    for share, low, high in ((0.2, 0.28, 0.32), (0.5, 0.88, 0.92)):
+        columns = is_red(picture)[round(178 - share * 152)].nonzero()[0]
+        near = columns[abs(columns - (46 + 0.5 * (low + high) * 440)) < 40]
+        assert abs(near.min() - (46 + low * 440)) <= 2
+        assert abs(near.max() - (46 + high * 440)) <= 2
+    assert not is_red(picture)[30 : 178 - round(0.77 * 152)].any()
+    assert not is_red(picture)[: 178 - round(0.27 * 152), : 46 + 200].any()
 
 
 def test_an_empty_series_and_several_are_drawn():

@@ -25,7 +25,7 @@ Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
 _TITLE: RGB = (236, 238, 242)
 _MUTED: RGB = (150, 156, 166)
 _LABEL: RGB = (245, 245, 245)
-_OUTLINE: RGB = (255, 210, 0)
+_OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
 _TITLE_PX = 24
 _TEXT_PX = 10
 _GAP_PX = 6
@@ -39,7 +39,7 @@ def answer_row(
     *,
     masks: Masks | None = None,
     width_px: int = 600,
-) -> UInt8[np.ndarray, "height width 3"]:
+) -> UInt8[np.ndarray, "row_height row_width 3"]:
     """One row of pictures under a title line.
 
     From the left: the image with detections from a score of 0.3 on, labels in white; the camera's

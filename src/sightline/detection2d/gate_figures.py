@@ -39,7 +39,7 @@ def write_gate_means(path: Path, gates: Sequence[CaseGates], suite: Suite) -> No
         )
         for case in gates
     ]
-    blanks = [np.full_like(charts[0], PAGE[0])] * (-len(charts) % _COLUMNS)
+    blanks = [np.full((*_CHART_SIZE, 3), PAGE, np.uint8)] * (-len(charts) % _COLUMNS)
     cells = [_framed(chart) for chart in charts + blanks]
     rows = [
         np.concatenate(cells[start : start + _COLUMNS], axis=1)
