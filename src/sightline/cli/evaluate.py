@@ -1,4 +1,4 @@
-"""The commands that measure: `evaluate` and `reproduce`."""
+"""The commands that measure: `evaluate`."""
 
 from pathlib import Path
 from typing import Literal
@@ -159,47 +159,3 @@ def evaluate_realism(
     from sightline.evaluation.realism import evaluate_realism as evaluate
 
     deliver(evaluate(simulated, real, real_labels=labels), json)
-
-
-def reproduce_shiftconv(
-    *,
-    data: Path | None = None,
-    weights: str | None = None,
-    weights_without: str | None = None,
-    engine: EngineName = "torch",
-    device: Device = "cpu",
-    sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
-    json: Path | None = None,
-) -> None:
-    """Prints the tables of Yu and Kee 2021 (Shift-Convolution), with our figures on the data given.
-
-    What cannot be measured on the data, or without weights, says what it needs.
-
-    Args:
-        data: KITTI's depth completion tree with val_selection_cropped, for the benchmark's own
-            figures; or any other data set, which is scored on held-out LiDAR rings.
-        weights: The paper's network: name of weights that come with Sightline, or a file.
-        weights_without: The same network trained without Shift-Conv.
-        engine: What runs the networks.
-        device: Where PyTorch runs the networks.
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all.
-        velodyne: Folder of the sweeps in an object tree.
-        json: File for the whole report.
-    """
-    if data is None:
-        raise ValueError("reproduce shiftconv measures on data; name a data set with --data")
-    check_writable(json)
-    from sightline.depth_completion.reproduce import reproduce_shiftconv as reproduce
-
-    report = reproduce(
-        data,
-        weights=weights,
-        weights_without=weights_without,
-        engine=engine,
-        device=device,
-        sample_list=sample_list,
-        velodyne=velodyne,
-    )
-    deliver(report, json)

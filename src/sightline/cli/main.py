@@ -20,11 +20,11 @@ from sightline.cli.evaluate import (
     evaluate_objects,
     evaluate_proposals,
     evaluate_realism,
-    reproduce_shiftconv,
 )
 from sightline.cli.parser import REFUSED, OneLineParser, fail
 from sightline.cli.predict import predict_commands
 from sightline.cli.report import deliver
+from sightline.cli.reproduce import reproduce_dgfn, reproduce_shiftconv
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
 from sightline.data.object_tree import Velodyne
@@ -171,6 +171,7 @@ def _commands() -> dict[str, Any]:
         "reproduce": {
             "_help": "Print a paper's tables beside our own figures.",
             "shiftconv": reproduce_shiftconv,
+            "dgfn": reproduce_dgfn,
         },
         "export": export,
         "submission": submission,

@@ -74,7 +74,9 @@ def corrupt_dataset(
         for case in asked
     ]
     claim_folder(
-        out, _settings(dataset, chosen, seed), results=("*/training", "*/testing", "*/ImageSets")
+        out,
+        case_settings(dataset, chosen, seed),
+        results=("*/training", "*/testing", "*/ImageSets"),
     )
     originals = list_object_frames(dataset.root / dataset.split, PARTS, velodyne)
     finished = [tree.finished(originals) for tree in trees]
@@ -136,8 +138,8 @@ def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
         )
 
 
-def _settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[str, object]:
-    """All that the bytes depend on, but for which frames, cases and masks are asked for."""
+def case_settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[str, object]:
+    """All that the cases of a data set depend on, but for which frames and cases are asked for."""
     return {
         "sightline": version("sightline"),
         "data": data_name(dataset.root),

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool
 from torch import Tensor
 
 from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.drawing import CaseDrawing
-from sightline.corruptions.suites import CLEAN, Case
+from sightline.corruptions.suites import CLEAN
 from sightline.data.augmentation import ColorJitterConfig, jitter_color
 from sightline.data.camera_chain import CameraChainConfig, change_camera
 from sightline.data.faults import Fault
@@ -23,7 +23,7 @@ from sightline.detection2d.augmentation import (
 )
 from sightline.detection2d.batch import DetectionBatch, FrameTruth
 from sightline.detection2d.config import InputConfig, check_range
-from sightline.detection2d.health import health
+from sightline.detection2d.health import health, known_by_points
 from sightline.detection2d.placement import (
     camera_image,
     lidar_image,
@@ -147,13 +147,23 @@ def training_example(
         view = _through_camera(view, camera_mask, config.camera, rng)
     size = whole_strides(config.crop_size or view.image_size, config.pad_to)
     maps = _maps(view, config.input, size)
+    camera_health = lidar_health = None
+    if config.health:
+        nothing_left = case.corruption.leaves_nothing
+        sound = maps["lidar"]
+        if lidar_mask.any():
+            sound_view = _view(replace(sample, image=None), config, np.random.default_rng(seed))
+            sound = padded(lidar_image(sound_view, config.input), size)
+        camera_health = health(camera_mask, size, nothing_left=nothing_left)[None]
+        lidar_health = health(lidar_mask, size, nothing_left=nothing_left)
+        lidar_health = known_by_points(lidar_health, sound)[None]
     return DetectionBatch(
         sample_ids=(sample.sample_id,),
         targets=(targets,),
         image=maps["image"][None],
         lidar=maps["lidar"][None],
-        camera_health=_health(camera_mask, size, case) if config.health else None,
-        lidar_health=_health(lidar_mask, size, case) if config.health else None,
+        camera_health=camera_health,
+        lidar_health=lidar_health,
     )
 
 
@@ -211,12 +221,6 @@ def _through_camera(
     if changed.image is None or view.image is None or not broken.any():
         return changed
     return replace(changed, image=torch.where(broken, view.image, changed.image))
-
-
-def _health(
-    broken: Bool[Tensor, "height width"], size: tuple[int, int], case: Case
-) -> Float32[Tensor, "1 1 rows columns"]:
-    return health(broken, size, nothing_left=case.corruption.leaves_nothing)[None]
 
 
 def _maps(

@@ -35,6 +35,19 @@ def health(
     return torch.where(known > 0, sound / known.clamp(min=1e-6), torch.nan)
 
 
+def known_by_points(
+    of_cells: Float32[Tensor, "1 rows columns"], lidar: Float32[Tensor, "3 height width"]
+) -> Float32[Tensor, "1 rows columns"]:
+    """Health of a LiDAR, unknown where a cell has no point: nothing tells it from one that is gone.
+
+    Args:
+        of_cells: Health.
+        lidar: The sound LiDAR's image.
+    """
+    has_point = F.max_pool2d((lidar > 0).float(), CELL_PX, ceil_mode=True).amax(0, keepdim=True)
+    return of_cells.where(has_point > 0, torch.nan)
+
+
 def pooled_health(
     health: Float[Tensor, "batch 1 rows columns"], rows: int, columns: int
 ) -> Float[Tensor, "batch 1 new_rows new_columns"]:

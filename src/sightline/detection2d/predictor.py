@@ -9,6 +9,7 @@ from jaxtyping import Float32, jaxtyped
 from torch import Tensor
 
 from sightline.data.object_tree import Part
+from sightline.detection2d.config import Fusion
 from sightline.detection2d.export_graph import export_graph
 from sightline.detection2d.model import Detector
 from sightline.detection2d.network_task import NETWORK_TASK
@@ -95,6 +96,11 @@ class DetectionPredictor:
         return cls(
             load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
         )
+
+    @property
+    def fusion(self) -> Fusion:
+        """How its network brings the sensors together."""
+        return self._config.fusion
 
     _PARTS: ClassVar[dict[str, Part]] = {"image": "image", "lidar": "points"}
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sightline.detection2d.predictor import DetectionPredictor, DetectorAnswer
     from sightline.export.graph import ExportGraph
     from sightline.export.names import EngineName
+    from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.structures.sample import CameraLidarSample
 
@@ -49,7 +50,7 @@ class Detection2DTask(DetectionNetworkTask):
         "data.init_args.training": "[{path: ., sample_list: train}]",
         "data.init_args.validation": "[{path: ., sample_list: val}]",
     }
-    default_weights = None
+    default_weights: str | None = None
     methods: tuple[str, ...] = ()
     outputs: tuple[Output, ...] = (
         Output(
@@ -81,10 +82,10 @@ class Detection2DTask(DetectionNetworkTask):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "DetectionPredictor":
-        """A network with its weights, which must be named.
+        """A network with its weights: those that are named, else the default ones.
 
         Raises:
-            ValueError: They are not, a method is, or as `DetectionPredictor.load`.
+            ValueError: There are none, a method is named, or as `DetectionPredictor.load`.
         """
         from sightline.detection2d.predictor import DetectionPredictor
 
@@ -93,12 +94,13 @@ class Detection2DTask(DetectionNetworkTask):
                 f"detection2d has no method '{shortened(method)}': it answers by a network; leave "
                 "the method out and name weights"
             )
-        if weights is None:
+        chosen = weights or self.default_weights
+        if chosen is None:
             raise ValueError(
                 "detection2d answers by a network, and no weights of it come with sightline: train "
                 "one by `sightline fit` and name its weights"
             )
-        return DetectionPredictor.load(weights, engine=engine, device=device, threads=threads)
+        return DetectionPredictor.load(chosen, engine=engine, device=device, threads=threads)
 
     def picture(
         self, sample: "CameraLidarSample", predictor: "DetectionPredictor"
@@ -108,9 +110,13 @@ class Detection2DTask(DetectionNetworkTask):
 
         return frame_sheet(sample, detections2d=predictor(sample).detections)
 
-    def demo(self, frames: Path, out: Path) -> None:
-        """Has nothing to show before weights come with the package."""
-        del frames, out
+    def demo(self, frames: Path, out: Path) -> "DemoPart | None":
+        """See `run_detection_demo`; nothing before there are default weights."""
+        if self.default_weights is None:
+            return None
+        from sightline.detection2d.demo import run_detection_demo
+
+        return run_detection_demo(self, self.predictor(threads=1), frames, out)
 
 
 TASK: Final = Detection2DTask()

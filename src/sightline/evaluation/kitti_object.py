@@ -25,7 +25,7 @@ def evaluate_objects(
     results_dir: Path,
     labels_dir: Path,
     *,
-    sample_list: Path | str | None = None,
+    sample_list: Path | str | Sequence[str] | None = None,
     overlaps: MinimumOverlaps = STRICT,
     bootstrap: int = 0,
     seed: int = 0,
@@ -68,7 +68,11 @@ def evaluate_objects(
 
 
 def read_frames(
-    results_dir: Path, labels_dir: Path, sample_list: Path | str | None, *, progress: bool
+    results_dir: Path,
+    labels_dir: Path,
+    sample_list: Path | str | Sequence[str] | None,
+    *,
+    progress: bool,
 ) -> Iterator[tuple[KittiObjects, KittiObjects]]:
     """Reads results and labels frame by frame; the missing files are found before the first.
 
@@ -105,7 +109,7 @@ def _read_frame(results: Path, labels: Path) -> tuple[KittiObjects, KittiObjects
     return found, labelled
 
 
-def _frame_names(labels_dir: Path, sample_list: Path | str | None) -> Sequence[str]:
+def _frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None) -> Sequence[str]:
     if sample_list is not None:
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))

@@ -1,0 +1,162 @@
+"""Times 2D detection at 1242x375: `python -m benchmarks.detection2d`.
+
+From a frame's image and sweep to its detections, as `DetectionPredictor` does it, projection and
+suppression included: the network of Kim et al. 2018 and ours, on every engine that is asked for, in
+PyTorch in bfloat16, too. Each row is measured in a process of its own, one after the other, in one
+run. The last line is kept in benchmarks/results/detection2d.json.
+
+Networks that do not come with the package have weights drawn at random. The network's own time does
+not depend on them, that of suppression does: "detections" tells how many boxes were left.
+"""
+
+import json
+import multiprocessing
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+import jsonargparse
+import torch
+import yaml
+from torch import Tensor
+
+from benchmarks.latency import count_cost, measure_latency
+from benchmarks.machine import describe_machine
+from sightline.data.open import open_dataset
+from sightline.data.settings import parse_settings
+from sightline.data.weights import write_weights
+from sightline.data.weights_header import shipped_names
+from sightline.detection2d.config import Detection2DConfig
+from sightline.detection2d.export_graph import export_graph
+from sightline.detection2d.model import Detector
+from sightline.detection2d.network_task import NETWORK_TASK
+from sightline.detection2d.placement import (
+    Placement,
+    camera_image,
+    lidar_image,
+    padded,
+    place,
+    whole_strides,
+)
+from sightline.detection2d.postprocess import to_detections
+from sightline.export.engines import build_engine
+from sightline.export.names import EngineName, Precision
+from sightline.inference.network import load_network
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.predictions import Detections2D
+from sightline.structures.sample import CameraLidarSample
+from sightline.tasks import PACKAGE_RECIPES
+
+PAPER = "detection2d-dgfn-kitti"
+_NETWORKS = (PAPER, "detection2d-best", "detection2d-fast-cpu")  # names of recipes and of weights
+
+Device = Literal["cpu", "cuda"]
+
+
+def main(
+    networks: tuple[str, ...] = _NETWORKS,
+    engines: tuple[str, ...] = ("torch", "onnxruntime", "openvino"),
+    device: Device = "cpu",
+    threads: int = 2,
+    repeats: int = 20,
+    paper_repeats: int = 3,
+) -> None:
+    """Prints a table, then one line of JSON.
+
+    Args:
+        networks: Names of recipes; the weights of the same name, where they come with the package.
+        engines: What runs the networks; PyTorch does so in float32 and in bfloat16.
+        device: Where PyTorch runs them.
+        threads: Of the CPU.
+        repeats: Frames timed.
+        paper_repeats: The same of the paper's network, whose frames take long on a CPU.
+    """
+    context = multiprocessing.get_context("spawn")
+    ways = [(engine, "float32") for engine in engines]
+    ways[1:1] = [("torch", "bfloat16")] if "torch" in engines else []
+    rows = [(name, *way) for name in networks for way in ways]
+    print(
+        f"{'network':<26}{'engine':<13}{'precision':<10}{'median ms':>10}{'95 %':>9}{'network':>9}"
+        f"{'MiB':>7}{'GFLOP':>8}{'M':>7}"
+    )
+    results = []
+    for name, engine, precision in rows:
+        place_ = device if engine == "torch" else "cpu"
+        count = paper_repeats if name == PAPER and place_ == "cpu" else repeats
+        with context.Pool(1) as pool:  # memory that one row took must not hide the next one's
+            row = pool.apply(_measure, (name, engine, precision, place_, threads, count))
+        results.append(row)
+        print(
+            f"{name:<26}{engine:<13}{precision:<10}{row['median_ms']:10.1f}"
+            f"{row['percentile_95_ms']:9.1f}{row['network_median_ms']:9.1f}"
+            f"{row['peak_memory_mib'] or 0:7.0f}{row['gflop']:8.1f}{row['parameters'] / 1e6:7.2f}"
+        )
+    setting = {"threads": threads, "device": device, "frame": [375, 1242]}
+    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+
+
+def _measure(
+    name: str,
+    engine: EngineName,
+    precision: Precision,
+    device: Device,
+    threads: int,
+    repeats: int,
+) -> dict[str, Any]:
+    torch.set_num_threads(threads)
+    sample = open_dataset(PACKAGED_FRAMES, parts={"image", "points"})[0]
+    with tempfile.TemporaryDirectory() as folder:
+        is_trained = name in shipped_names()
+        loaded = load_network(NETWORK_TASK, name if is_trained else _untrained(name, Path(folder)))
+    network = loaded.network
+    graph = export_graph(loaded)
+    inputs, _ = _prepared(sample, network)
+    cost = count_cost(network, inputs)
+    run = build_engine(
+        network.to(device),
+        graph.example_inputs,
+        engine,
+        metadata=graph.metadata,
+        threads=threads,
+        precision=precision,
+    )
+
+    def detect() -> Detections2D:
+        given, placement = _prepared(sample, network)
+        outputs = {key: tensor[0].cpu() for key, tensor in run(given).items()}
+        config = network.config.postprocess
+        return to_detections(outputs["scores"], outputs["boxes"], placement, config)
+
+    warm_up = min(repeats, 5)
+    whole = measure_latency(detect, device=device, warm_up=warm_up, repeats=repeats)
+    alone = measure_latency(lambda: run(inputs), device=device, warm_up=1, repeats=repeats)
+    row = {"network": name, "trained": is_trained, "engine": engine, "precision": precision}
+    row |= {"detections": len(detect().scores), "network_median_ms": alone.median_ms}
+    return row | whole.to_json() | cost.to_json()
+
+
+def _prepared(sample: CameraLidarSample, network: Detector) -> tuple[dict[str, Tensor], Placement]:
+    """What the network takes of a frame, as `DetectionPredictor` makes it."""
+    config = network.config.input
+    given, placement = place(sample, config)
+    size = whole_strides(given.image_size, network.stride)
+    images = {"image": camera_image(given), "lidar": lidar_image(given, config)}
+    return {key: padded(images[key], size)[None] for key in network.input_names}, placement
+
+
+def _untrained(recipe: str, folder: Path) -> Path:
+    """A recipe's network with weights drawn at random, as a file."""
+    settings = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())
+    plain = settings["model"]["init_args"]["network"]
+    config = parse_settings(Detection2DConfig, plain)
+    torch.manual_seed(0)
+    path = folder / f"{recipe}.safetensors"
+    tensors = dict(Detector(config).state_dict())
+    plain = json.loads(json.dumps(asdict(config)))
+    write_weights(path, tensors, task=NETWORK_TASK.name, config=plain, provenance={})
+    return path
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main, as_positional=False)

@@ -1,0 +1,84 @@
+"""Draws a detector on frames with failing sensors: `python -m benchmarks.detection2d_sheet`.
+
+Each frame as it is and under each corruption of suite dgfn7: the image with detections (labels in
+white), the camera's gate over it and the LiDAR's over the sweep. What is partly affected is
+outlined. The picture takes 600 KB at most.
+"""
+
+from pathlib import Path
+
+import cv2
+import jsonargparse
+import numpy as np
+from jaxtyping import UInt8
+
+from sightline.corruptions.suites import SUITES
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.progress import track
+from sightline.detection2d.answer_picture import answer_row
+from sightline.detection2d.predictor import DetectionPredictor
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.sample import CameraLidarSample
+
+_MAX_BYTES = 600_000
+_QUALITIES = range(90, 10, -5)
+
+
+def main(
+    weights: str,
+    out: Path = Path("docs/pictures/detection2d.jpg"),
+    data: Path = PACKAGED_FRAMES,
+    frames: int = 1,
+    seed: int = 3,
+    width_px: int = 460,
+) -> None:
+    """Draws the frames side by side, a row for each case.
+
+    Args:
+        weights: Name of weights that come with Sightline, or a file.
+        out: The picture.
+        data: KITTI object tree.
+        frames: How many, evenly spread over the data.
+        seed: Of what the cases draw.
+        width_px: Of each of the three pictures of a frame.
+    """
+    predictor = DetectionPredictor.load(weights)
+    dataset = KittiObjectDataset(data)
+    indices = np.linspace(0, len(dataset) - 1, frames).round().astype(int).tolist()
+    columns = [
+        _column(dataset[index], predictor, seed, width_px)
+        for index in track(indices, description="detecting")
+    ]
+    height = max(len(column) for column in columns)  # KITTI's images differ by a few rows
+    filled = [np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in columns]
+    sheet = np.concatenate(filled, axis=1)
+    atomic_write_bytes(out, _encoded(sheet))
+    print(out)
+
+
+def _column(
+    sample: CameraLidarSample, predictor: DetectionPredictor, seed: int, width_px: int
+) -> UInt8[np.ndarray, "height width 3"]:
+    """All cases of a frame, one below the other."""
+    rows = []
+    for case in SUITES["dgfn7"].cases:
+        corrupted = case.corrupt(sample, seed)
+        masks = (corrupted.camera_mask, corrupted.lidar_mask)
+        title = f"{case.name}  {sample.sample_id}"
+        answer = predictor(corrupted.sample)
+        rows.append(answer_row(title, corrupted.sample, answer, masks=masks, width_px=width_px))
+    return np.concatenate(rows)
+
+
+def _encoded(sheet: UInt8[np.ndarray, "height width 3"]) -> bytes:
+    """As JPEG of the best quality that fits."""
+    for quality in _QUALITIES:
+        _, encoded = cv2.imencode(".jpg", sheet[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        if encoded.nbytes <= _MAX_BYTES:
+            return encoded.tobytes()
+    raise ValueError(f"the sheet takes more than {_MAX_BYTES:,} bytes; draw fewer frames")
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main, as_positional=False)

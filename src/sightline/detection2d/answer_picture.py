@@ -1,0 +1,144 @@
+"""A frame with what a detector makes of it, in one row: detections, camera gate, LiDAR gate."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, UInt8
+from torch import Tensor
+
+from sightline.detection2d.predictor import DetectorAnswer
+from sightline.structures.predictions import Detections2D
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.colors import RGB, class_color
+from sightline.visualization.image import draw_boxes2d, draw_points
+from sightline.visualization.lettering import put_text, text_width
+from sightline.visualization.shares import lay_shares, put_share_legend
+
+PAGE: Final[RGB] = (36, 39, 46)
+CAMERA_COLOR: Final[RGB] = class_color("Cyclist")
+LIDAR_COLOR: Final[RGB] = class_color("Pedestrian")
+
+Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
+"""Which pixels of the camera and of the LiDAR a corruption may have changed."""
+
+_TITLE: RGB = (236, 238, 242)
+_MUTED: RGB = (150, 156, 166)
+_LABEL: RGB = (245, 245, 245)
+_OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
+_TITLE_PX = 24
+_TEXT_PX = 10
+_GAP_PX = 6
+_DRAWN_SCORE = 0.3  # what is less sure is not drawn
+
+
+def answer_row(
+    title: str,
+    sample: CameraLidarSample,
+    answer: DetectorAnswer,
+    *,
+    masks: Masks | None = None,
+    width_px: int = 600,
+) -> UInt8[np.ndarray, "row_height row_width 3"]:
+    """One row of pictures under a title line.
+
+    From the left: the image with detections from a score of 0.3 on, labels in white; the camera's
+    gate over the image and the LiDAR's over the sweep's points, where there are gates.
+
+    Args:
+        title: What is special about the frame.
+        sample: As the detector got it.
+        answer: The detector's.
+        masks: What a corruption may have changed is outlined, where it is one part of the image.
+        width_px: Of each picture.
+    """
+    camera_mask, lidar_mask = masks or (None, None)
+    image, sweep = (_scaled(each, width_px) for each in (_image(sample), _sweep(sample)))
+    found = _with_boxes(_outlined(image, camera_mask), sample, answer)
+    cells = [_cell(title, "", found)]
+    for name, gate, backdrop, mask in (
+        ("camera gate", answer.camera_gate, image, camera_mask),
+        ("LiDAR gate", answer.lidar_gate, sweep, lidar_mask),
+    ):
+        if gate is not None:
+            laid = _outlined(lay_shares(backdrop, gate.numpy()), mask)
+            cell = _cell(name, f"mean {float(gate.mean()):.2f}", laid)
+            put_share_legend(cell, "0", "1", right=width_px, top=9, color=_MUTED)
+            cells.append(cell)
+    return np.concatenate(cells, axis=1)
+
+
+def sure_detections(found: Detections2D, min_score: float = _DRAWN_SCORE) -> Detections2D:
+    """Those of a score of `min_score` or more, in their order."""
+    kept = (found.scores >= min_score).nonzero()[:, 0]
+    names = tuple(found.class_names[index] for index in kept.tolist())
+    return Detections2D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
+
+
+def _image(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
+    if sample.image is None:
+        return np.zeros((*sample.image_size, 3), np.uint8)
+    return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
+
+
+def _sweep(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
+    """The points by their range on black."""
+    black = np.zeros((*sample.image_size, 3), np.uint8)
+    if sample.points is None:
+        return black
+    return draw_points(black, sample.points, sample.calibration)
+
+
+def _scaled(
+    picture: UInt8[np.ndarray, "height width 3"], width_px: int
+) -> UInt8[np.ndarray, "new_height new_width 3"]:
+    height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
+    small = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
+    return small.astype(np.uint8, copy=False)
+
+
+def _with_boxes(
+    image: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample, answer: DetectorAnswer
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Boxes are drawn at the size at which they are seen, so that their tags can be read."""
+    scale_y, scale_x = (
+        new / old for new, old in zip(image.shape[:2], sample.image_size, strict=True)
+    )
+    found = sure_detections(answer.detections)
+    if sample.objects is not None:
+        labels = sample.objects
+        boxes = labels.boxes2d.resize(scale_x, scale_y)
+        image = draw_boxes2d(image, boxes, labels.class_names, color=_LABEL, tags=False)
+    boxes = found.boxes.resize(scale_x, scale_y)
+    return draw_boxes2d(image, boxes, found.class_names, scores=found.scores)
+
+
+def _outlined(
+    picture: UInt8[np.ndarray, "height width 3"],
+    mask: Bool[Tensor, "full_height full_width"] | None,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The picture with the border of what the mask marks, where that is one part of it."""
+    if mask is None or bool(mask.all()):
+        return picture
+    marked = cv2.resize(
+        mask.numpy().astype(np.uint8), picture.shape[1::-1], interpolation=cv2.INTER_NEAREST
+    )
+    if cv2.connectedComponents(marked)[0] != 2:
+        return picture
+    contours, _ = cv2.findContours(marked, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    canvas = picture.copy()
+    cv2.drawContours(canvas, contours, -1, _OUTLINE, thickness=2)
+    return canvas
+
+
+def _cell(
+    title: str, muted: str, picture: UInt8[np.ndarray, "height width 3"]
+) -> UInt8[np.ndarray, "new_height new_width 3"]:
+    """A picture under its title, with the page's gap at its right and bottom."""
+    height, width = picture.shape[:2]
+    page = np.full((_TITLE_PX + height + _GAP_PX, width + _GAP_PX, 3), PAGE, np.uint8)
+    page[_TITLE_PX : _TITLE_PX + height, :width] = picture
+    put_text(page, title, 2, _TITLE_PX - 7, height_px=_TEXT_PX, color=_TITLE)
+    at = 2 + text_width(title, _TEXT_PX) + 12
+    put_text(page, muted, at, _TITLE_PX - 7, height_px=_TEXT_PX, color=_MUTED)
+    return page

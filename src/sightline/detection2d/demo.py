@@ -1,0 +1,66 @@
+"""2D detection's part of the demo: a frame with both sensors, and with each of them dead."""
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from sightline.corruptions.suites import CLEAN, find_suite
+from sightline.data.image_file import write_rgb
+from sightline.data.open import open_dataset
+from sightline.detection2d.answer_picture import answer_row, sure_detections
+from sightline.detection2d.predictor import DetectionPredictor
+from sightline.inference.demo import DemoPart
+from sightline.inference.predict import predict
+from sightline.inference.predictor import AnsweringTask
+
+_SHOWN = {  # cases of the suite, in the words of the report
+    CLEAN: "both sensors",
+    "camera_blank": "the camera dead",
+    "lidar_blank": "the LiDAR dead",
+}
+_HTML = """<h2>2D detection</h2>
+<p>Cars, pedestrians and cyclists by <b>{name}</b>, in <code>detections/</code> as KITTI's result
+files. Below: frame {frame} with both sensors, without the camera and without the LiDAR. Its gates
+(from 0, closed, to 1, open) let through what the sensors still deliver; labels are white.</p>
+<pre>{table}</pre>
+<img src="{picture}" alt="frame {frame} with failing sensors">"""
+
+
+def run_detection_demo(
+    task: AnsweringTask, predictor: DetectionPredictor, frames: Path, out: Path
+) -> DemoPart:
+    """Detects in frames, and in the first of them with a dead camera and with a dead LiDAR.
+
+    Args:
+        task: 2D detection, whose files are written.
+        predictor: What detects.
+        frames: An object tree.
+        out: Folder for all of it; a second run makes only what is missing of the result files.
+
+    Raises:
+        ValueError: `out` cannot be written to.
+    """
+    detections, picture = out / "detections", out / "detections.png"
+    predict(task, predictor, frames, detections, workers=1)
+    sample = open_dataset(frames)[0]
+    rows, counts = [], {}
+    for case in find_suite("dgfn7").select(_SHOWN):
+        corrupted = case.corrupt(sample).sample
+        answer = predictor(corrupted)
+        said = _SHOWN[case.name]
+        rows.append(answer_row(said, corrupted, answer))
+        counts[said] = len(sure_detections(answer.detections).scores)
+    write_rgb(picture, np.concatenate(rows))
+    table = "\n".join(f"{said:<18}{count:4} objects found" for said, count in counts.items())
+    found = ", ".join(f"{count} with {said}" for said, count in counts.items())
+    return DemoPart(
+        result=f"objects by {predictor.name}: {found}",
+        files=(("objects", detections), ("picture", picture)),
+        html=_HTML.format(
+            name=html.escape(predictor.name),
+            frame=html.escape(sample.sample_id),
+            table=table,
+            picture=picture.name,
+        ),
+    )

@@ -1,0 +1,173 @@
+"""What a frame's gates say where its sensors are broken, and where they are not."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float32, Int64
+from torch import Tensor
+
+from sightline.corruptions.corruption import Corrupted
+from sightline.data.atomic import atomic_write_text
+from sightline.data.plain_text import read_text
+from sightline.data.problem import FileError
+from sightline.detection2d.predictor import DetectorAnswer
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.sample import CameraLidarSample
+
+NUM_LEVELS = 1024
+_LEVELS_A_LOGIT = 32  # from log odds of -16 to those of 16
+_MOST_CELLS = 2**31  # of a map
+_REMEDY = "remove it and run the same command again"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class GateCells:
+    """One sensor's gate over some cells of its map."""
+
+    total: float
+    """Sum of the gate."""
+    counts: Int64[np.ndarray, "1024"]
+    """Cells by the level of their gate, the most closed first: equal steps of log odds, so that
+    gates next to 0 and next to 1 are told apart, too."""
+
+    @property
+    def num_cells(self) -> int:
+        """How many."""
+        return int(self.counts.sum())
+
+    @property
+    def mean(self) -> float | None:
+        """Of the gate; None where there is no cell."""
+        return self.total / self.num_cells if self.num_cells else None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SensorGate:
+    """One sensor's gate in one frame, or in several."""
+
+    mean: float
+    """Over the whole map."""
+    masked: GateCells
+    """More than half of which a corruption has changed."""
+    clear: GateCells
+    """Which it has left alone."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GateRecord:
+    """Both gates of a frame at the network's finest map."""
+
+    camera: SensorGate
+    lidar: SensorGate
+
+
+def measure_gates(
+    answer: DetectorAnswer, sound: CameraLidarSample, corrupted: Corrupted
+) -> GateRecord:
+    """The gates of a frame beside what is known to be wrong with it.
+
+    Cells where the sound sweep has no point are left out of the LiDAR's masked and clear ones:
+    nothing was lost there, and nobody could see it.
+
+    Args:
+        answer: To the corrupted sample.
+        sound: The sample before.
+        corrupted: And after.
+
+    Raises:
+        ValueError: The answer has no gates.
+    """
+    if answer.camera_gate is None or answer.lidar_gate is None:
+        raise ValueError(
+            f"the network that answered to sample {sound.sample_id} has no gates to measure; name "
+            "weights of a gated one"
+        )
+    size = sound.image_size
+    everywhere = torch.ones(size, dtype=torch.bool)
+    has_point = everywhere
+    if sound.points is not None:
+        has_point = sparse_depth_map(sound.points, sound.calibration, size) > 0
+    return GateRecord(
+        camera=_sensor_gate(answer.camera_gate, corrupted.camera_mask, everywhere),
+        lidar=_sensor_gate(answer.lidar_gate, corrupted.lidar_mask, has_point),
+    )
+
+
+def _sensor_gate(
+    gate: Float32[Tensor, "rows columns"],
+    mask: Bool[Tensor, "height width"],
+    could_be_seen: Bool[Tensor, "height width"],
+) -> SensorGate:
+    cells = (gate.shape[0], gate.shape[1])
+    masked_share = F.adaptive_avg_pool2d(mask.float()[None], cells)[0]
+    is_known = F.adaptive_max_pool2d(could_be_seen.float()[None], cells)[0] > 0
+    return SensorGate(
+        mean=float(gate.double().mean()),
+        masked=_cells(gate[is_known & (masked_share > 0.5)]),
+        clear=_cells(gate[is_known & (masked_share == 0)]),
+    )
+
+
+def _cells(gates: Float32[Tensor, " num_cells"]) -> GateCells:
+    exact = gates.double()
+    log_odds = torch.logit(exact, eps=1e-9)
+    levels = (log_odds * _LEVELS_A_LOGIT).round().long() + NUM_LEVELS // 2
+    counts = torch.bincount(levels.clamp(0, NUM_LEVELS - 1), minlength=NUM_LEVELS)
+    return GateCells(total=float(exact.sum()), counts=counts.numpy())
+
+
+def write_gate_record(path: Path, record: GateRecord) -> None:
+    """Writes a JSON file, whole or not at all."""
+    plain = {"camera": _to_plain(record.camera), "lidar": _to_plain(record.lidar)}
+    atomic_write_text(path, json.dumps(plain) + "\n")
+
+
+def read_gate_record(path: Path) -> GateRecord:
+    """Reads what `write_gate_record` wrote.
+
+    Raises:
+        FileError: The file is none of these.
+    """
+    text = read_text(path)
+    try:
+        plain = json.loads(text)
+        return GateRecord(camera=_from_plain(plain["camera"]), lidar=_from_plain(plain["lidar"]))
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise FileError(path, "is no record of gates", _REMEDY) from error
+
+
+def _to_plain(gate: SensorGate) -> dict[str, object]:
+    groups = {"masked": gate.masked, "clear": gate.clear}
+    return {"mean": gate.mean} | {
+        name: {
+            "total": cells.total,
+            "counts": [
+                [int(level), int(cells.counts[level])] for level in np.flatnonzero(cells.counts)
+            ],
+        }
+        for name, cells in groups.items()
+    }
+
+
+def _from_plain(plain: Mapping[str, Any]) -> SensorGate:
+    return SensorGate(
+        mean=float(plain["mean"]),
+        masked=_cells_from_plain(plain["masked"]),
+        clear=_cells_from_plain(plain["clear"]),
+    )
+
+
+def _cells_from_plain(plain: Mapping[str, Any]) -> GateCells:
+    counts = np.zeros(NUM_LEVELS, dtype=np.int64)
+    for level, count in plain["counts"]:
+        is_whole = isinstance(level, int) and isinstance(count, int)
+        if not (is_whole and 0 <= level < NUM_LEVELS and 0 <= count < _MOST_CELLS):
+            raise ValueError(f"no {count} cells can be at level {level}")
+        counts[level] = count
+    return GateCells(total=float(plain["total"]), counts=counts)

@@ -1,0 +1,258 @@
+"""The tables of the paper on gated fusion, its own figures beside ours.
+
+Kim et al. 2018, "Robust Camera Lidar Sensor Fusion Via Deep Gated Information Fusion Network":
+Table I (sensors that fail), Table II (peers); Fig. 4 and 5 are drawn by `gate_figures`. Published
+figures are quoted, ours are measured on the data given; a cell for which nothing was measured says
+what it needs.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, get_args
+
+from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.object_tree import Velodyne, part_folder
+from sightline.data.open import open_dataset
+from sightline.data.progress import track
+from sightline.data.sample_list import read_sample_list
+from sightline.detection2d.config import Fusion
+from sightline.detection2d.gate_figures import (
+    GATE_MAPS,
+    GATE_MEANS,
+    write_gate_maps,
+    write_gate_means,
+)
+from sightline.detection2d.gate_statistics import CaseGates, pool_gates, score_gates
+from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection2d.published import Levels
+from sightline.detection2d.reproduce_job import System, case_folder, detect_in_cases
+from sightline.detection2d.reproduce_report import CaseScore, DgfnReport, SystemScores
+from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.evaluation.kitti_object_rules import (
+    DIFFICULTIES,
+    STRICT,
+    ClassName,
+    ClassOverlaps,
+    MinimumOverlaps,
+)
+from sightline.evaluation.object_report import ObjectEntry, ObjectReport
+from sightline.export.names import EngineName
+from sightline.simulation.generate import MANIFEST_NAME as SIMULATION_MANIFEST
+
+ONE_SENSOR: Final[tuple[Fusion, ...]] = ("camera", "lidar")
+"""Scored in the clean case only: Table II."""
+
+_PUBLISHED_SPLIT = "kitti-object-val"
+
+
+def reproduce_dgfn(
+    data: Path,
+    weights: Mapping[Fusion, str | Path],
+    out: Path,
+    *,
+    suite: str = "dgfn7",
+    seed: int = 0,
+    class_name: ClassName = "Car",
+    iou: float | None = None,
+    bootstrap: int = 0,
+    figures: Path | None = None,
+    figure_frame: str | None = None,
+    engine: EngineName = "torch",
+    device: str = "cpu",
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne = "velodyne",
+    workers: int = 2,
+) -> DgfnReport:
+    """Measures what the paper's tables need on the data given.
+
+    Every detector answers to every frame in every case of the suite; those of one sensor in the
+    clean case only. What they find is kept, so that a second call goes on where one was stopped,
+    and other figures of it take seconds.
+
+    Args:
+        data: KITTI's object tree, with labels.
+        weights: Networks by their way of fusion; see `load_network`. The others' cells stay open.
+        out: Folder for what the detectors find; see `detect_in_cases`.
+        suite: Name of the suite of corruptions.
+        seed: Another one draws other boxes, discs and noise.
+        class_name: Whose figures the tables show.
+        iou: What a match must exceed; None: the benchmark's own, 0.7 for cars and 0.5 else.
+        bootstrap: Resamples of the frames for AP over all scores; 0 leaves it out.
+        figures: Folder for the pictures of the gates. None: none are drawn.
+        figure_frame: Name of the frame whose gates are drawn. None: the first.
+        engine: What runs the networks.
+        device: Where they run.
+        sample_list: Which frames; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder.
+        workers: Processes that work; 1 is this process alone.
+
+    Raises:
+        ValueError: The data cannot be read or have no labels, a file of weights is not of the
+            fusion that it is given for, `out` holds what something else made, or as
+            `evaluate_objects`.
+    """
+    chosen = find_suite(suite)
+    overlaps = _overlaps(class_name, iou)
+    if figures is not None and "gated" not in weights:
+        raise ValueError(
+            "the figures show gates; give the weights of a network with gates (--gated), or leave "
+            "the figures out"
+        )
+    systems = [
+        System(fusion=fusion, predictor=predictor, cases=_cases(chosen, fusion))
+        for fusion, predictor in _load(weights, engine, device).items()
+    ]
+    dataset = _open(data, sample_list, velodyne)
+    shown = _position(dataset, figure_frame)
+    detect_in_cases(dataset, systems, out, suite=chosen, seed=seed, workers=workers)
+    scores = _score(dataset, systems, out, class_name, overlaps, bootstrap)
+    gates = _gates(dataset, chosen, out) if "gated" in weights else ()
+    if figures is not None:
+        gated = next(system.predictor for system in systems if system.fusion == "gated")
+        write_gate_means(figures / GATE_MEANS, gates, chosen)
+        write_gate_maps(figures / GATE_MAPS, dataset[shown], gated, chosen, seed)
+    return DgfnReport(
+        data=str(data),
+        frames=len(dataset),
+        is_published_split=_is_published_split(dataset),
+        suite=chosen,
+        seed=seed,
+        class_name=class_name,
+        iou=_overlaps_of(overlaps, class_name).bbox,
+        systems=scores,
+        gates=gates,
+    )
+
+
+def _overlaps(class_name: ClassName, iou: float | None) -> MinimumOverlaps:
+    if iou is None:
+        return STRICT
+    chosen = replace(_overlaps_of(STRICT, class_name), bbox=iou)
+    return replace(STRICT, **{class_name.lower(): chosen})
+
+
+def _overlaps_of(overlaps: MinimumOverlaps, class_name: ClassName) -> ClassOverlaps:
+    of_class: ClassOverlaps = getattr(overlaps, class_name.lower())
+    return of_class
+
+
+def _cases(suite: Suite, fusion: Fusion) -> tuple[Case, ...]:
+    return suite.select([CLEAN]) if fusion in ONE_SENSOR else suite.cases
+
+
+def _load(
+    weights: Mapping[Fusion, str | Path], engine: EngineName, device: str
+) -> dict[Fusion, DetectionPredictor]:
+    """The detectors, in the order of the tables."""
+    if not weights:
+        raise ValueError(
+            "reproduce dgfn measures networks; give the weights of one or more (--gated WEIGHTS)"
+        )
+    loaded = {}
+    for fusion in (each for each in get_args(Fusion) if each in weights):
+        # Of several threads PyTorch gives other last digits: the workers are what is parallel.
+        predictor = DetectionPredictor.load(
+            weights[fusion], engine=engine, device=device, threads=1
+        )
+        if predictor.fusion != fusion:
+            raise ValueError(
+                f"{predictor.name} is a network of fusion {predictor.fusion}, expected {fusion}; "
+                f"give it as --{predictor.fusion}"
+            )
+        loaded[fusion] = predictor
+    return loaded
+
+
+def _open(
+    data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
+) -> KittiObjectDataset:
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
+    if not isinstance(dataset, KittiObjectDataset) or "objects" not in dataset.parts:
+        raise ValueError(
+            f"{data} has no labels to score against, expected KITTI's object tree; name a folder "
+            "that holds training/{image_2,velodyne,calib,label_2}"
+        )
+    return dataset
+
+
+def _position(dataset: KittiObjectDataset, name: str | None) -> int:
+    if name is None:
+        return 0
+    if name not in dataset.sample_ids:
+        raise ValueError(
+            f"frame {name} to draw is not among the {len(dataset)} frames that are scored; name "
+            "one of them"
+        )
+    return dataset.sample_ids.index(name)
+
+
+def _score(
+    dataset: KittiObjectDataset,
+    systems: Sequence[System],
+    out: Path,
+    class_name: ClassName,
+    overlaps: MinimumOverlaps,
+    bootstrap: int,
+) -> dict[Fusion, SystemScores]:
+    """Every detector's figures in each of its cases."""
+    labels = dataset.root / dataset.split / part_folder("objects")
+    pairs = [(system, case) for system in systems for case in system.cases]
+    found: dict[Fusion, dict[str, CaseScore]] = {system.fusion: {} for system in systems}
+    for system, case in track(pairs, description="scoring"):
+        report = evaluate_objects(
+            case_folder(out, system.fusion, case).path,
+            labels,
+            sample_list=dataset.sample_ids,
+            overlaps=overlaps,
+            bootstrap=bootstrap,
+        )
+        found[system.fusion][case.name] = _case_score(report, class_name)
+    return {
+        system.fusion: SystemScores(name=system.predictor.name, cases=found[system.fusion])
+        for system in systems
+    }
+
+
+def _case_score(report: ObjectReport, class_name: ClassName) -> CaseScore:
+    """All 0 where nothing of the class was found, which the report leaves out."""
+    entries = {
+        entry.difficulty: entry
+        for entry in report.entries
+        if (entry.class_name, entry.metric) == (class_name, "bbox")
+    }
+
+    def levels(figure: Callable[[ObjectEntry], float]) -> Levels:
+        easy, moderate, hard = (
+            figure(entries[each]) if each in entries else 0.0 for each in DIFFICULTIES
+        )
+        return easy, moderate, hard
+
+    points = [entry.all_points for entry in entries.values() if entry.all_points is not None]
+    return CaseScore(
+        ap_r11=levels(lambda entry: entry.ap_r11),
+        ap_r40=levels(lambda entry: entry.ap_r40),
+        max_recall=levels(lambda entry: 100 * entry.max_recall),
+        ap_all_points=(
+            levels(lambda entry: entry.all_points.ap if entry.all_points else 0.0)
+            if report.num_resamples
+            else None
+        ),
+        ap_all_points_95=tuple((each.low, each.high) for each in points) or None,
+    )
+
+
+def _gates(dataset: KittiObjectDataset, suite: Suite, out: Path) -> tuple[CaseGates, ...]:
+    pooled = {
+        case.name: pool_gates(case_folder(out, "gated", case).gate_records(dataset.sample_ids))
+        for case in track(suite.cases, description="reading gates")
+    }
+    return tuple(score_gates(name, each, pooled[CLEAN]) for name, each in pooled.items())
+
+
+def _is_published_split(dataset: KittiObjectDataset) -> bool:
+    """Whether these are the frames of the papers, and not simulated ones of the same names."""
+    if (dataset.root / SIMULATION_MANIFEST).exists():
+        return False
+    return set(dataset.sample_ids) == set(read_sample_list(_PUBLISHED_SPLIT, dataset.root))

@@ -1,0 +1,234 @@
+"""What `reproduce_dgfn` finds: the paper's tables with our figures beside the published ones."""
+
+import statistics
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Final
+
+from sightline.corruptions.suites import CLEAN, Suite
+from sightline.detection2d.config import Fusion
+from sightline.detection2d.gate_statistics import CaseGates, SensorGateScore
+from sightline.detection2d.published import FULL, TABLE_1, TABLE_2, TABLE_2_PEERS, Levels
+from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName
+
+if TYPE_CHECKING:
+    from rich.console import Group, RenderableType
+    from rich.table import Table
+
+NAMES: Final[dict[Fusion, str]] = {
+    "gated": "with gates",
+    "ones": "weights all 1",
+    "early": "early fusion",
+    "late": "late fusion",
+    "camera": "camera only",
+    "lidar": "LiDAR only",
+}
+"""What tables call the ways of fusion."""
+
+_HOW_TO_TRAIN = (
+    "Networks to give: sightline fit --config detection2d-dgfn-kitti, and the same with "
+    "--model.init_args.network.fusion ones, early, late, camera or lidar."
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CaseScore:
+    """Figures of one detector in one case, percent."""
+
+    ap_r11: Levels
+    """The published measure: 11 recall positions. It jumps by 9 where recall passes one of them."""
+    ap_r40: Levels
+    max_recall: Levels
+    """Largest share of the objects that are found at any threshold."""
+    ap_all_points: Levels | None = None
+    """Over all scores; None where it was not asked for."""
+    ap_all_points_95: tuple[tuple[float, float], ...] | None = None
+    """Its 95 % interval at each difficulty."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SystemScores:
+    """Figures of one detector."""
+
+    name: str
+    """Of its weights."""
+    cases: Mapping[str, CaseScore]
+    """By case."""
+
+    @property
+    def full(self) -> CaseScore:
+        """The mean of the cases, which are of equally many frames."""
+        return CaseScore(
+            ap_r11=self._mean(lambda case: case.ap_r11),
+            ap_r40=self._mean(lambda case: case.ap_r40),
+            max_recall=self._mean(lambda case: case.max_recall),
+            ap_all_points=(
+                None
+                if any(case.ap_all_points is None for case in self.cases.values())
+                else self._mean(lambda case: case.ap_all_points or (0.0, 0.0, 0.0))
+            ),
+        )
+
+    def _mean(self, figures: Callable[[CaseScore], Levels]) -> Levels:
+        by_level = zip(*map(figures, self.cases.values()), strict=True)
+        easy, moderate, hard = map(statistics.fmean, by_level)
+        return easy, moderate, hard
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DgfnReport:
+    """The tables of Kim et al. 2018 with our measurements."""
+
+    data: str
+    frames: int
+    is_published_split: bool
+    """Whether the frames are those of KITTI's val split, which the published figures are of."""
+    suite: Suite
+    seed: int
+    class_name: ClassName
+    iou: float
+    systems: Mapping[Fusion, SystemScores]
+    """Those for which weights were given; camera and LiDAR alone in the clean case only."""
+    gates: tuple[CaseGates, ...]
+    """Of the network with gates, by case; none without it."""
+
+    @property
+    def is_comparable(self) -> bool:
+        """Whether our figures are of what the published ones are of."""
+        return self.is_published_split and (self.class_name, self.iou) == ("Car", 0.7)
+
+    def to_json(self) -> dict[str, object]:
+        """What the report file holds; what was not measured is None."""
+        peers = [
+            {"method": method, "data": data, "ap_r11": list(levels)}
+            for method, data, levels in (*TABLE_2.values(), *TABLE_2_PEERS)
+        ]
+        return {
+            "data": self.data,
+            "frames": self.frames,
+            "suite": self.suite.name,
+            "seed": self.seed,
+            "class": self.class_name,
+            "iou": self.iou,
+            "comparable_with_published": self.is_comparable,
+            "difficulties": list(DIFFICULTIES),
+            "table_1": {
+                fusion: {
+                    "published_ap_r11": {case: list(row) for case, row in published.items()},
+                    "ours": self._system_to_json(fusion, with_full=True),
+                }
+                for fusion, published in TABLE_1.items()
+            },
+            "table_2": {
+                "published": peers,
+                "ours": {
+                    fusion: self._system_to_json(fusion, with_full=False) for fusion in TABLE_2
+                },
+            },
+            "gates": [case.to_json() for case in self.gates] or None,
+        }
+
+    def _system_to_json(self, fusion: Fusion, *, with_full: bool) -> dict[str, object] | None:
+        system = self.systems.get(fusion)
+        if system is None:
+            return None
+        if not with_full:
+            return {"name": system.name, **asdict(system.cases[CLEAN])}
+        cases = {FULL: system.full, **system.cases}
+        return {"name": system.name, **{name: asdict(score) for name, score in cases.items()}}
+
+    def table(self) -> "Group":
+        """The tables, one below the other."""
+        from rich.console import Group
+
+        parts: list[RenderableType] = [self._cases_table(), self._peers_table()]
+        if self.gates:
+            parts.append(self._gates_table())
+        return Group(*parts)
+
+    def _cases_table(self) -> "Table":
+        columns = ("case", "fusion", "published R11", *self._our_columns())
+        table = _new_table(f"Table I: sensors that fail. {self._setting()}", columns)
+        titles = {FULL: "full (mean of all)"} | {case.name: case.title for case in self.suite.cases}
+        for number, (case, title) in enumerate(titles.items()):
+            if number:
+                table.add_section()
+            for fusion, published in TABLE_1.items():
+                cells = self._our_cells(fusion, case)
+                said = title if fusion == "gated" else ""
+                table.add_row(said, NAMES[fusion], _levels(published[case]), *cells)
+        if any(fusion not in self.systems for fusion in TABLE_1 | TABLE_2):
+            table.caption, table.caption_justify = _HOW_TO_TRAIN, "left"
+        return table
+
+    def _peers_table(self) -> "Table":
+        columns = ("method", "data", "published R11", *self._our_columns())
+        table = _new_table(f"Table II: sound sensors. {self._setting()}", columns)
+        for fusion, (method, data, published) in TABLE_2.items():
+            table.add_row(method, data, _levels(published), *self._our_cells(fusion, CLEAN))
+        for method, data, published in TABLE_2_PEERS:
+            table.add_row(method, data, _levels(published), "not ours to run")
+        return table
+
+    def _gates_table(self) -> "Table":
+        aurocs = ("AUROC, same frames", "AUROC, clean frames", "AUROC, frame means")
+        columns = ("case", "gate of", "mean", "changed cells", "other cells", *aurocs)
+        table = _new_table(
+            f"Gates at the finest fused map (0 closed, 1 open); AUROC of 1 - gate. {self._where()}",
+            columns,
+        )
+        titles = {case.name: case.title for case in self.suite.cases}
+        for case in self.gates:
+            for said, sensor, score in (
+                (titles[case.case], "camera", case.camera),
+                ("", "LiDAR", case.lidar),
+            ):
+                table.add_row(said, sensor, *_gate_cells(score))
+        return table
+
+    def _setting(self) -> str:
+        compares = "" if self.is_comparable else ": does not compare with the published figures"
+        return (
+            f"AP, easy / moderate / hard, percent. Published: Car, IoU 0.7, KITTI val, 3,769 "
+            f"frames. Ours: {self.class_name}, IoU {self.iou:g}, {self._where()}{compares}"
+        )
+
+    def _where(self) -> str:
+        return f"{self.data}, {self.frames:,} frames"
+
+    def _our_columns(self) -> tuple[str, ...]:
+        points = ("ours, all points",) if self._has_all_points else ()
+        return ("ours R11", "ours R40", *points, "ours, max recall")
+
+    @property
+    def _has_all_points(self) -> bool:
+        scores = (score for system in self.systems.values() for score in system.cases.values())
+        return any(score.ap_all_points is not None for score in scores)
+
+    def _our_cells(self, fusion: Fusion, case: str) -> tuple[str, ...]:
+        system = self.systems.get(fusion)
+        if system is None:
+            return (f"needs --{fusion} WEIGHTS",)
+        score = system.full if case == FULL else system.cases[case]
+        points = (_levels(score.ap_all_points),) if self._has_all_points else ()
+        return (_levels(score.ap_r11), _levels(score.ap_r40), *points, _levels(score.max_recall))
+
+
+def _new_table(title: str, columns: tuple[str, ...]) -> "Table":
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number < 2 else "right", no_wrap=True)
+    return table
+
+
+def _levels(levels: Levels | None) -> str:
+    return "-" if levels is None else " ".join(f"{value:6.2f}" for value in levels)
+
+
+def _gate_cells(score: SensorGateScore) -> tuple[str, ...]:
+    means = (score.mean, score.masked_mean, score.clear_mean)
+    values = (*means, score.auroc_cells, score.auroc_clean_cells, score.auroc_frames)
+    return tuple("-" if value is None else f"{value:.3f}" for value in values)
