@@ -29,7 +29,7 @@ _LARGEST_LOG: Final = 1.0  # sizes stay within a factor of e of the mean
 
 
 def cell_middles(cells: Int64[Tensor, "n 2"], grid: PillarGridConfig) -> Float[Tensor, "n 2"]:
-    """x and y [m] of the middles of cells (row, column) of the heads."""
+    """X and y [m] of the middles of cells (row, column) of the heads."""
     origin = torch.tensor([grid.x_m[0], grid.y_m[0]], device=cells.device)
     return (cells + 0.5) * grid.head_cell_m + origin
 
@@ -79,5 +79,5 @@ def decode_centers(
 
 
 def _mean_height(mean_sizes: Float[Tensor, "n 3"]) -> Float[Tensor, "n 1"]:
-    """z of the centre of such a box on level ground."""
+    """Z of the centre of such a box on level ground."""
     return mean_sizes[:, 2:] / 2 - KITTI_LIDAR_HEIGHT_M

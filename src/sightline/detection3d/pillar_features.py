@@ -15,7 +15,7 @@ _GROUND_SHIFT_M = 1.0  # heights are told about the middle of road users, 1 m be
 
 
 def pillar_features(
-    points: Float[Tensor, "num_points fields"], grid: PillarGridConfig = PillarGridConfig()
+    points: Float[Tensor, "num_points fields"], grid: PillarGridConfig
 ) -> Float32[Tensor, "channels rows columns"]:
     """What each pillar of the grid holds; zeros where it holds nothing. Any number of points.
 

@@ -56,7 +56,7 @@ class PillarTargets(NamedTuple):
 def pillar_targets(
     scenes: Sequence[SceneObjects],
     num_classes: int,
-    grid: PillarGridConfig = PillarGridConfig(),
+    grid: PillarGridConfig,
     config: PillarTargetsConfig = PillarTargetsConfig(),
 ) -> PillarTargets:
     """Targets of sweeps of one grid: Gaussians at centres, as Yin et al. 2021 (CenterPoint) has it.
