@@ -8,7 +8,6 @@ from torch import Tensor, nn
 
 from sightline.detection3d.region_coding import REGION_VALUES
 from sightline.detection3d.region_config import RegionConfig
-from sightline.detection3d.regions import Regions
 
 
 class RegionOutput(NamedTuple):
@@ -39,12 +38,16 @@ class RegionNetwork(nn.Module):
         nn.init.zeros_(self.answer.weight)
         nn.init.zeros_(self.answer.bias)
 
-    def forward(self, regions: Regions) -> RegionOutput:
-        """A change for each region; no regions give none."""
-        own = self.point_layers(regions.points)
+    def forward(
+        self,
+        points: Float[Tensor, "num_regions roi_points point_channels"],
+        context: Float[Tensor, "num_regions context_channels"],
+    ) -> RegionOutput:
+        """A change for each region, given as `regions.Regions` has it; no regions give none."""
+        own = self.point_layers(points)
         common = own.amax(dim=1, keepdim=True).expand_as(own)
         region = self.region_layer(torch.cat((own, common), dim=2)).amax(dim=1)
-        answer = self.answer(self.head(torch.cat((region, regions.context), dim=1))).float()
+        answer = self.answer(self.head(torch.cat((region, context), dim=1))).float()
         values, front, quality = answer.split((REGION_VALUES, 1, 1), dim=1)
         return RegionOutput(values, front[:, 0], quality[:, 0])
 

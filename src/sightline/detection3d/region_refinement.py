@@ -21,7 +21,7 @@ class RegionRefinementConfig:
     passes: int = 2
     """The points of each pass are those around the boxes of the one before."""
     quality_share: float = 0.5
-    """Share of the last pass's quality in the score, a product of powers; the proposal has the rest."""
+    """Share of the last quality in the score, a product of powers; the proposal has the rest."""
     suppression: SuppressionConfig = field(
         default_factory=lambda: SuppressionConfig(min_score=0.05)
     )
@@ -62,7 +62,7 @@ def refine_boxes(
     boxes, quality = proposals.boxes, proposals.scores
     for _ in range(config.passes):
         cut = cut_regions(points, features, boxes, proposals.classes, regions, seed=config.seed)
-        output = network(cut)
+        output = network(*cut)
         boxes = decode_regions(output.values, output.front_logits >= 0, boxes)
         quality = output.quality_logits.sigmoid()
     share = config.quality_share
