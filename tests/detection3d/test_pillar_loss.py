@@ -33,9 +33,8 @@ box = st.tuples(number, number, number, size, size, size, number)
 )
 def test_heat_counts_as_the_focal_loss_says_where_it_is_known(cells):
     logits, heat, counts = ([cell[k] for cell in cells] for k in range(3))
-    loss = heat_loss(
-        torch.tensor(logits).double(), torch.tensor(heat).double(), torch.tensor(counts)
-    )
+    given, wanted = (torch.tensor(each, dtype=torch.float64) for each in (logits, heat))
+    loss = heat_loss(given, wanted, torch.tensor(counts))
     assert loss.item() == pytest.approx(reference.heat_loss(logits, heat, counts), abs=1e-9)
 
 
