@@ -164,3 +164,29 @@ def region_values(box, proposal):
         math.sin(2 * turn),
         math.cos(2 * turn) - 1,
     ]
+
+
+def visible_together(scene, pasted, slack):
+    """Which points of two clouds are seen: every pair of points is looked at."""
+
+    def ray(point):
+        distance = math.hypot(point[0], point[1])
+        azimuth = math.degrees(math.atan2(point[1], point[0])) / 0.25
+        elevation = math.degrees(math.atan2(point[2], distance)) / 0.42
+        return math.floor(azimuth), math.floor(elevation), distance
+
+    scene, pasted = [ray(point) for point in scene], [ray(point) for point in pasted]
+    scene_seen = [
+        not any(
+            abs(azimuth - other[0]) <= 1 and elevation == other[1] and distance > other[2] + slack
+            for other in pasted
+        )
+        for azimuth, elevation, distance in scene
+    ]
+    pasted_seen = [
+        not any(
+            (azimuth, elevation) == other[:2] and distance > other[2] + slack for other in scene
+        )
+        for azimuth, elevation, distance in pasted
+    ]
+    return scene_seen, pasted_seen

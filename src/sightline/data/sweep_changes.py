@@ -1,4 +1,4 @@
-"""Sweeps changed as the ground and the sensor vary, 3D labels included: to train LiDAR detectors on.
+"""Sweeps changed as the ground and the sensor vary, with their 3D labels: to train detectors on.
 
 Each function gives a new sample in which points and 3D boxes fit together as before. What the
 camera sees stays as it is, and so does the calibration: images no longer fit a bent scene.

@@ -8,7 +8,6 @@ on the ground; and what hides behind them is taken away, as they are by what sta
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,14 +15,15 @@ from beartype import beartype
 from jaxtyping import Float32, Float64, jaxtyped
 from torch import Tensor
 
+from sightline.data.object_results import kitti_from_detections
 from sightline.detection3d.occlusion import visible_together
 from sightline.geometry.boxes2d import Boxes2D
-from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
-from sightline.geometry.image_boxes import kitti_corners, project_boxes
-from sightline.geometry.transforms import transform_points, wrap_angle, yaw_rotation
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.transforms import wrap_angle, yaw_rotation
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.ops.rotated_iou import pairwise_iou_bev
 from sightline.structures.labels import ObjectLabels
+from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
 _GROUND_QUANTILE = 0.1  # of the heights around: most of what is lower is noise
@@ -183,16 +183,18 @@ def _with_object(
     ground_m = _free_ground(points, entry, config)
     if ground_m is None:
         return sample
-    box, pasted = entry.box.clone(), entry.points.clone()
-    rise_m = ground_m + float(box[5]) / 2 - float(box[2])
-    box[2] += rise_m
-    pasted[:, 2] += rise_m
-    seen = visible_together(points[:, :3], pasted[:, :3], slack_m=config.slack_m)
-    label = _label(entry.class_name, box, sample)
-    if label is None or int(seen.pasted.sum()) < config.min_points:
+    rise_m = ground_m + float(entry.box[5]) / 2 - float(entry.box[2])
+    standing = replace(
+        entry,
+        box=entry.box + rise_m * entry.box.new_tensor([0, 0, 1, 0, 0, 0, 0]),
+        points=entry.points + rise_m * entry.points.new_tensor([0, 0, 1, 0]),
+    )
+    seen = visible_together(points[:, :3], standing.points[:, :3], slack_m=config.slack_m)
+    labels = _with_label(objects, standing, sample)
+    if labels is None or int(seen.pasted.sum()) < config.min_points:
         return sample
-    together = torch.cat((points[seen.scene], pasted[seen.pasted]))
-    return replace(sample, points=together, objects=_with_label(objects, label))
+    together = torch.cat((points[seen.scene], standing.points[seen.pasted]))
+    return replace(sample, points=together, objects=labels)
 
 
 def _free_ground(
@@ -212,33 +214,23 @@ def _free_ground(
     return None if is_taken else ground_m
 
 
-class _Label(NamedTuple):
-    class_name: str
-    box3d: Float64[Tensor, "1 7"]
-    box2d: Float64[Tensor, "1 4"]
-    alpha: Float64[Tensor, " 1"]
-
-
-def _label(name: str, box: Float64[Tensor, "7"], sample: CameraLidarSample) -> _Label | None:
-    """The label of a whole and visible object; None where the image does not show it."""
-    boxes, calibration = Boxes3D(box[None]), sample.calibration
-    dimensions, bottoms, rotation_y = kitti_from_boxes3d(boxes, calibration.camera_from_lidar)
-    corners = kitti_corners(dimensions, bottoms, rotation_y)
-    box2d = project_boxes(corners, calibration.image_from_camera, sample.image_size).tensor.double()
-    if bool(box2d.isnan().any()):
+def _with_label(
+    objects: ObjectLabels, entry: BankedObject, sample: CameraLidarSample
+) -> ObjectLabels | None:
+    """The labels with that of a whole and visible object; None where the image does not show it."""
+    found = Detections3D(
+        class_names=(entry.class_name,), boxes=Boxes3D(entry.box[None]), scores=torch.ones(1)
+    )
+    shown = kitti_from_detections(found, sample.calibration, sample.image_size)
+    if not shown.class_names:
         return None
-    center = transform_points(calibration.camera_from_lidar, boxes.centers)
-    alpha = wrap_angle(rotation_y - torch.atan2(center[:, 0], center[:, 2]))
-    return _Label(name, box[None], box2d, alpha)
-
-
-def _with_label(objects: ObjectLabels, label: _Label) -> ObjectLabels:
     boxes3d, boxes2d = objects.boxes3d.tensor, objects.boxes2d.tensor
+    box2d = torch.from_numpy(shown.boxes2d).to(boxes2d.dtype)
     return ObjectLabels(
-        class_names=(*objects.class_names, label.class_name),
-        boxes2d=Boxes2D(torch.cat((boxes2d, label.box2d.to(boxes2d.dtype)))),
-        boxes3d=Boxes3D(torch.cat((boxes3d, label.box3d.to(boxes3d.dtype)))),
+        class_names=(*objects.class_names, entry.class_name),
+        boxes2d=Boxes2D(torch.cat((boxes2d, box2d))),
+        boxes3d=Boxes3D(torch.cat((boxes3d, entry.box[None].to(boxes3d.dtype)))),
         truncation=torch.cat((objects.truncation, objects.truncation.new_zeros(1))),
         occlusion=torch.cat((objects.occlusion, objects.occlusion.new_zeros(1))),
-        alpha=torch.cat((objects.alpha, label.alpha)),
+        alpha=torch.cat((objects.alpha, torch.from_numpy(shown.alpha))),
     )
