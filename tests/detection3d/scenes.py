@@ -9,13 +9,13 @@ from sightline.geometry.boxes3d import Boxes3D
 
 
 def box_surface(box: list[float], count: int, generator: torch.Generator) -> torch.Tensor:
-    """Points on the four sides of a box, more on the front than on the back."""
+    """Points on the front of a box and on the two sides beside it."""
     length, width, height = box[3:6]
     along = torch.rand(count, generator=generator) - 0.5
     up = torch.rand(count, generator=generator) - 0.5
-    side = torch.arange(count) % 5
-    x = torch.where(side < 2, 0.5, torch.where(side == 2, -0.5, along))
-    y = torch.where(side < 3, along, torch.where(side == 3, -0.5, 0.5))
+    side = torch.arange(count) % 4
+    x = torch.where(side < 2, 0.5, along)
+    y = torch.where(side < 2, along, side - 2.5)
     place = torch.stack((x * length, y * width, up * height), dim=1)
     cos, sin = math.cos(box[6]), math.sin(box[6])
     turned = torch.stack(

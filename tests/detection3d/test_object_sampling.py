@@ -66,8 +66,8 @@ def street():
 def bank_of(*boxes, name="Car", lift_m=0.0):
     generator = torch.Generator().manual_seed(0)
     objects = []
-    for box in boxes:
-        box = [*box[:2], box[2] + lift_m, *box[3:]]
+    for x, y, z, *rest in boxes:
+        box = [x, y, z + lift_m, *rest]
         points = box_surface(box, 200, generator)
         points = torch.cat((points, torch.ones(200, 1)), dim=1)
         objects.append(

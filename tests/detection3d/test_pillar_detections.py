@@ -42,9 +42,10 @@ def test_cold_ground_gives_nothing():
 
 
 def test_a_cell_warmer_than_those_around_it_gives_its_box_and_class():
-    output = output_of((1, 4, 6, 0.6, car(4.2, -1.6), 0.0), (1, 5, 6, 0.5, car(9.0, 5.0), 0.0))
+    walker = [4.2, -1.6, -0.9, 0.8, 0.7, 1.8, 0.3]
+    output = output_of((1, 4, 6, 0.6, walker, 0.0), (1, 5, 6, 0.5, car(9.0, 5.0, length=2.0), 0.0))
     found = find_boxes(output, 0, NETWORK, ALONE)
-    torch.testing.assert_close(found.boxes[0], torch.tensor(car(4.2, -1.6)).double())
+    torch.testing.assert_close(found.boxes, torch.tensor([walker], dtype=torch.float64))
     assert found.classes.tolist() == [1]
 
 

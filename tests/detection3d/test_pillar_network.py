@@ -41,7 +41,7 @@ def test_other_engines_give_the_same_for_sizes_that_were_not_exported(tmp_path, 
     pillars = torch.rand(1, 16, 24, 40)
     with torch.no_grad():
         expected = network(pillars)
-    given = open_engine(path, engine=engine)({"pillars": pillars})
+    given = open_engine(path, engine)({"pillars": pillars})
     torch.testing.assert_close(given["heat_logits"], expected.heat_logits, rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(given["center_values"], expected.center_values, rtol=1e-4, atol=1e-4)
 
@@ -81,8 +81,8 @@ def test_the_first_stage_learns_a_few_frames_by_heart_in_channels_last_and_bf16(
     [
         ({"classes": ()}, "classes must hold one or more different ones"),
         ({"classes": (CAR, CYCLIST, PEDESTRIAN, CAR)}, "classes must hold one or more different"),
-        ({"channels": (16, 0, 16)}, "channels must hold three positive numbers"),
-        ({"blocks": (1, 1)}, "blocks must hold three numbers that are not negative"),
+        ({"channels": (16, 0, 16)}, "channels and head_channels must be at least 1, got"),
+        ({"blocks": (1, -1, 1)}, "blocks must not be negative, got"),
     ],
 )
 def test_settings_out_of_range_are_refused(wrong, message):

@@ -26,7 +26,7 @@ def draw(scene, config, found=None, seed=0):
 def test_truths_are_moved_by_as_much_as_is_asked_for():
     drawn = draw(scene_of(BOXES, [0, 1]), MANY)
     assert drawn.is_object.all()
-    assert torch.equal(drawn.truths, torch.tensor(BOXES).double()[drawn.classes])
+    assert torch.equal(drawn.truths, torch.tensor(BOXES, dtype=torch.float64)[drawn.classes])
     spread = math.sqrt(0.7 + 0.3 * 4)  # three in ten twice as far
     for k, (length, width, height) in enumerate([(4.0, 1.6, 1.5), (0.8, 0.6, 1.8)]):
         mine = drawn.classes == k
@@ -96,7 +96,7 @@ def test_a_frame_without_objects_gives_background_alone_and_one_without_points_n
     [
         ({"num_objects": -1}, "num_objects must not be negative, got -1"),
         ({"yaw_rad": float("nan")}, "yaw_rad must be finite and not negative, got nan"),
-        ({"log_sizes": (0.1, 0.1)}, "log_sizes must hold three numbers that are not negative"),
+        ({"log_sizes": (0.1, 0.1, -0.1)}, "log_sizes must be finite and not negative, got"),
         ({"doubled_share": 1.1}, "doubled_share must be from 0 to 1, got 1.1"),
         ({"min_iou": 0.01}, "max_background_iou and min_iou must rise from 0 to 1"),
     ],

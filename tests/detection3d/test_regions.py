@@ -28,7 +28,12 @@ def exact(rows, columns):
 def cut(points, boxes, classes, config=CONFIG):
     features = torch.arange(len(points), dtype=torch.float64)[:, None] + 1
     return cut_regions(
-        exact(points, 3), features, exact(boxes, 7), torch.tensor(classes), config, seed=3
+        exact(points, 3),
+        features,
+        exact(boxes, 7),
+        torch.tensor(classes, dtype=torch.int64),
+        config,
+        seed=3,
     )
 
 
@@ -62,8 +67,8 @@ def test_a_region_holds_its_points_in_the_frame_of_the_box_and_their_distances_t
                 math.cos(bearing),
                 math.sin(bearing),
                 math.log(1 + len(expected)) / 4,
-                k % 2 == 0,
-                k % 2 == 1,
+                float(k % 2 == 0),
+                float(k % 2 == 1),
             ],
             abs=1e-6,
         )
@@ -96,7 +101,7 @@ def test_no_proposals_give_no_regions_and_no_points_give_empty_ones():
     ("wrong", "message"),
     [
         ({"classes": (CAR, CAR)}, "classes must hold one or more different ones"),
-        ({"margin_m": (0.1, -0.1, 0.0)}, "margin_m must hold three lengths that are not negative"),
+        ({"margin_m": (0.1, -0.1, 0.0)}, "margin_m must be finite and not negative, got"),
         ({"num_points": 0}, "num_points must be at least 1 and in_channels not negative, got 0"),
         ({"point_widths": ()}, "point_widths must hold one positive width a layer, got"),
         ({"region_width": 0}, "region_width must be at least 1, got 0"),

@@ -103,12 +103,10 @@ class PillarNetworkConfig:
         """Checks the numbers."""
         if not self.classes or len({entry.name for entry in self.classes}) < len(self.classes):
             raise ValueError(f"classes must hold one or more different ones, got {self.classes}")
-        if len(self.channels) != 3 or min(self.channels) < 1 or self.head_channels < 1:
+        if min(*self.channels, self.head_channels) < 1:
             raise ValueError(
-                "channels must hold three positive numbers and head_channels be one, got "
+                "channels and head_channels must be at least 1, got "
                 f"{self.channels} and {self.head_channels}"
             )
-        if len(self.blocks) != 3 or min(self.blocks) < 0:
-            raise ValueError(
-                f"blocks must hold three numbers that are not negative, got {self.blocks}"
-            )
+        if min(self.blocks) < 0:
+            raise ValueError(f"blocks must not be negative, got {self.blocks}")

@@ -18,7 +18,7 @@ from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.pillar_detections import FoundBoxes
 from sightline.detection3d.scene_objects import SceneObjects
 from sightline.geometry.boxes3d import Boxes3D
-from sightline.geometry.transforms import wrap_angle
+from sightline.geometry.transforms import wrap_angle, yaw_rotation
 from sightline.ops.rotated_iou import pairwise_iou_bev
 
 
@@ -62,10 +62,8 @@ class RegionExamplesConfig:
             value = getattr(self, name)
             if not 0 <= value < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {value}")
-        if len(self.log_sizes) != 3 or not all(0 <= each < math.inf for each in self.log_sizes):
-            raise ValueError(
-                f"log_sizes must hold three numbers that are not negative, got {self.log_sizes}"
-            )
+        if not all(0 <= each < math.inf for each in self.log_sizes):
+            raise ValueError(f"log_sizes must be finite and not negative, got {self.log_sizes}")
         for name in ("doubled_share", "reversed_share", "proposal_factor"):
             value = getattr(self, name)
             if not 0 <= value <= 1:
@@ -144,8 +142,9 @@ def _background(
     sizes = torch.tensor([entry.mean_size_m for entry in classes], dtype=torch.float64)[kind]
     inside = torch.from_numpy(rng.uniform(-0.5, 0.5, (number, 3)))  # where the point is in the box
     yaw = torch.from_numpy(rng.uniform(-math.pi, math.pi, (number, 1)))
-    centers = points[chosen].double() + inside * sizes
-    boxes = torch.cat((centers, sizes, yaw), dim=1)
+    rotation = yaw_rotation(yaw[:, 0])
+    offset = (rotation @ (inside * sizes)[:, :, None])[:, :, 0]
+    boxes = torch.cat((points[chosen].double() - offset, sizes, yaw), dim=1)
     is_clear = _is_clear(boxes, scene, 0.0)
     boxes = boxes[is_clear]
     return RegionExamples(boxes, kind[is_clear], boxes, torch.zeros(len(boxes), dtype=torch.bool))
