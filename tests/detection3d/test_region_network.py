@@ -125,7 +125,7 @@ def test_the_second_stage_learns_to_bring_moved_boxes_back_and_again_in_a_second
     points = sweep_of(BOXES)[:, :3]
     scene = scene_of(BOXES, [0, 0, 1])
     optimizer = torch.optim.Adam(network.parameters(), lr=4e-3)
-    for step in range(160):
+    for step in range(320):
         drawn = region_examples(scene, points, SMALL.classes, rng)
         proposals = drawn.proposals.float()
         regions = cut_regions(points, points[:, :0], proposals, drawn.classes, SMALL, seed=step)

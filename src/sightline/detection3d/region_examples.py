@@ -126,7 +126,8 @@ def _moved_truths(
     number = config.num_objects if len(scene.boxes) else 0
     chosen = torch.from_numpy(rng.integers(max(len(scene.boxes), 1), size=number))
     truths, classes = scene.boxes[chosen], scene.class_indices[chosen]
-    return RegionExamples(_moved(truths, 1.0, rng, config), classes, truths, classes >= 0)
+    is_object = torch.ones(number, dtype=torch.bool)
+    return RegionExamples(_moved(truths, 1.0, rng, config), classes, truths, is_object)
 
 
 def _background(

@@ -32,7 +32,10 @@ class RegionNetwork(nn.Module):
         super().__init__()
         self.point_layers = _layers(config.point_channels, config.point_widths)
         last = config.point_widths[-1]
-        self.region_layer = _layers(2 * last, (config.region_width,))
+        # one layer for what a point tells and what is common: the latter once for each region
+        self.own_part = nn.Linear(last, config.region_width)
+        self.common_part = nn.Linear(last, config.region_width, bias=False)
+        self.activate = nn.Sequential(nn.LayerNorm(config.region_width), nn.ReLU(inplace=True))
         self.head = _layers(config.region_width + config.context_channels, config.head_widths)
         self.answer = nn.Linear(config.head_widths[-1], REGION_VALUES + 2)
         nn.init.zeros_(self.answer.weight)
@@ -45,8 +48,8 @@ class RegionNetwork(nn.Module):
     ) -> RegionOutput:
         """A change for each region, given as `regions.Regions` has it; no regions give none."""
         own = self.point_layers(points)
-        common = own.amax(dim=1, keepdim=True).expand_as(own)
-        region = self.region_layer(torch.cat((own, common), dim=2)).amax(dim=1)
+        common = self.common_part(own.amax(dim=1, keepdim=True))
+        region = self.activate(self.own_part(own) + common).amax(dim=1)
         answer = self.answer(self.head(torch.cat((region, context), dim=1))).float()
         values, front, quality = answer.split((REGION_VALUES, 1, 1), dim=1)
         return RegionOutput(values, front[:, 0], quality[:, 0])
