@@ -1,0 +1,236 @@
+"""Road users of other sweeps pasted into a sweep, where there is room: to train on.
+
+Yan et al. 2018 (SECOND), section 3.2, and Shi et al. 2019 (PointRCNN), section 4.1. Departures:
+objects turn about the sensor, so that they are seen from the same side and as densely; they are put
+on the ground; and what hides behind them is taken away, as they are by what stands before them.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from beartype import beartype
+from jaxtyping import Float32, Float64, jaxtyped
+from torch import Tensor
+
+from sightline.data.object_results import kitti_from_detections
+from sightline.detection3d.occlusion import visible_together
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.transforms import wrap_angle, yaw_rotation
+from sightline.ops.points_in_boxes import first_box_of_points
+from sightline.ops.rotated_iou import pairwise_iou_bev
+from sightline.structures.labels import ObjectLabels
+from sightline.structures.predictions import Detections3D
+from sightline.structures.sample import CameraLidarSample
+
+_GROUND_QUANTILE = 0.1  # of the heights around: most of what is lower is noise
+_GROUND_M = 0.3  # a point so high above the ground stands on it
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BankedObject:
+    """A road user cut out of a sweep."""
+
+    class_name: str
+    box: Float64[Tensor, "7"]
+    """x, y, z, length, width, height, yaw, in the LiDAR frame of its sweep."""
+    points: Float32[Tensor, "num_points 4"]
+    """In the same frame; reflectance in [0, 1]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectSamplingConfig:
+    """Which objects are pasted, and where."""
+
+    class_names: tuple[str, ...] = ("Car", "Pedestrian", "Cyclist")
+    """KITTI's; each is drawn as often, as far as the bank has it."""
+    max_objects: int = 8
+    """From 1 to so many are tried in a sweep; each attempt has one place."""
+    min_points: int = 5
+    """Of an object in the bank, and after what hides it is taken into account."""
+    max_bearing_deg: float = 39.0
+    """To either side of straight ahead: KITTI's camera sees so far."""
+    clearance_m: float = 0.3
+    """Around other objects, ignored ones too."""
+    ground_reach_m: float = 1.0
+    """Ground is looked for so far around the object."""
+    min_ground_points: int = 5
+    """Points that must be there."""
+    slack_m: float = 1.0
+    """What lies so little behind something on the same ray is still seen."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not self.class_names or len(set(self.class_names)) < len(self.class_names):
+            raise ValueError(
+                f"class_names must hold one or more different ones, got {self.class_names}"
+            )
+        for name in ("max_objects", "min_points", "min_ground_points"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not 0 <= self.max_bearing_deg <= 180:
+            raise ValueError(f"max_bearing_deg must be from 0 to 180, got {self.max_bearing_deg}")
+        for name in ("clearance_m", "ground_reach_m", "slack_m"):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
+
+
+class ObjectBank:
+    """Objects by class, from training samples."""
+
+    def __init__(self, objects: Iterable[BankedObject]) -> None:
+        self._by_class: dict[str, list[BankedObject]] = {}
+        for entry in objects:
+            self._by_class.setdefault(entry.class_name, []).append(entry)
+
+    def __len__(self) -> int:
+        """Number of objects."""
+        return sum(map(len, self._by_class.values()))
+
+    def draw(self, class_names: tuple[str, ...], rng: np.random.Generator) -> BankedObject | None:
+        """One of a class that is drawn first; None where the bank has none of these."""
+        present = [name for name in class_names if name in self._by_class]
+        if not present:
+            return None
+        objects = self._by_class[present[rng.integers(len(present))]]
+        return objects[rng.integers(len(objects))]
+
+
+def collect_objects(
+    sample: CameraLidarSample, config: ObjectSamplingConfig = ObjectSamplingConfig()
+) -> list[BankedObject]:
+    """The objects of a labelled sample that may be pasted into others, with their points.
+
+    Raises:
+        ValueError: The sample has no sweep or no labels.
+    """
+    points, objects = _sweep_and_labels(sample)
+    boxes = objects.boxes3d.tensor.double()
+    holder = first_box_of_points(points[None, :, :3], boxes[None])[0]
+    found = []
+    for index, name in enumerate(objects.class_names):
+        inside = points[holder == index]
+        if name in config.class_names and len(inside) >= config.min_points:
+            found.append(BankedObject(class_name=name, box=boxes[index].clone(), points=inside))
+    return found
+
+
+def paste_objects(
+    sample: CameraLidarSample,
+    bank: ObjectBank,
+    rng: np.random.Generator,
+    config: ObjectSamplingConfig = ObjectSamplingConfig(),
+) -> CameraLidarSample:
+    """The sample with some of the bank's objects in free places, and their labels at the end.
+
+    Each is turned about the sensor to a bearing drawn evenly, mirrored half of the time, and put on
+    the ground there. It is left out where it would come near another box, where something stands,
+    where no ground is seen, where the image does not show it, or where too little of it is left
+    behind what hides it. Labels of what it hides stay; whoever counts points will find fewer.
+    Image and depth stay: they do not show it. The order of the points is no longer KITTI's.
+
+    Raises:
+        ValueError: The sample has no sweep or no labels.
+    """
+    for _ in range(rng.integers(1, config.max_objects + 1)):
+        entry = bank.draw(config.class_names, rng)
+        bearing = math.radians(config.max_bearing_deg) * rng.uniform(-1, 1)
+        is_mirrored = bool(rng.random() < 0.5)
+        if entry is not None:
+            moved = _moved(entry, bearing, is_mirrored=is_mirrored)
+            sample = _with_object(sample, moved, config)
+    return sample
+
+
+def _sweep_and_labels(
+    sample: CameraLidarSample,
+) -> tuple[Float32[Tensor, "num_points 4"], ObjectLabels]:
+    if sample.points is None or sample.objects is None:
+        raise ValueError(
+            f"sample {sample.sample_id} needs a sweep and labels; give it both or leave out this "
+            "step"
+        )
+    return sample.points, sample.objects
+
+
+def _moved(entry: BankedObject, bearing: float, *, is_mirrored: bool) -> BankedObject:
+    """The object seen from the same side at the same distance, in another direction."""
+    box, points = entry.box.clone(), entry.points.double()
+    if is_mirrored:
+        box[1], box[6] = -box[1], -box[6]
+        points[:, 1] = -points[:, 1]
+    turn = torch.tensor(bearing, dtype=torch.float64) - torch.atan2(box[1], box[0])
+    rotation = yaw_rotation(turn)
+    box[:3] = rotation @ box[:3]
+    box[6] = wrap_angle(box[6] + turn)
+    points[:, :3] = points[:, :3] @ rotation.T
+    return replace(entry, box=box, points=points.float())
+
+
+def _with_object(
+    sample: CameraLidarSample, entry: BankedObject, config: ObjectSamplingConfig
+) -> CameraLidarSample:
+    """The sample with the object, or as it is where there is no room for it."""
+    points, objects = _sweep_and_labels(sample)
+    grown = Boxes3D(entry.box[None]).enlarge(config.clearance_m).bev
+    if bool((pairwise_iou_bev(grown, objects.boxes3d.bev.double()) > 0).any()):
+        return sample
+    ground_m = _free_ground(points, entry, config)
+    if ground_m is None:
+        return sample
+    rise_m = ground_m + float(entry.box[5]) / 2 - float(entry.box[2])
+    standing = replace(
+        entry,
+        box=entry.box + rise_m * entry.box.new_tensor([0, 0, 1, 0, 0, 0, 0]),
+        points=entry.points + rise_m * entry.points.new_tensor([0, 0, 1, 0]),
+    )
+    seen = visible_together(points[:, :3], standing.points[:, :3], slack_m=config.slack_m)
+    labels = _with_label(objects, standing, sample)
+    if labels is None or int(seen.pasted.sum()) < config.min_points:
+        return sample
+    together = torch.cat((points[seen.scene], standing.points[seen.pasted]))
+    return replace(sample, points=together, objects=labels)
+
+
+def _free_ground(
+    points: Float32[Tensor, "num_points 4"], entry: BankedObject, config: ObjectSamplingConfig
+) -> float | None:
+    """Height of the ground that the object would stand on; None where it is hidden or taken."""
+    box = entry.box
+    tall = torch.cat((box[:2], box.new_zeros(1), box[3:5], box.new_full((1,), 1e3), box[6:]))
+    around = Boxes3D(tall[None]).enlarge(config.ground_reach_m)
+    near = points[around.contain(points[:, :3].double())[0], :3].double()
+    if len(near) < config.min_ground_points:
+        return None
+    ground_m = float(near[:, 2].quantile(_GROUND_QUANTILE))
+    height_m = near[:, 2] - ground_m
+    stands = (height_m > _GROUND_M) & (height_m < float(box[5]))
+    is_taken = bool((stands & Boxes3D(tall[None]).contain(near)[0]).any())
+    return None if is_taken else ground_m
+
+
+def _with_label(
+    objects: ObjectLabels, entry: BankedObject, sample: CameraLidarSample
+) -> ObjectLabels | None:
+    """The labels with that of a whole and visible object; None where the image does not show it."""
+    found = Detections3D(
+        class_names=(entry.class_name,), boxes=Boxes3D(entry.box[None]), scores=torch.ones(1)
+    )
+    shown = kitti_from_detections(found, sample.calibration, sample.image_size)
+    if not shown.class_names:
+        return None
+    boxes3d, boxes2d = objects.boxes3d.tensor, objects.boxes2d.tensor
+    box2d = torch.from_numpy(shown.boxes2d).to(boxes2d.dtype)
+    return ObjectLabels(
+        class_names=(*objects.class_names, entry.class_name),
+        boxes2d=Boxes2D(torch.cat((boxes2d, box2d))),
+        boxes3d=Boxes3D(torch.cat((boxes3d, entry.box[None].to(boxes3d.dtype)))),
+        truncation=torch.cat((objects.truncation, objects.truncation.new_zeros(1))),
+        occlusion=torch.cat((objects.occlusion, objects.occlusion.new_zeros(1))),
+        alpha=torch.cat((objects.alpha, torch.from_numpy(shown.alpha))),
+    )

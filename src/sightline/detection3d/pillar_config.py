@@ -1,0 +1,112 @@
+"""Settings of the compact first stage: which ground it looks at, how finely, by which network."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
+
+HEAD_STRIDE: Final = 2
+"""Cells of the features that a cell of the heads is long and wide."""
+_COARSEST_STRIDE: Final = 8  # of the backbone's last stage
+_SLACK: Final = 1e-6  # of a cell: ranges and cells are decimal fractions
+
+
+@dataclass(frozen=True, kw_only=True)
+class PillarGridConfig:
+    """The ground that is looked at, in pillars: rows along x, columns along y, LiDAR frame."""
+
+    x_m: tuple[float, float] = (0.0, 70.4)
+    """From, to."""
+    y_m: tuple[float, float] = (-40.0, 40.0)
+    """From, to."""
+    z_m: tuple[float, float] = (-4.0, 3.0)
+    """Points lower or higher are left out."""
+    cell_m: float = 0.2
+    """Edge of a pillar."""
+    slices: int = 10
+    """Heights at which a pillar tells whether there is a point."""
+    lowest_slice_m: float = -2.8
+    """Height of the lowest one's middle."""
+    slice_m: float = 0.4
+    """From one to the next."""
+    reflectance: bool = False
+    """Whether a pillar tells its mean reflectance. It differs from sensor to sensor."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers, and that the backbone can halve the grid as often as it does."""
+        if not 0 < self.cell_m < math.inf or not 0 < self.slice_m < math.inf:
+            raise ValueError(
+                "cell_m and slice_m must be positive and finite, got "
+                f"{self.cell_m} and {self.slice_m}"
+            )
+        if self.slices < 1 or not math.isfinite(self.lowest_slice_m):
+            raise ValueError(
+                "slices must be at least 1 and lowest_slice_m finite, got "
+                f"{self.slices} and {self.lowest_slice_m}"
+            )
+        for name in ("x_m", "y_m", "z_m"):
+            low, high = getattr(self, name)
+            if not -math.inf < low < high < math.inf:
+                raise ValueError(f"{name} must rise and be finite, got {low} to {high}")
+        for name in ("x_m", "y_m"):
+            low, high = getattr(self, name)
+            blocks = (high - low) / (_COARSEST_STRIDE * self.cell_m)
+            if round(blocks) < 1 or abs(blocks - round(blocks)) > _SLACK:
+                raise ValueError(
+                    f"{name} must span a multiple of {_COARSEST_STRIDE} cells of {self.cell_m} m, "
+                    f"got {low} to {high}"
+                )
+
+    @property
+    def rows(self) -> int:
+        """Pillars along x."""
+        return round((self.x_m[1] - self.x_m[0]) / self.cell_m)
+
+    @property
+    def columns(self) -> int:
+        """Pillars along y."""
+        return round((self.y_m[1] - self.y_m[0]) / self.cell_m)
+
+    @property
+    def channels(self) -> int:
+        """Features of each pillar."""
+        return self.slices + 6 + self.reflectance
+
+    @property
+    def head_cell_m(self) -> float:
+        """Edge of a cell of the heads."""
+        return HEAD_STRIDE * self.cell_m
+
+    @property
+    def head_size(self) -> tuple[int, int]:
+        """Rows and columns of the heads."""
+        return self.rows // HEAD_STRIDE, self.columns // HEAD_STRIDE
+
+
+@dataclass(frozen=True, kw_only=True)
+class PillarNetworkConfig:
+    """The compact first stage: residual stages of strides 2, 4 and 8, heads at stride 2."""
+
+    classes: tuple[RoadUserClass, ...] = (CAR, PEDESTRIAN, CYCLIST)
+    """What is found."""
+    grid: PillarGridConfig = field(default_factory=PillarGridConfig)
+    """Where it is looked for."""
+    channels: tuple[int, int, int] = (32, 64, 96)
+    """Of the stages, the finest first."""
+    blocks: tuple[int, int, int] = (1, 2, 2)
+    """Residual blocks of the stages."""
+    head_channels: int = 32
+    """Of the maps that the heads read."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not self.classes or len({entry.name for entry in self.classes}) < len(self.classes):
+            raise ValueError(f"classes must hold one or more different ones, got {self.classes}")
+        if min(*self.channels, self.head_channels) < 1:
+            raise ValueError(
+                "channels and head_channels must be at least 1, got "
+                f"{self.channels} and {self.head_channels}"
+            )
+        if min(self.blocks) < 0:
+            raise ValueError(f"blocks must not be negative, got {self.blocks}")

@@ -1,0 +1,94 @@
+"""Points as a map of pillars seen from above: the compact first stage's input.
+
+The features are plain statistics, made before the network and not by it: the exported graph then
+is convolutions alone, of one shape for any number of points, and no engine needs to scatter.
+"""
+
+import torch
+from jaxtyping import Bool, Float, Float32, Float64, Int64
+from torch import Tensor
+
+from sightline.detection3d.pillar_config import PillarGridConfig
+
+_COUNT_SCALE = 0.5  # of the logarithm of 1 + the number of points
+_GROUND_SHIFT_M = 1.0  # heights are told about the middle of road users, 1 m below the sensor
+
+
+def pillar_features(
+    points: Float[Tensor, "num_points fields"], grid: PillarGridConfig
+) -> Float32[Tensor, "channels rows columns"]:
+    """What each pillar of the grid holds; zeros where it holds nothing. Any number of points.
+
+    Channels: for each height how close a point comes to it (1 at it, falling to 0 at the next
+    ones); half the logarithm of 1 + the number of points; mean, highest and lowest z [m] + 1; the
+    mean offset along x and y from the pillar's middle (-1 to 1 at its borders); and the mean
+    reflectance, if wanted. After Lang et al. 2019 (PointPillars), with heights kept apart and
+    without layers before the scatter.
+
+    A pillar holds the points from its lower borders up to, but without, its upper ones; so does the
+    grid. Computed in float64: the order of the points does not matter beyond its rounding, and on a
+    CPU the same points give the same bits. No gradient. The memory lies channels last.
+
+    Args:
+        points: x, y, z [m], LiDAR frame; reflectance as the fourth field, if it is wanted.
+        grid: The pillars.
+    """
+    values = points.detach().double()
+    place = torch.stack(
+        ((values[:, 0] - grid.x_m[0]) / grid.cell_m, (values[:, 1] - grid.y_m[0]) / grid.cell_m), 1
+    )
+    is_within = _within(place, values[:, 2], grid)
+    place, values = place[is_within], values[is_within]
+    row, column = place.long().unbind(dim=1)
+    pillar = row * grid.columns + column
+    z = values[:, 2]
+    number = grid.rows * grid.columns
+    count = torch.bincount(pillar, minlength=number).double()
+    means = [z, *(2 * (place - place.floor()) - 1).unbind(dim=1)]
+    if grid.reflectance:
+        means.append(values[:, 3])
+    summed = values.new_zeros(number, len(means)).index_add_(0, pillar, torch.stack(means, dim=1))
+    mean = summed / count.clamp(min=1)[:, None]
+    highest, lowest = (
+        values.new_zeros(number).scatter_reduce_(0, pillar, z, how, include_self=False)
+        for how in ("amax", "amin")
+    )
+    heights = torch.stack((mean[:, 0], highest, lowest), dim=1) + _GROUND_SHIFT_M
+    heights = torch.where(count[:, None] > 0, heights, 0.0)
+    columns = (
+        _slices(pillar, z, number, grid),
+        _COUNT_SCALE * torch.log1p(count)[:, None],
+        heights,
+        mean[:, 1:],
+    )
+    together = torch.cat(columns, dim=1).float()
+    return together.reshape(grid.rows, grid.columns, -1).permute(2, 0, 1)
+
+
+def _within(
+    place: Float64[Tensor, "num_points 2"],
+    z: Float64[Tensor, " num_points"],
+    grid: PillarGridConfig,
+) -> Bool[Tensor, " num_points"]:
+    """Which points lie in a pillar; a place that is no number lies in none."""
+    size = place.new_tensor([grid.rows, grid.columns])
+    inside = ((place >= 0) & (place < size)).all(dim=1)
+    return inside & (z >= grid.z_m[0]) & (z <= grid.z_m[1])
+
+
+def _slices(
+    pillar: Int64[Tensor, " num_points"],
+    z: Float64[Tensor, " num_points"],
+    number: int,
+    grid: PillarGridConfig,
+) -> Float64[Tensor, "number slices"]:
+    """How close points come to each height of their pillar; beyond the ends they are at the end."""
+    level = ((z - grid.lowest_slice_m) / grid.slice_m).clamp(0, grid.slices - 1)
+    below = level.floor()
+    share = level - below
+    occupied = z.new_zeros(number * grid.slices)
+    first = pillar * grid.slices + below.long()
+    occupied.scatter_reduce_(0, first, 1 - share, "amax")
+    is_between = share > 0  # at the last height there is no next one
+    occupied.scatter_reduce_(0, first[is_between] + 1, share[is_between], "amax")
+    return occupied.reshape(number, grid.slices)

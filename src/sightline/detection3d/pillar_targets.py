@@ -1,0 +1,194 @@
+"""What the compact first stage's cells shall tell."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float32, Float64, Int64
+from torch import Tensor
+
+from sightline.detection3d.pillar_config import PillarGridConfig
+from sightline.detection3d.scene_objects import SceneObjects
+
+
+@dataclass(frozen=True, kw_only=True)
+class PillarTargetsConfig:
+    """Which cells belong to an object. Shares make it the same for cars and pedestrians."""
+
+    heat_share: float = 0.28
+    """Deviation of the heat around a centre, of the root of length times width."""
+    told_length_share: float = 0.5
+    """Cells whose middle is within so much of the length, and of the width, tell the box."""
+    told_width_share: float = 0.6
+    """See there."""
+    ignored_margin_m: float = 0.3
+    """How far around ignored objects heat does not count."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        for name in ("heat_share", "told_length_share", "told_width_share"):
+            value = getattr(self, name)
+            if not 0 < value <= 1:
+                raise ValueError(f"{name} must be above 0 and at most 1, got {value}")
+        if not 0 <= self.ignored_margin_m < math.inf:
+            raise ValueError(
+                f"ignored_margin_m must be finite and not negative, got {self.ignored_margin_m}"
+            )
+
+
+class PillarTargets(NamedTuple):
+    """The truth of a batch, in the cells of the heads."""
+
+    heat: Float32[Tensor, "batch classes rows columns"]
+    """1 in the cell of a centre, falling around it."""
+    counts: Bool[Tensor, "batch classes rows columns"]
+    """Where the heat is known."""
+    cells: Int64[Tensor, "num_told 4"]
+    """Sweep, class, row and column of the cells that tell a box."""
+    boxes: Float32[Tensor, "num_told 7"]
+    """What they tell: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians)."""
+    weights: Float32[Tensor, " num_told"]
+    """One over the number of the object's cells: objects count alike."""
+
+
+def pillar_targets(
+    scenes: Sequence[SceneObjects],
+    num_classes: int,
+    grid: PillarGridConfig,
+    config: PillarTargetsConfig = PillarTargetsConfig(),
+) -> PillarTargets:
+    """Targets of sweeps of one grid: Gaussians at centres, as Yin et al. 2021 (CenterPoint) has it.
+
+    Objects whose centre is outside the grid are ignored as far as they reach into it. The cell of
+    the centre always tells the box; of several objects of a class the one whose centre is nearest
+    to the cell's middle is told, the first of equally near ones, and an object may lose all cells.
+    """
+    size = grid.head_size
+    heat = torch.zeros(len(scenes), num_classes, *size)
+    counts = torch.ones(len(scenes), num_classes, *size, dtype=torch.bool)
+    cells = [torch.zeros(0, 4, dtype=torch.int64)]
+    boxes, weights = [heat.new_zeros(0, 7)], [heat.new_zeros(0)]
+    for sweep, scene in enumerate(scenes):
+        is_inside = _has_center(scene.boxes, grid)
+        for index in is_inside.nonzero()[:, 0].tolist():
+            class_heat = heat[sweep, int(scene.class_indices[index])]
+            _add_heat(class_heat, scene.boxes[index], grid, config)
+        _leave_out(counts[sweep], scene, is_inside, grid, config)
+        for class_index in range(num_classes):
+            mine = scene.boxes[is_inside & (scene.class_indices == class_index)]
+            row, column, owner = _told_cells(mine, grid, config)
+            place = torch.full_like(row, sweep), torch.full_like(row, class_index), row, column
+            cells.append(torch.stack(place, dim=1))
+            boxes.append(mine[owner].float())
+            weights.append(1 / torch.bincount(owner, minlength=len(mine))[owner].float())
+    counts |= heat == 1  # a centre is known, whatever lies over it
+    return PillarTargets(heat, counts, torch.cat(cells), torch.cat(boxes), torch.cat(weights))
+
+
+class _Window(NamedTuple):
+    """The cells around a box."""
+
+    rows: slice
+    columns: slice
+    offset_x: Float64[Tensor, "window_rows 1"]
+    """From the box's centre to the cells' middles [m]."""
+    offset_y: Float64[Tensor, "1 window_columns"]
+
+
+def _window(box: Float64[Tensor, "7"], reach_m: float, grid: PillarGridConfig) -> _Window:
+    spans, offsets = [], []
+    for center, low, size in zip(
+        box[:2].tolist(), (grid.x_m[0], grid.y_m[0]), grid.head_size, strict=True
+    ):
+        first = math.floor((center - reach_m - low) / grid.head_cell_m)
+        last = math.floor((center + reach_m - low) / grid.head_cell_m)
+        span = slice(min(max(first, 0), size), min(max(last + 1, 0), size))
+        middles = torch.arange(span.start, span.stop, dtype=torch.float64) + 0.5
+        spans.append(span)
+        offsets.append(middles * grid.head_cell_m + low - center)
+    return _Window(spans[0], spans[1], offsets[0][:, None], offsets[1][None])
+
+
+def _in_box_frame(
+    window: _Window, box: Float64[Tensor, "7"]
+) -> tuple[Float64[Tensor, "rows columns"], Float64[Tensor, "rows columns"]]:
+    """How far the cells' middles lie along and across the box [m], without sign."""
+    cos, sin = box[6].cos(), box[6].sin()
+    along = cos * window.offset_x + sin * window.offset_y
+    across = cos * window.offset_y - sin * window.offset_x
+    return along.abs(), across.abs()
+
+
+def _has_center(
+    boxes: Float64[Tensor, "num_boxes 7"], grid: PillarGridConfig
+) -> Bool[Tensor, " num_boxes"]:
+    cell = _center_cells(boxes, grid)
+    return ((cell >= 0) & (cell < cell.new_tensor(grid.head_size))).all(dim=1)
+
+
+def _center_cells(
+    boxes: Float64[Tensor, "num_boxes 7"], grid: PillarGridConfig
+) -> Int64[Tensor, "num_boxes 2"]:
+    origin = boxes.new_tensor([grid.x_m[0], grid.y_m[0]])
+    return ((boxes[:, :2] - origin) / grid.head_cell_m).floor().long()
+
+
+def _add_heat(
+    heat: Float32[Tensor, "rows columns"],
+    box: Float64[Tensor, "7"],
+    grid: PillarGridConfig,
+    config: PillarTargetsConfig,
+) -> None:
+    """Raises a class's heat around the centre of a box."""
+    deviation_m = config.heat_share * math.sqrt(float(box[3] * box[4]))
+    window = _window(box, 4 * deviation_m, grid)  # beyond it is less than 1 / 2000
+    squared = window.offset_x**2 + window.offset_y**2
+    around = torch.exp(-squared / (2 * deviation_m**2)).float()
+    part = heat[window.rows, window.columns]
+    torch.maximum(part, around, out=part)
+    row, column = _center_cells(box[None], grid)[0].tolist()
+    heat[row, column] = 1
+
+
+def _leave_out(
+    counts: Bool[Tensor, "classes rows columns"],
+    scene: SceneObjects,
+    is_inside: Bool[Tensor, " num_objects"],
+    grid: PillarGridConfig,
+    config: PillarTargetsConfig,
+) -> None:
+    """Marks the cells in and around what is ignored."""
+    outside = (~is_inside).nonzero()[:, 0]
+    own_class = torch.arange(len(counts)) == scene.class_indices[outside, None]
+    boxes = torch.cat((scene.ignored_boxes, scene.boxes[outside]))
+    classes = torch.cat((scene.ignored_classes, own_class))
+    for box, of_classes in zip(boxes, classes, strict=True):
+        margin_m = config.ignored_margin_m
+        window = _window(box, math.hypot(box[3], box[4]) / 2 + 2 * margin_m, grid)
+        along, across = _in_box_frame(window, box)
+        within = (along <= box[3] / 2 + margin_m) & (across <= box[4] / 2 + margin_m)
+        counts[:, window.rows, window.columns] &= ~(of_classes[:, None, None] & within)
+
+
+def _told_cells(
+    boxes: Float64[Tensor, "num_boxes 7"], grid: PillarGridConfig, config: PillarTargetsConfig
+) -> tuple[Int64[Tensor, " told"], Int64[Tensor, " told"], Int64[Tensor, " told"]]:
+    """Row, column and box of the cells that tell one of a class's boxes."""
+    nearest = torch.full(grid.head_size, math.inf, dtype=torch.float64)
+    owner = torch.full(grid.head_size, -1)
+    for index, box in enumerate(boxes):
+        window = _window(box, math.hypot(box[3], box[4]) / 2 + grid.head_cell_m, grid)
+        along, across = _in_box_frame(window, box)
+        tells = along <= config.told_length_share * box[3] / 2
+        tells &= across <= config.told_width_share * box[4] / 2
+        row, column = _center_cells(box[None], grid)[0].tolist()
+        tells[row - window.rows.start, column - window.columns.start] = True
+        squared = window.offset_x**2 + window.offset_y**2
+        part = nearest[window.rows, window.columns]
+        tells &= squared < part
+        part[tells] = squared[tells]
+        owner[window.rows, window.columns][tells] = index
+    row, column = (owner >= 0).nonzero(as_tuple=True)
+    return row, column, owner[row, column]

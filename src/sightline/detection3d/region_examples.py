@@ -1,0 +1,196 @@
+"""Proposals that the compact second stage is trained on: moved truths, and places without objects.
+
+Proposals of a first stage on its own training frames are better than any it will make elsewhere, so
+that a second stage trained on them alone learns to leave them as they are. Truths moved at random
+are as wrong as one asks for.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64, Int64
+from torch import Tensor
+
+from sightline.detection3d.classes import RoadUserClass
+from sightline.detection3d.pillar_detections import FoundBoxes
+from sightline.detection3d.scene_objects import SceneObjects
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.transforms import wrap_angle, yaw_rotation
+from sightline.ops.rotated_iou import pairwise_iou_bev
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionExamplesConfig:
+    """How many examples a sweep gives, and how far they are from the truth (deviations)."""
+
+    num_objects: int = 24
+    """Moved truths."""
+    num_background: int = 8
+    """Places without an object."""
+    num_proposals: int = 8
+    """Of the first stage's, if there are any, on objects and off them as they come."""
+    center_share: float = 0.07
+    """Move along x and along y, of the root of length times width."""
+    least_center_m: float = 0.08
+    """But at least so far."""
+    height_share: float = 0.065
+    """Move along z, of the height."""
+    log_sizes: tuple[float, float, float] = (0.06, 0.04, 0.05)
+    """Change of the logarithms of length, width and height."""
+    yaw_rad: float = 0.06
+    """Turn."""
+    doubled_share: float = 0.3
+    """So many are moved, resized and turned twice as far."""
+    reversed_share: float = 0.15
+    """So many face backwards."""
+    proposal_factor: float = 0.5
+    """First-stage proposals are changed by so much of all that."""
+    min_iou: float = 0.2
+    """IoU from above with an object from which a first-stage proposal is on it."""
+    max_background_iou: float = 0.02
+    """IoU from above with all objects, ignored ones too, up to which it is off them."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        for name in ("num_objects", "num_background", "num_proposals"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        for name in ("center_share", "least_center_m", "height_share", "yaw_rad"):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
+        if not all(0 <= each < math.inf for each in self.log_sizes):
+            raise ValueError(f"log_sizes must be finite and not negative, got {self.log_sizes}")
+        for name in ("doubled_share", "reversed_share", "proposal_factor"):
+            value = getattr(self, name)
+            if not 0 <= value <= 1:
+                raise ValueError(f"{name} must be from 0 to 1, got {value}")
+        if not 0 <= self.max_background_iou <= self.min_iou <= 1:
+            raise ValueError(
+                "max_background_iou and min_iou must rise from 0 to 1, got "
+                f"{self.max_background_iou} and {self.min_iou}"
+            )
+
+
+class RegionExamples(NamedTuple):
+    """Proposals of a sweep with their truth; boxes are x, y, z, length, width, height, yaw."""
+
+    proposals: Float64[Tensor, "num_examples 7"]
+    """LiDAR frame, metres and radians."""
+    classes: Int64[Tensor, " num_examples"]
+    """What the first stage took them for: places among the classes."""
+    truths: Float64[Tensor, "num_examples 7"]
+    """Of their objects; the proposal itself where there is none."""
+    is_object: Bool[Tensor, " num_examples"]
+
+
+def region_examples(
+    scene: SceneObjects,
+    points: Float[Tensor, "num_points 3"],
+    classes: tuple[RoadUserClass, ...],
+    rng: np.random.Generator,
+    config: RegionExamplesConfig = RegionExamplesConfig(),
+    *,
+    found: FoundBoxes | None = None,
+) -> RegionExamples:
+    """Draws examples of a sweep: moved truths, then background, then first-stage proposals.
+
+    A frame without objects gives no moved truths. Background is a box of a random class's mean
+    sizes around a random point, wherever it is clear of all objects, ignored ones too: some of the
+    wanted number may fall away. So do proposals that are neither on an object of their class nor
+    off everything.
+
+    Args:
+        scene: The sweep's truth.
+        points: LiDAR frame [m].
+        classes: What is looked for.
+        rng: Where all randomness comes from.
+        config: Numbers and deviations.
+        found: What the first stage found in the sweep.
+    """
+    parts = [
+        _moved_truths(scene, rng, config),
+        _background(scene, points, classes, rng, config),
+    ]
+    if found is not None:
+        parts.append(_first_stage(scene, found, rng, config))
+    return RegionExamples(*(torch.cat(column) for column in zip(*parts, strict=True)))
+
+
+def _moved_truths(
+    scene: SceneObjects, rng: np.random.Generator, config: RegionExamplesConfig
+) -> RegionExamples:
+    number = config.num_objects if len(scene.boxes) else 0
+    chosen = torch.from_numpy(rng.integers(max(len(scene.boxes), 1), size=number))
+    truths, classes = scene.boxes[chosen], scene.class_indices[chosen]
+    is_object = torch.ones(number, dtype=torch.bool)
+    return RegionExamples(_moved(truths, 1.0, rng, config), classes, truths, is_object)
+
+
+def _background(
+    scene: SceneObjects,
+    points: Float[Tensor, "num_points 3"],
+    classes: tuple[RoadUserClass, ...],
+    rng: np.random.Generator,
+    config: RegionExamplesConfig,
+) -> RegionExamples:
+    number = config.num_background if len(points) else 0
+    chosen = torch.from_numpy(rng.integers(max(len(points), 1), size=number))
+    kind = torch.from_numpy(rng.integers(len(classes), size=number))
+    sizes = torch.tensor([entry.mean_size_m for entry in classes], dtype=torch.float64)[kind]
+    inside = torch.from_numpy(rng.uniform(-0.5, 0.5, (number, 3)))  # where the point is in the box
+    yaw = torch.from_numpy(rng.uniform(-math.pi, math.pi, (number, 1)))
+    rotation = yaw_rotation(yaw[:, 0])
+    offset = (rotation @ (inside * sizes)[:, :, None])[:, :, 0]
+    boxes = torch.cat((points[chosen].double() - offset, sizes, yaw), dim=1)
+    is_clear = _is_clear(boxes, scene, 0.0)
+    boxes = boxes[is_clear]
+    return RegionExamples(boxes, kind[is_clear], boxes, torch.zeros(len(boxes), dtype=torch.bool))
+
+
+def _first_stage(
+    scene: SceneObjects, found: FoundBoxes, rng: np.random.Generator, config: RegionExamplesConfig
+) -> RegionExamples:
+    boxes = found.boxes.double()
+    iou = pairwise_iou_bev(Boxes3D(boxes).bev, Boxes3D(scene.boxes).bev)
+    iou = torch.where(found.classes[:, None] == scene.class_indices, iou, 0.0)
+    # a column of zeros for frames without objects
+    best, truth = torch.cat((iou, iou.new_zeros(len(boxes), 1)), dim=1).max(dim=1)
+    is_object = best >= max(config.min_iou, 1e-9)
+    usable = (is_object | _is_clear(boxes, scene, config.max_background_iou)).nonzero()[:, 0]
+    chosen = usable[torch.from_numpy(rng.permutation(len(usable))[: config.num_proposals])]
+    moved = _moved(boxes[chosen], config.proposal_factor, rng, config)
+    truths = moved.clone()
+    on_object = is_object[chosen]
+    truths[on_object] = scene.boxes[truth[chosen[on_object]]]
+    return RegionExamples(moved, found.classes[chosen], truths, on_object)
+
+
+def _is_clear(
+    boxes: Float64[Tensor, "num_boxes 7"], scene: SceneObjects, max_iou: float
+) -> Bool[Tensor, " num_boxes"]:
+    taken = Boxes3D(torch.cat((scene.boxes, scene.ignored_boxes)))
+    return (pairwise_iou_bev(Boxes3D(boxes).bev, taken.bev) <= max_iou).all(dim=1)
+
+
+def _moved(
+    boxes: Float64[Tensor, "n 7"],
+    factor: float,
+    rng: np.random.Generator,
+    config: RegionExamplesConfig,
+) -> Float64[Tensor, "n 7"]:
+    """Boxes moved, resized and turned at random, some twice as far, some backwards."""
+    number = len(boxes)
+    reach = factor * (1 + torch.from_numpy(rng.random(number) < config.doubled_share).double())
+    is_reversed = torch.from_numpy(rng.random(number) < config.reversed_share)
+    change = reach[:, None] * torch.from_numpy(rng.normal(size=(number, 7)))
+    ground = (boxes[:, 3] * boxes[:, 4]).sqrt()
+    across_m = (config.center_share * ground).clamp(min=config.least_center_m)
+    deviation = torch.stack((across_m, across_m, config.height_share * boxes[:, 5]), dim=1)
+    centers = boxes[:, :3] + change[:, :3] * deviation
+    sizes = boxes[:, 3:6] * (change[:, 3:6] * boxes.new_tensor(config.log_sizes)).exp()
+    yaw = boxes[:, 6] + config.yaw_rad * change[:, 6] + torch.where(is_reversed, math.pi, 0.0)
+    return torch.cat((centers, sizes, wrap_angle(yaw)[:, None]), dim=1)

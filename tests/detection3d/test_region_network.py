@@ -1,0 +1,178 @@
+"""The second stage's network and its loss: sizes, order of points, export, and that it learns."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.detection3d.pillar_detections import FoundBoxes
+from sightline.detection3d.region_config import RegionConfig
+from sightline.detection3d.region_examples import RegionExamplesConfig, region_examples
+from sightline.detection3d.region_loss import RegionLossConfig, region_loss
+from sightline.detection3d.region_network import RegionNetwork, RegionOutput
+from sightline.detection3d.region_refinement import RegionRefinementConfig, refine_boxes
+from sightline.detection3d.regions import cut_regions
+from sightline.detection3d.suppression import SuppressionConfig
+from sightline.export.engines import open_engine
+from sightline.export.metadata import ExportMetadata
+from sightline.export.onnx import export_onnx
+from sightline.ops.rotated_iou import aligned_iou_3d
+from tests.detection3d.scenes import scene_of, sweep_of
+from tests.reference import compact3d as reference
+
+SMALL = RegionConfig(num_points=48, point_widths=(24, 32), region_width=48, head_widths=(48, 32))
+number = st.integers(-6, 6).map(lambda step: step / 8)
+size = st.sampled_from([0.8, 1.0, 1.3])
+box = st.tuples(number, number, number, size, size, size, number)
+
+
+def random_network(config=SMALL, seed=0):
+    torch.manual_seed(seed)
+    network = RegionNetwork(config).eval()
+    torch.nn.init.normal_(network.answer.weight, std=0.1)
+    return network
+
+
+def test_the_default_is_of_the_size_that_was_chosen_and_changes_nothing_at_first():
+    config = RegionConfig()
+    network = RegionNetwork(config)
+    assert sum(weight.numel() for weight in network.parameters()) == 110_250
+    output = network(torch.rand(5, 192, 9), torch.rand(5, 10))
+    assert not any(part.any() for part in output)
+    assert [len(part) for part in network(torch.rand(0, 192, 9), torch.rand(0, 10))] == [0, 0, 0]
+
+
+def test_the_order_of_points_and_repetitions_do_not_matter():
+    network, context = random_network(), torch.rand(2, 10)
+    points = torch.rand(2, 20, 9)
+    repeated = torch.cat((points, points[:, :7]), dim=1)[:, torch.randperm(27)]
+    for straight, other in zip(network(points, context), network(repeated, context), strict=True):
+        torch.testing.assert_close(other, straight)
+
+
+def test_openvino_gives_the_same(tmp_path):
+    for library in ("onnxscript", "onnxruntime", "openvino"):
+        pytest.importorskip(library, reason="the extra `export` is not installed")
+    network = random_network()
+    inputs = {"points": torch.rand(4, 48, 9), "context": torch.rand(4, 10)}
+    metadata = ExportMetadata(task="detection3d", config={}, stride=1, provenance={})
+    export_onnx(network, inputs, tmp_path / "regions.onnx", metadata=metadata)
+    given = open_engine(tmp_path / "regions.onnx", "openvino")(inputs)
+    with torch.no_grad():
+        expected = network(**inputs)._asdict()
+    for name, values in expected.items():
+        torch.testing.assert_close(given[name], values, rtol=1e-4, atol=1e-4)
+
+
+@given(truth=box, proposal=box, seed=st.integers(0, 99))
+def test_a_change_costs_by_its_code_and_background_by_its_quality_alone(truth, proposal, seed):
+    generator = torch.Generator().manual_seed(seed)
+    values, front, quality = (
+        torch.randn(shape, generator=generator, dtype=torch.float64)
+        for shape in ((2, 8), (2,), (2,))
+    )
+    output = RegionOutput(values, front, quality)
+    proposals = torch.tensor([proposal, proposal], dtype=torch.float64)
+    truths = torch.tensor([truth, truth], dtype=torch.float64)
+    losses = region_loss(output, proposals, truths, torch.tensor([False, True]))
+    code = reference.region_values(truth, proposal)
+    errors = [given - wanted for given, wanted in zip(values[1].tolist(), code, strict=True)]
+    expected = sum(reference.smooth_l1(error, 0.25) for error in errors)
+    assert losses.values.item() == pytest.approx(expected, abs=1e-9)
+    total = losses.values + 4 * losses.corners + 0.2 * losses.front + 0.5 * losses.quality
+    assert losses.total.item() == pytest.approx(total.item())
+    without = region_loss(
+        output, proposals, truths, torch.tensor([False, True]), RegionLossConfig(corner_weight=0.0)
+    )
+    assert without.total.item() == pytest.approx((total - 4 * losses.corners).item())
+
+
+def test_the_quality_is_asked_for_by_the_iou_of_the_changed_box():
+    proposal = torch.tensor([[5.0, 1.0, 0.0, 2.0, 1.0, 1.0, 0.3]])
+    output = RegionOutput(torch.zeros(1, 8), torch.full((1,), 9.0), torch.zeros(1))
+    for shift, wanted in ((0.0, 1.0), (1 / 3, 0.5), (3.0, 0.0)):  # half: an IoU of a half
+        moved = proposal + torch.tensor([0, 0, shift, 0, 0, 0, 0])
+        losses = []
+        for logit in (-4.0, 4.0):
+            rated = output._replace(quality_logits=torch.tensor([logit]))
+            losses.append(region_loss(rated, proposal, moved, torch.tensor([True])).quality.item())
+        assert (losses[0] - losses[1]) / 8 == pytest.approx(wanted - 0.5, abs=1e-5)
+
+
+def test_without_objects_or_regions_nothing_but_quality_costs():
+    values = torch.ones(2, 8, requires_grad=True)
+    output = RegionOutput(values, torch.zeros(2), torch.zeros(2, requires_grad=True))
+    boxes = torch.rand(2, 7) + 0.5
+    losses = region_loss(output, boxes, boxes, torch.tensor([False, False]))
+    losses.total.backward()
+    assert [part.item() for part in losses[1:4]] == [0, 0, 0]
+    assert losses.quality.item() == pytest.approx(0.6931, abs=1e-4)
+    assert not values.grad.any()
+    nothing = RegionOutput(values[:0], torch.zeros(0), torch.zeros(0))
+    assert region_loss(nothing, boxes[:0], boxes[:0], torch.zeros(0).bool()).total.item() == 0
+
+
+BOXES = [
+    [8.1, 2.3, -0.9, 4.1, 1.7, 1.5, 0.4],
+    [10.2, -3.9, -0.9, 3.7, 1.6, 1.6, -2.4],
+    [5.0, 5.1, -0.8, 0.9, 0.6, 1.7, 2.0],
+]
+
+
+def test_the_second_stage_learns_to_bring_moved_boxes_back_and_again_in_a_second_pass():
+    network, rng = random_network(), np.random.default_rng(0)
+    points = sweep_of(BOXES)[:, :3]
+    scene = scene_of(BOXES, [0, 0, 1])
+    optimizer = torch.optim.Adam(network.parameters(), lr=4e-3)
+    for step in range(320):
+        drawn = region_examples(scene, points, SMALL.classes, rng)
+        proposals = drawn.proposals.float()
+        regions = cut_regions(points, points[:, :0], proposals, drawn.classes, SMALL, seed=step)
+        output, truths = network(*regions), drawn.truths.float()
+        weights = RegionLossConfig(front_weight=1.0)
+        loss = region_loss(output, proposals, truths, drawn.is_object, weights)
+        optimizer.zero_grad()
+        loss.total.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
+        optimizer.step()
+    network.eval()
+    config = RegionExamplesConfig(num_objects=40, num_background=0)
+    drawn = region_examples(scene, points, SMALL.classes, np.random.default_rng(1), config)
+    everything = SuppressionConfig(min_score=0.0, iou=1.0)
+    proposals = FoundBoxes(drawn.proposals.float(), drawn.classes, torch.ones(40))
+    before = aligned_iou_3d(drawn.proposals, drawn.truths).mean()
+    means = []
+    for passes in (1, 2):
+        settings = RegionRefinementConfig(passes=passes, suppression=everything)
+        found = refine_boxes(network, points, points[:, :0], proposals, SMALL, settings)
+        truths = torch.tensor(BOXES)
+        distance = torch.cdist(found.boxes[:, :2], truths[:, :2])
+        nearest = truths[distance.argmin(dim=1)]
+        means.append(aligned_iou_3d(found.boxes, nearest).mean())
+        fronts = (found.boxes[:, 6] - nearest[:, 6]).cos() > 0
+        assert fronts.float().mean() > 0.9
+    assert means[0] > before + 0.1
+    assert means[1] > means[0]
+
+
+def test_no_proposals_are_refined_to_none_and_overlapping_ones_to_the_best():
+    points, network = sweep_of(BOXES)[:, :3], random_network()
+    nothing = FoundBoxes(torch.zeros(0, 7), torch.zeros(0, dtype=torch.int64), torch.zeros(0))
+    assert len(refine_boxes(network, points, points[:, :0], nothing, SMALL).boxes) == 0
+    twice = torch.tensor([BOXES[0], BOXES[0], BOXES[1]])
+    proposals = FoundBoxes(twice, torch.tensor([0, 0, 0]), torch.tensor([0.4, 0.9, 0.5]))
+    found = refine_boxes(RegionNetwork(SMALL), points, points[:, :0], proposals, SMALL)
+    torch.testing.assert_close(found.boxes, twice[[1, 2]])  # an untrained one changes nothing
+    assert found.scores.tolist() == pytest.approx([0.45**0.5, 0.25**0.5])
+
+
+def test_settings_out_of_range_are_refused():
+    with pytest.raises(ValueError, match="passes must be at least 1, got 0"):
+        RegionRefinementConfig(passes=0)
+    with pytest.raises(ValueError, match="quality_share must be from 0 to 1, got 2"):
+        RegionRefinementConfig(quality_share=2.0)
+    with pytest.raises(ValueError, match="front_weight must be finite and not negative, got -1"):
+        RegionLossConfig(front_weight=-1.0)
+    with pytest.raises(ValueError, match="corner_knee_m must be positive and finite, got 0"):
+        RegionLossConfig(corner_knee_m=0.0)
