@@ -11,6 +11,7 @@ from sightline.corruptions.corruption import NoCorruption
 from sightline.corruptions.drawing import CaseDrawing
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.suites import CLEAN, SUITES, Case, Suite, find_suite
+from sightline.data.faults import Fault
 from tests.corruptions.samples import same
 from tests.data.scenes import few, sample_of, seeds
 
@@ -139,3 +140,12 @@ def test_a_drawn_case_is_applied_with_the_generator_that_drew_it():
         found.append(case.corruption(sample, rng).image)
     assert torch.equal(*found)
     assert not torch.equal(found[0], sample.image)
+
+
+@pytest.mark.parametrize("case", DGFN7.cases, ids=lambda case: case.name)
+def test_each_kind_can_be_a_fault_in_a_recipe(case):
+    parser = jsonargparse.ArgumentParser(exit_on_error=False)
+    parser.add_argument("--fault", type=Fault)
+    kind = type(case.corruption)
+    named = parser.parse_args([f"--fault={kind.__module__}.{kind.__name__}"])
+    assert parser.instantiate_classes(named).fault == case.corruption

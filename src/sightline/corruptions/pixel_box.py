@@ -47,7 +47,7 @@ class PixelBox:
         return inside & (rows >= self.top - 0.5) & (rows < self.bottom - 0.5)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class BoxDrawing:
     """How a box of random size and place is drawn; each number is drawn evenly.
 
