@@ -66,8 +66,8 @@ class PointProposals(nn.Module):
         proposed = []
         for number, features in enumerate(output.features):
             kept = choose_proposals(boxes[number], scores[number], config)
-            of_sweep = [values[number][kept] for values in (boxes, classes, scores)]
-            proposed.append(Proposed(*of_sweep, features))
+            proposals = (values[number][kept] for values in (boxes, classes, scores))
+            proposed.append(Proposed(*proposals)._replace(features=features))
         return tuple(proposed)
 
     def losses(
