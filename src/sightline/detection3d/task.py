@@ -168,10 +168,14 @@ class Detection3D(TrainingModule):
         self, batch: Detection3DBatch, answer: list[Detections3D]
     ) -> UInt8[np.ndarray, "height width 3"]:
         """The first sweep of a batch from above, with what was found and what is there."""
-        truth, offset = batch.truths[0], self.network.config.input.height_offset_m
-        down = truth.boxes.new_tensor([0, 0, offset, 0, 0, 0, 0])
-        wanted = truth.boxes[truth.is_wanted] - down
-        return training_picture(batch.points[0].cpu(), answer[0], wanted.cpu())
+        truth, points = batch.truths[0], batch.points[0]
+        offset_m = self.network.config.input.height_offset_m
+        boxes = truth.boxes[truth.is_wanted]
+        return training_picture(
+            (points - points.new_tensor([0, 0, offset_m, 0])).cpu(),
+            answer[0],
+            (boxes - boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).cpu(),
+        )
 
     def _reset_metrics(self) -> None:
         with torch.inference_mode(mode=False):  # else training could not go on with its tensors
