@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from sightline.depth_completion import registration as depth_completion
     from sightline.detection2d import registration as detection2d
+    from sightline.detection3d import registration as detection3d
     from sightline.export.graph import ExportGraph
     from sightline.export.names import EngineName
     from sightline.inference.demo import DemoPart
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 REGISTRY: Final[dict[str, str]] = {
     "depth-completion": "sightline.depth_completion.registration:TASK",
     "detection2d": "sightline.detection2d.registration:TASK",
+    "detection3d": "sightline.detection3d.registration:TASK",
 }
 """Where the object of each task is: "module:object"."""
 
@@ -115,7 +117,7 @@ class Task(Protocol):
 
 
 if TYPE_CHECKING:
-    _CHECKED: tuple[Task, ...] = (depth_completion.TASK, detection2d.TASK)
+    _CHECKED: tuple[Task, ...] = (depth_completion.TASK, detection2d.TASK, detection3d.TASK)
 
 
 def task_names() -> tuple[str, ...]:

@@ -148,4 +148,4 @@ def test_each_kind_can_be_a_fault_in_a_recipe(case):
     parser.add_argument("--fault", type=Fault)
     kind = type(case.corruption)
     named = parser.parse_args([f"--fault={kind.__module__}.{kind.__name__}"])
-    assert parser.instantiate_classes(named).fault == case.corruption
+    assert parser.instantiate(named).fault == case.corruption

@@ -1,5 +1,5 @@
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -65,6 +65,8 @@ def test_a_rate_in_steps_falls_to_a_tenth_at_each():
     assert found[2:50] == pytest.approx([0.2] * 48)
     assert found[50:75] == pytest.approx([0.02] * 25)
     assert found[75:] == pytest.approx([0.002] * 25)
+    halved = replace(config, drop_factor=0.5)
+    assert rates(halved, 100)[50:] == pytest.approx([0.1] * 25 + [0.05] * 25)
 
 
 @pytest.mark.parametrize(
@@ -75,10 +77,11 @@ def test_a_rate_in_steps_falls_to_a_tenth_at_each():
         {"schedule": "steps", "drop_shares": (0.7, 0.6)},
         {"schedule": "steps", "drop_shares": (1.2,)},
         {"schedule": "steps", "drop_shares": (0.1,), "warm_up_share": 0.2},
+        {"schedule": "steps", "drop_shares": (0.5,), "drop_factor": 0.0},
     ],
 )
 def test_drops_that_make_no_sense_are_refused(settings):
-    with pytest.raises(ValueError, match="drop_shares"):
+    with pytest.raises(ValueError, match="drop_"):
         OptimizerConfig(**settings)
 
 

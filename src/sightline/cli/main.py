@@ -23,6 +23,7 @@ from sightline.cli.evaluate import (
 )
 from sightline.cli.parser import REFUSED, OneLineParser, fail
 from sightline.cli.predict import predict_commands
+from sightline.cli.proposals import proposals
 from sightline.cli.report import deliver
 from sightline.cli.reproduce import reproduce_dgfn, reproduce_shiftconv
 from sightline.cli.simulate import simulate_command
@@ -160,6 +161,7 @@ def _commands() -> dict[str, Any]:
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,
         "predict": predict_commands(),
+        "proposals": proposals,
         "evaluate": {
             "_help": "Score results.",
             "objects": evaluate_objects,

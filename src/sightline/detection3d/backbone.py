@@ -1,10 +1,16 @@
 """The first stage's backbone: features of every point, by PointNet++ with several scales."""
 
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import cast
+
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sightline.detection3d.config import PointBackboneConfig
+from sightline.detection3d.groupings import find_groupings, named_grouping
 from sightline.detection3d.point_layers import FeaturePropagation, PointFeatures, SetAbstraction
+from sightline.ops.three_nearest import ThreeNearest, three_nearest
 
 
 class PointBackbone(nn.Module):
@@ -32,18 +38,36 @@ class PointBackbone(nn.Module):
         self,
         points: Float[Tensor, "batch num_points 3"],
         features: Float[Tensor, "batch num_points in_channels"],
+        found: Mapping[str, Tensor] | None = None,
     ) -> Float[Tensor, "batch num_points out_channels"]:
         """Features of every point [m], of one with a point at least.
 
         Args:
             points: x, y, z, LiDAR frame [m].
             features: What each point has besides; no channels where there is nothing.
+            found: As `find` gives it. None: it is found now.
         """
+        if found is None:
+            found = self.find(points)
         levels = [PointFeatures(points, features)]
-        for abstraction in self.abstractions:
-            levels.append(abstraction(*levels[-1]))
+        for number, abstraction in enumerate(self.abstractions):
+            levels.append(abstraction(*levels[-1], named_grouping(found, number)))
         known = levels.pop()
-        for propagation in reversed(self.propagations):
+        for number, propagation in reversed(list(enumerate(self.propagations))):
             fine = levels.pop()
-            known = PointFeatures(fine.points, propagation(known, fine))
+            nearest = ThreeNearest(found[f"nearest_{number}"], found[f"distances_{number}"])
+            known = PointFeatures(fine.points, propagation(known, fine, nearest))
         return known.features
+
+    def find(self, points: Float[Tensor, "batch num_points 3"]) -> dict[str, Tensor]:
+        """Which points each level takes, looks at and is interpolated from, as `forward` wants it.
+
+        So files that run elsewhere need no search: it is done before.
+        """
+        abstractions = cast("list[SetAbstraction]", list(self.abstractions))
+        found, levels = find_groupings(points, abstractions)
+        for number, (fine, coarse) in enumerate(pairwise(levels)):
+            nearest = three_nearest(coarse, fine)
+            found[f"nearest_{number}"] = nearest.indices
+            found[f"distances_{number}"] = nearest.squared_distance_m2
+        return found

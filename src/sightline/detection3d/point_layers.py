@@ -3,10 +3,10 @@
 Features lie channels last: a layer is a matrix product over rows, on any device.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 from torch.nn.functional import linear
 
@@ -15,7 +15,7 @@ from sightline.ops.ball_query import ball_query
 from sightline.ops.farthest_points import farthest_points
 from sightline.ops.group_points import group_points
 from sightline.ops.interpolate_points import interpolate_points
-from sightline.ops.three_nearest import three_nearest
+from sightline.ops.three_nearest import ThreeNearest, three_nearest
 
 
 class PointFeatures(NamedTuple):
@@ -24,6 +24,19 @@ class PointFeatures(NamedTuple):
     points: Float[Tensor, "batch num_points 3"]
     """Metres."""
     features: Float[Tensor, "batch num_points channels"]
+
+
+class Grouping(NamedTuple):
+    """The points of a level among those of the finer one, and what is around each.
+
+    It hangs on where points lie alone. So it can be found before a network runs: exported files
+    hold no search.
+    """
+
+    centers: Int64[Tensor, "batch num_centers"]
+    """Indices of the finer level's points."""
+    neighbours: tuple[Int64[Tensor, "batch num_centers num_neighbours"], ...]
+    """Likewise, for each scale."""
 
 
 class NormAndRelu(nn.Module):
@@ -71,16 +84,34 @@ class Neighbourhood(nn.Module):
         points: Float[Tensor, "batch num_points 3"],
         features: Float[Tensor, "batch num_points in_channels"],
         centers: Float[Tensor, "batch num_centers 3"],
+        neighbours: Int64[Tensor, "batch num_centers num_neighbours"] | None = None,
     ) -> Float[Tensor, "batch num_centers out_channels"]:
-        """Features of the centres; each must have a neighbour, as points of the cloud have."""
-        near = ball_query(points, centers, radius_m=self.radius_m, count=self.num_neighbours)
-        offset = group_points(points, near.indices) - centers[:, :, None]
+        """Features of the centres; each must have a neighbour, as points of the cloud have.
+
+        Args:
+            points: Of the finer level [m].
+            features: Of these.
+            centers: Of the level [m].
+            neighbours: As `find` gives them. None: they are looked for.
+        """
+        if neighbours is None:
+            neighbours = self.find(points, centers)
+        offset = group_points(points, neighbours) - centers[:, :, None]
         hidden = linear(offset, self.first.weight[:, :3], self.first.bias)
         if features.shape[2]:
             by_point = linear(features, self.first.weight[:, 3:])
-            hidden = hidden + group_points(by_point, near.indices)
+            hidden = hidden + group_points(by_point, neighbours)
         values: Tensor = self.rest(self.activate(hidden))
         return values.amax(dim=2)
+
+    def find(
+        self,
+        points: Float[Tensor, "batch num_points 3"],
+        centers: Float[Tensor, "batch num_centers 3"],
+    ) -> Int64[Tensor, "batch num_centers num_neighbours"]:
+        """Indices of the points that each centre looks at."""
+        near = ball_query(points, centers, radius_m=self.radius_m, count=self.num_neighbours)
+        return near.indices
 
 
 class SetAbstraction(nn.Module):
@@ -97,15 +128,32 @@ class SetAbstraction(nn.Module):
         self,
         points: Float[Tensor, "batch num_points 3"],
         features: Float[Tensor, "batch num_points in_channels"],
+        grouping: Grouping | None = None,
     ) -> PointFeatures:
         """Centres, farthest points of the cloud, and their features.
 
         A cloud of fewer points than centres keeps them all.
+
+        Args:
+            points: Of the finer level [m].
+            features: Of these.
+            grouping: As `find` gives it. None: it is found now.
         """
-        count = min(self.num_centers, points.shape[1])
-        centers = group_points(points, farthest_points(points, count))
-        seen = [scale(points, features, centers) for scale in self.scales]
+        if grouping is None:
+            grouping = self.find(points)
+        centers = group_points(points, grouping.centers)
+        seen = [
+            scale(points, features, centers, near)
+            for scale, near in zip(self.scales, grouping.neighbours, strict=True)
+        ]
         return PointFeatures(centers, torch.cat(seen, dim=2))
+
+    def find(self, points: Float[Tensor, "batch num_points 3"]) -> Grouping:
+        """Which points become centres, and which each looks at."""
+        centers = farthest_points(points, min(self.num_centers, points.shape[1]))
+        places = group_points(points, centers)
+        scales = cast("list[Neighbourhood]", list(self.scales))
+        return Grouping(centers, tuple(scale.find(points, places) for scale in scales))
 
 
 class FeaturePropagation(nn.Module):
@@ -116,10 +164,17 @@ class FeaturePropagation(nn.Module):
         self.layers = point_layers(in_channels, widths, batch_norm=batch_norm)
 
     def forward(
-        self, coarse: PointFeatures, fine: PointFeatures
+        self, coarse: PointFeatures, fine: PointFeatures, nearest: ThreeNearest | None = None
     ) -> Float[Tensor, "batch num_points out_channels"]:
-        """Features of the finer points; those that they have themselves are laid beside."""
-        nearest = three_nearest(coarse.points, fine.points)
+        """Features of the finer points; those that they have themselves are laid beside.
+
+        Args:
+            coarse: What is known.
+            fine: What is asked for.
+            nearest: The three coarse points of each fine one. None: they are looked for.
+        """
+        if nearest is None:
+            nearest = three_nearest(coarse.points, fine.points)
         between = interpolate_points(coarse.features, nearest)
         features: Tensor = self.layers(torch.cat((between, fine.features), dim=2))
         return features

@@ -1,5 +1,6 @@
 """The first stage's network: which points lie on objects, and the boxes that they tell."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -72,9 +73,16 @@ class ProposalNetwork(nn.Module):
         self,
         points: Float[Tensor, "batch num_points 3"],
         features: Float[Tensor, "batch num_points in_channels"],
+        found: Mapping[str, Tensor] | None = None,
     ) -> ProposalNetworkOutput:
-        """Of sweeps with any number of points, one at least (LiDAR frame [m])."""
-        seen = self.backbone(points, features)
+        """Of sweeps with any number of points, one at least (LiDAR frame [m]).
+
+        Args:
+            points: x, y, z.
+            features: What each point has besides.
+            found: As the backbone's `find` gives it. None: it is found now.
+        """
+        seen = self.backbone(points, features, found)
         return ProposalNetworkOutput(seen, self.class_head(seen), self.box_head(seen))
 
 

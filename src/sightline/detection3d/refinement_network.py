@@ -1,12 +1,14 @@
 """The second stage's network: a box and its confidence from the points of a region of interest."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, cast
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from sightline.detection3d.config import RefinementConfig
+from sightline.detection3d.groupings import find_groupings, named_grouping
 from sightline.detection3d.point_layers import PointFeatures, SetAbstraction, point_layers
 
 _BOX_VALUES = 7
@@ -43,13 +45,26 @@ class RefinementNetwork(nn.Module):
         self,
         points: Float[Tensor, "num_rois roi_points 3"],
         features: Float[Tensor, "num_rois roi_points channels"],
+        found: Mapping[str, Tensor] | None = None,
     ) -> RefinementOutput:
-        """A box and a logit for each region; no regions give none."""
+        """A box and a logit for each region; no regions give none.
+
+        Args:
+            points: Of the regions [m].
+            features: Of these.
+            found: As `find` gives it. None: it is found now.
+        """
+        if found is None:
+            found = self.find(points)
         level = PointFeatures(points, features)
-        for abstraction in self.levels:
-            level = abstraction(*level)
+        for number, abstraction in enumerate(self.levels):
+            level = abstraction(*level, named_grouping(found, number))
         region = self.together(torch.cat(level, dim=2)).amax(dim=1)
         return RefinementOutput(self.box_head(region), self.confidence_head(region)[:, 0])
+
+    def find(self, points: Float[Tensor, "num_rois roi_points 3"]) -> dict[str, Tensor]:
+        """Which points each level takes and looks at, as `forward` wants it."""
+        return find_groupings(points, cast("list[SetAbstraction]", list(self.levels)))[0]
 
 
 def _head(config: RefinementConfig, out_channels: int) -> nn.Sequential:

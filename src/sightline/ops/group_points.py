@@ -26,6 +26,8 @@ def group_points(
         ValueError: Batch sizes differ, there is no such point, or these are no features and index.
     """
     require_features(features, index)
+    if torch.compiler.is_exporting():  # other engines have none of our operators
+        return gather_rows(features, index)
     grouped: Tensor = _group_points(features, index)
     return grouped
 
@@ -77,6 +79,17 @@ def _backward(ctx: BackwardCFunction, by_grouped: Tensor) -> tuple[Tensor, None]
 
 
 _group_points.register_autograd(_backward, setup_context=_save)
+
+
+def gather_rows(
+    features: Float[Tensor, "batch num_points channels"], index: Int64[Tensor, "batch *chosen"]
+) -> Float[Tensor, "batch *chosen channels"]:
+    """The same by plain operators, for graphs that leave PyTorch; indices are not checked."""
+    batch, num_points, channels = features.shape
+    first = torch.arange(batch, device=index.device) * num_points
+    rows = index + first.reshape(-1, *([1] * (index.ndim - 1)))
+    chosen = features.reshape(-1, channels).index_select(0, rows.reshape(-1))
+    return chosen.reshape(*index.shape, channels)
 
 
 def flat_rows(index: Tensor, num_points: int) -> Int64[Tensor, " num_chosen"]:

@@ -6,7 +6,7 @@ from torch import Tensor, library
 from torch.autograd.function import BackwardCFunction
 
 from sightline.ops.gather_kernel import add_weighted_to_rows, weighted_sums
-from sightline.ops.group_points import flat_rows
+from sightline.ops.group_points import flat_rows, gather_rows
 from sightline.ops.point_checks import require_features
 from sightline.ops.three_nearest import ThreeNearest
 
@@ -34,6 +34,8 @@ def interpolate_points(
         )
     closeness = 1 / squared_distance.clamp(min=_LEAST_SQUARE_M2)
     weights = (closeness / closeness.sum(dim=2, keepdim=True)).to(features.dtype)
+    if torch.compiler.is_exporting():  # other engines have none of our operators
+        return (gather_rows(features, index) * weights[..., None]).sum(dim=2)
     interpolated: Tensor = _interpolate_points(features, index, weights)
     return interpolated
 

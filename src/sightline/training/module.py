@@ -49,12 +49,14 @@ class OptimizerConfig:
     """Of sgd."""
     schedule: Literal["constant", "one_cycle", "cosine", "steps"] = "constant"
     """How the learning rate goes after the warm-up: stays, falls to nothing by the last step, or
-    falls to a tenth at each of `drop_shares`.
+    falls by `drop_factor` at each of `drop_shares`.
     one_cycle (Smith and Topin 2018, arXiv:1708.07120) also moves the (first) momentum."""
     warm_up_share: float = 0.0
     """Share of all steps during which the learning rate rises."""
     drop_shares: tuple[float, ...] = ()
-    """Shares of all steps after which schedule steps takes a tenth, in their order."""
+    """Shares of all steps after which schedule steps lowers the rate, in their order."""
+    drop_factor: float = 0.1
+    """What schedule steps multiplies the learning rate by."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -66,6 +68,8 @@ class OptimizerConfig:
             raise ValueError(f"warm_up_share must be in [0, 1), got {self.warm_up_share}")
         if not 0 <= self.momentum < 1:
             raise ValueError(f"momentum must be in [0, 1), got {self.momentum}")
+        if not 0 < self.drop_factor <= 1:
+            raise ValueError(f"drop_factor must be in (0, 1], got {self.drop_factor}")
         ends = (self.warm_up_share, *self.drop_shares, 1)
         if list(ends) != sorted(ends):
             raise ValueError(
@@ -378,7 +382,7 @@ def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: in
             return 1.0
         if config.schedule == "steps":
             drops = (round(share * total_steps) for share in config.drop_shares)
-            return 0.1 ** sum(step >= drop for drop in drops)
+            return config.drop_factor ** sum(step >= drop for drop in drops)
         progress = (step - warm_up_steps) / max(total_steps - warm_up_steps, 1)
         return (1 + math.cos(math.pi * min(progress, 1.0))) / 2
 

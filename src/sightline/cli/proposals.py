@@ -1,0 +1,58 @@
+"""`sightline proposals`: what a first stage of 3D detection gives, for the second's training."""
+
+from pathlib import Path
+
+from sightline.cli.parser import Device
+from sightline.data.object_tree import Velodyne
+
+
+def proposals(
+    data: Path,
+    out: Path,
+    *,
+    weights: str,
+    device: Device = "cpu",
+    sample_list: str | None = None,
+    velodyne: Velodyne | None = None,
+    workers: int = 2,
+    overwrite: bool = False,
+    shard_index: int = 0,
+    num_shards: int = 1,
+) -> None:
+    """Keeps the first stage's points, features and proposals, to train the second stage on.
+
+    `sightline fit` takes the folder by --data.init_args.preparation.init_args.cache. A file appears
+    whole or not at all; an interrupted run is finished by running it again.
+
+    Args:
+        data: A KITTI object tree.
+        out: Folder for the cache: one file a frame, 4 to 8 MB at 16,384 points.
+        weights: Of a 3D detector: name of weights that come with Sightline or a file
+            (.safetensors, .ckpt). Its first stage is run.
+        device: Where PyTorch runs it.
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
+            a text file with one name a line. Default: all.
+        velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
+        workers: Processes, each of one thread.
+        overwrite: Makes files anew that are there already.
+        shard_index: Which part of the frames to do, from 0.
+        num_shards: Number of parts, each of which can run on another machine.
+    """
+    from sightline.detection3d.cache_proposals import cache_proposals
+    from sightline.training.sources import find_velodyne
+
+    result = cache_proposals(
+        data,
+        out,
+        weights=weights,
+        device=device,
+        sample_list=sample_list,
+        velodyne=velodyne or find_velodyne(data),
+        workers=workers,
+        overwrite=overwrite,
+        shard_index=shard_index,
+        num_shards=num_shards,
+    )
+    print(
+        f"{out}: proposals of {result.written} frames written, {result.skipped} were there already"
+    )

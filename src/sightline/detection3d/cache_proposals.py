@@ -1,0 +1,112 @@
+"""The job that runs a first stage over a data set and keeps what it gives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
+from sightline.data.object_tree import Part, Velodyne
+from sightline.data.open import SampleDataset, open_dataset
+from sightline.detection3d.network_task import NETWORK_TASK
+from sightline.detection3d.predictor import network_sweep
+from sightline.detection3d.proposal_cache import (
+    FORMAT,
+    SUFFIX,
+    first_stage_identity,
+    read_record,
+    write_record,
+)
+from sightline.detection3d.runners import StageRunners
+from sightline.inference.network import load_network
+
+
+def cache_proposals(
+    data: Path,
+    out: Path,
+    *,
+    weights: str | Path,
+    device: str = "cpu",
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne = "velodyne",
+    workers: int = 2,
+    overwrite: bool = False,
+    shard_index: int = 0,
+    num_shards: int = 1,
+) -> JobResult:
+    """Keeps a first stage's points, features and proposals, as `proposal_cache` tells.
+
+    A file appears whole or not at all, and frames whose files are there are skipped, so a job that
+    was stopped is finished by running it again.
+
+    Args:
+        data: Folder of the data set; see `open_dataset`.
+        out: Folder of the cache; made where it is missing.
+        weights: Of a detector: name or file. Its second stage, if any, is not used.
+        device: Where PyTorch runs the first stage.
+        sample_list: Which samples; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder in an object tree.
+        workers: Processes that work; 1 is this process alone.
+        overwrite: Whether to make files anew that are there already.
+        shard_index: Which part of the samples to do, from 0.
+        num_shards: Number of parts.
+
+    Raises:
+        ValueError: The data or the weights cannot be read, or the folder holds what another first
+            stage, or the same one, made of another data set.
+    """
+    check_workers(workers)
+    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    loaded = load_network(NETWORK_TASK, weights)
+    identity = first_stage_identity(loaded.network)
+    parts: tuple[Part, ...] = ("points",)
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
+    settings = {
+        "task": NETWORK_TASK.name,
+        "output": "proposal cache",
+        "format": FORMAT,
+        "first_stage": identity,
+        "sightline": version("sightline"),
+    }
+    claim_folder(out, settings, results=(f"*{SUFFIX}",))
+    there = set() if overwrite else {path.stem for path in out.glob(f"*{SUFFIX}")}
+    indices = shard(range(len(dataset)), shard_index, num_shards)
+    done = [index for index in indices if dataset.sample_ids[index] in there]
+    if done:
+        read_record(out, dataset[done[0]], training=False)  # refuses another data set's
+    pending = [index for index in indices if dataset.sample_ids[index] not in there]
+    stages = StageRunners(loaded, device=device, threads=1)  # of each worker
+    works = [_FrameWork(dataset, index, stages, identity, out) for index in pending]
+    run_job(works, workers, description=f"proposals by {loaded.name}")
+    return JobResult(written=len(pending), skipped=len(done))
+
+
+@dataclass(frozen=True, slots=True)
+class _FrameWork:
+    """Runs the first stage on a frame and writes its file."""
+
+    dataset: SampleDataset
+    index: int
+    stages: StageRunners
+    identity: str
+    out: Path
+
+    def __str__(self) -> str:
+        return f"sample {self.dataset.sample_ids[self.index]}"
+
+    def run(self) -> None:
+        sample = self.dataset[self.index]
+        points = network_sweep(sample, self.stages.detector.config.input)
+        proposed, training_proposed = self.stages.propose_both(points)
+        features = proposed.features
+        if features is None:  # of a sweep without points, or a stage that gives none
+            features = points.new_zeros(len(points), self.stages.detector.first.feature_channels)
+        write_record(
+            self.out,
+            sample,
+            made_by=self.identity,
+            points=points,
+            features=features,
+            proposed=proposed,
+            training_proposed=training_proposed,
+        )

@@ -1,0 +1,96 @@
+"""Settings of a 3D detector: what it sees of a sweep, its two stages, what becomes of their boxes.
+
+The defaults are those of the published two-stage detector (Shi et al. 2019, PointRCNN), with the
+plain second stage.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from sightline.detection3d.config import RefinementConfig
+from sightline.detection3d.proposal_network import ProposalNetworkConfig
+from sightline.detection3d.proposals import ProposalConfig
+from sightline.detection3d.roi_pooling import RoiPoolingConfig
+from sightline.detection3d.suppression import SuppressionConfig
+
+_MOST_POINTS = 2**22
+_MOST_PROPOSALS = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepConfig:
+    """What a network sees of a sweep: for training, scoring and use alike."""
+
+    num_points: int = 16_384
+    """So many are drawn; a sweep of fewer repeats some."""
+    lowest_m: tuple[float, float, float] = (0.0, -40.0, -3.0)
+    """x, y, z from which on points are seen (LiDAR frame)."""
+    highest_m: tuple[float, float, float] = (70.4, 40.0, 1.0)
+    """x, y, z up to which."""
+    far_m: float = 40.0
+    """Points with x from here on are all kept, as long as there is room: far objects have few."""
+    in_view: bool = True
+    """Whether only points that the camera's image shows are seen: elsewhere KITTI has no labels."""
+    reflectance: bool = False
+    """Whether points come with their reflectance."""
+    height_offset_m: float = 0.0
+    """Added to the height of points, for a LiDAR that is mounted higher than KITTI's (1.73 m)."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not 1 <= self.num_points <= _MOST_POINTS:
+            raise ValueError(
+                f"input.num_points must be from 1 to {_MOST_POINTS}, got {self.num_points}"
+            )
+        numbers = (*self.lowest_m, *self.highest_m, self.far_m, self.height_offset_m)
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError(f"lengths of the input must be finite, got {numbers}")
+        if any(low >= high for low, high in zip(self.lowest_m, self.highest_m, strict=True)):
+            raise ValueError(
+                f"input.lowest_m must be below highest_m in x, y and z, got {self.lowest_m} and "
+                f"{self.highest_m}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection3DConfig:
+    """A 3D detector."""
+
+    input: SweepConfig = field(default_factory=SweepConfig)
+    """What it sees of a sweep."""
+    points: ProposalNetworkConfig | None = field(default_factory=ProposalNetworkConfig)
+    """First stage: every point tells whether it lies on an object, and that object's box."""
+    proposals: ProposalConfig = field(default_factory=ProposalConfig)
+    """Which boxes go on to the second stage."""
+    training_proposals: ProposalConfig = field(
+        default_factory=lambda: ProposalConfig(num_proposals=300)
+    )
+    """The same while the second stage is trained."""
+    refinement: RefinementConfig | None = field(default_factory=RefinementConfig)
+    """Second stage: a box and its confidence from the points around each proposal. None: the
+    proposals are the answer."""
+    pooling: RoiPoolingConfig = field(default_factory=RoiPoolingConfig)
+    """What of the sweep is around a proposal."""
+    suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
+    """Which boxes are answered."""
+
+    def __post_init__(self) -> None:
+        """Checks that there is a first stage, and that the stages fit together."""
+        if self.points is None:
+            raise ValueError("a detector needs a first stage: set points")
+        if max(self.proposals.num_proposals, self.training_proposals.num_proposals) > (
+            _MOST_PROPOSALS
+        ):
+            raise ValueError(f"proposals.num_proposals must be up to {_MOST_PROPOSALS}")
+        extra = self.points.backbone.in_channels
+        if extra != self.input.reflectance:
+            raise ValueError(
+                f"points.backbone.in_channels is {extra}, expected {int(self.input.reflectance)}: "
+                "1 with input.reflectance, else 0"
+            )
+        given = self.points.backbone.out_channels
+        if self.refinement is not None and self.refinement.in_channels != given:
+            raise ValueError(
+                f"refinement.in_channels is {self.refinement.in_channels}, expected {given}, the "
+                "features that the first stage gives each point"
+            )

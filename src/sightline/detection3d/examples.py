@@ -1,0 +1,102 @@
+"""What the detectors train on and are scored on, made of samples."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from sightline.data.object_labels import kitti_from_labels
+from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
+from sightline.detection3d.batch import Detection3DBatch, FrameTruth
+from sightline.detection3d.detector_config import SweepConfig
+from sightline.detection3d.proposal_cache import read_record
+from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
+from sightline.detection3d.targets import TargetConfig, make_truth
+from sightline.structures.sample import CameraLidarSample
+from sightline.training.data import SamplePreparation
+
+_LARGEST_SEED = 2**31 - 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExampleConfig:
+    """What an example holds, for training and for scoring alike, and what training does to it."""
+
+    input: SweepConfig = field(default_factory=SweepConfig)
+    """What the network sees of a sweep: as in its own settings."""
+    class_names: tuple[str, ...] = ("Car",)
+    """What the network detects: in the order of its own settings' classes."""
+    changes: SceneChangeConfig | None = field(default_factory=SceneChangeConfig)
+    """How far training changes scenes. None: not at all."""
+    targets: TargetConfig = field(default_factory=TargetConfig)
+    """What training asks the network to find."""
+
+
+class DetectionExamples(SamplePreparation):
+    """Examples for training and scoring detection, each a batch of one."""
+
+    parts = frozenset({"points", "objects"})
+
+    def __init__(self, settings: ExampleConfig | None = None, cache: Path | None = None) -> None:
+        """Takes the settings.
+
+        Args:
+            settings: What examples hold. None: the defaults.
+            cache: Folder of what `sightline proposals` wrote for the data, by the first stage that
+                the training holds still. Scenes are not changed then. None: the first stage runs.
+
+        Raises:
+            ValueError: There is a cache, and scenes are to be changed.
+        """
+        self.settings = settings or ExampleConfig()
+        self.cache = cache
+        if cache is not None and self.settings.changes is not None:
+            raise ValueError(
+                "a first stage's cache holds scenes as they were taken: set settings.changes to "
+                "null, or leave the cache out"
+            )
+
+    def prepare(
+        self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
+    ) -> Detection3DBatch:
+        """A batch of one: a sweep, changed in training, with its truth.
+
+        Raises:
+            ValueError: The sample has no labels, no sweep or points that are not finite, or the
+                cache is of other data.
+        """
+        if sample.objects is None:
+            raise ValueError(
+                f"sample {sample.sample_id} has no labels to train on or to score against; give "
+                "data with label_2"
+            )
+        settings = self.settings
+        frame = None
+        if not training:
+            frame = FrameTruth(
+                objects=kitti_from_labels(sample.objects, sample.calibration),
+                calibration=sample.calibration,
+                image_size=sample.image_size,
+            )
+        record = None
+        if self.cache is not None:
+            points, record = read_record(self.cache, sample, training=training)
+            objects = sample.objects
+        else:
+            shown = cut_to_view(replace(sample, image=None, depth=None), settings.input)
+            if training and settings.changes is not None:
+                shown = change_scene(shown, settings.changes, rng)
+            assert shown.points is not None, "checked when it was cut"
+            assert shown.objects is not None, "checked above"
+            seen = points_in_range(shown.points, settings.input)
+            points, objects = draw_points(seen, settings.input, rng), shown.objects
+        return Detection3DBatch(
+            sample_ids=(sample.sample_id,),
+            points=(points,),
+            truths=(
+                make_truth(objects, points, settings.class_names, settings.input, settings.targets),
+            ),
+            seeds=(int(rng.integers(_LARGEST_SEED)),),
+            records=None if record is None else (record,),
+            frames=None if frame is None else (frame,),
+        )

@@ -1,0 +1,110 @@
+"""The detectors' stages as what other engines run: one graph each.
+
+The searches of point networks (farthest points, neighbours, nearest ones) are inputs, found before;
+boxes are decoded and suppressed after. Numbers of points and of regions are those of the settings.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.stages import Sweep
+from sightline.export.graph import Cases, ExportGraph
+from sightline.export.metadata import ExportMetadata
+from sightline.inference.network import LoadedNetwork
+
+MAX_DIFFERENCE: Final = 2.0
+"""An exported network may differ by so much from PyTorch's: thousandths of a metre, radian or
+logit. Both compute in float32, whose step is 0.004 mm at 70 m; the order of sums differs."""
+
+_SPREAD_M = (0.8, 0.4, 0.3)  # deviations of the points around a centre
+_POINTS_A_CENTER = 64
+_REGIONS = 8
+_BOX = (3.88, 1.63, 1.53, 0.5)  # length, width, height [m], yaw
+_CASES = ("clusters", "other clusters", "one point")
+
+Inputs = dict[str, Tensor]
+
+
+def export_graphs(loaded: LoadedNetwork[Detector3D]) -> tuple[ExportGraph, ...]:
+    """One or two graphs, whose outputs must agree within `MAX_DIFFERENCE`.
+
+    The cases are random clusters of points, and a sweep of one point.
+    """
+    detector = loaded.network
+    graphs = [_graph(loaded, "proposals", detector.first_name, partial(_first_inputs, detector))]
+    if detector.second_name is not None:
+        make = partial(_second_inputs, detector)
+        graphs.append(_graph(loaded, "refinement", detector.second_name, make))
+    return tuple(graphs)
+
+
+def _graph(
+    loaded: LoadedNetwork[Detector3D], name: str, stage: str, make: Callable[[str], Inputs]
+) -> ExportGraph:
+    module: nn.Module = loaded.network.get_submodule(stage)
+    return ExportGraph(
+        module=module,
+        example_inputs=make(_CASES[0]),
+        metadata=ExportMetadata(
+            task=loaded.weights.task,
+            config=loaded.weights.config,
+            stride=1,
+            provenance=loaded.provenance,
+        ),
+        cases=partial(_all_cases, make),
+        max_difference=MAX_DIFFERENCE,
+        unit="mm",
+        scale=1000.0,
+        name=name,
+    )
+
+
+def _all_cases(make: Callable[[str], Inputs]) -> Cases:
+    return {name: make(name) for name in _CASES}
+
+
+def _first_inputs(detector: Detector3D, case: str) -> Inputs:
+    return detector.first.inputs([_sweep(detector, case)])
+
+
+def _second_inputs(detector: Detector3D, case: str) -> Inputs:
+    second, channels = detector.second, detector.first.feature_channels
+    assert second is not None, "there is a second stage"
+    sweep = _sweep(detector, case)
+    generator = torch.Generator().manual_seed(_CASES.index(case))
+    features = torch.randn(len(sweep), channels, generator=generator) if channels else None
+    around = sweep[:: max(len(sweep) // _REGIONS, 1), :3][:_REGIONS]
+    boxes = torch.cat((around, around.new_tensor([_BOX]).expand(len(around), 4)), dim=1)
+    inputs = second.regions(sweep, features, boxes, seed=0).inputs
+    return pad_regions(inputs, detector.config.proposals.num_proposals)
+
+
+def pad_regions(inputs: dict[str, Tensor], count: int) -> dict[str, Tensor]:
+    """Inputs of exactly so many regions, which a file takes: the first one fills up."""
+    return {
+        name: torch.cat(
+            (values[:count], values[:1].expand(max(count - len(values), 0), *values.shape[1:]))
+        )
+        for name, values in inputs.items()
+    }
+
+
+def _sweep(detector: Detector3D, case: str) -> Sweep:
+    """Within the range that is seen, drawn the same way each time."""
+    settings = detector.config.input
+    generator = torch.Generator().manual_seed(1 if case == "other clusters" else 0)
+    low, high = (torch.tensor(corner) for corner in (settings.lowest_m, settings.highest_m))
+    count = settings.num_points
+    num_centers = -(-count // _POINTS_A_CENTER)
+    centers = low + (high - low) * torch.rand(num_centers, 3, generator=generator)
+    near = centers.repeat(_POINTS_A_CENTER, 1)[:count]
+    scattered = near + torch.tensor(_SPREAD_M) * torch.randn(count, 3, generator=generator)
+    reflectance = torch.rand(count, 1, generator=generator)
+    inside = torch.minimum(torch.maximum(scattered, low), high)
+    sweep = torch.cat((inside, reflectance), dim=1)
+    return sweep[:1].expand(count, 4).contiguous() if case == "one point" else sweep

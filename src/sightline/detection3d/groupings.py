@@ -1,0 +1,31 @@
+"""What the levels of a point network look at, by name: inputs of what is exported."""
+
+from collections.abc import Mapping, Sequence
+
+from jaxtyping import Float
+from torch import Tensor
+
+from sightline.detection3d.point_layers import Grouping, SetAbstraction
+from sightline.ops.group_points import group_points
+
+
+def find_groupings(
+    points: Float[Tensor, "batch num_points 3"], abstractions: Sequence[SetAbstraction]
+) -> tuple[dict[str, Tensor], list[Tensor]]:
+    """The groupings of levels upon each other, by name, and each level's points, these first."""
+    found: dict[str, Tensor] = {}
+    levels = [points]
+    for number, abstraction in enumerate(abstractions):
+        grouping = abstraction.find(levels[-1])
+        found[f"centers_{number}"] = grouping.centers
+        for scale, neighbours in enumerate(grouping.neighbours):
+            found[f"neighbours_{number}_{scale}"] = neighbours
+        levels.append(group_points(levels[-1], grouping.centers))
+    return found, levels
+
+
+def named_grouping(found: Mapping[str, Tensor], number: int) -> Grouping:
+    """The grouping of a level by its number, out of what `find_groupings` gave."""
+    start = f"neighbours_{number}_"
+    scales = sorted(name for name in found if name.startswith(start))
+    return Grouping(found[f"centers_{number}"], tuple(found[name] for name in scales))

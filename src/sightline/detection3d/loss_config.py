@@ -1,0 +1,29 @@
+"""Settings of what detectors are trained to lower."""
+
+import math
+from dataclasses import dataclass, field
+
+from sightline.detection3d.proposal_loss import ProposalLossConfig
+from sightline.detection3d.proposal_sampling import ProposalSamplingConfig
+from sightline.detection3d.refinement_loss import RefinementLossConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection3DLossConfig:
+    """The losses of both stages."""
+
+    points: ProposalLossConfig = field(default_factory=ProposalLossConfig)
+    """Of the first stage."""
+    first_weight: float = 1.0
+    """Of the first stage's loss, where both are trained."""
+    sampling: ProposalSamplingConfig = field(default_factory=ProposalSamplingConfig)
+    """Which proposals the second stage is trained on."""
+    refinement: RefinementLossConfig = field(default_factory=RefinementLossConfig)
+    """Of the second stage."""
+
+    def __post_init__(self) -> None:
+        """Checks the weight."""
+        if not 0 <= self.first_weight < math.inf:
+            raise ValueError(
+                f"loss.first_weight must be finite and not negative, got {self.first_weight}"
+            )

@@ -1,0 +1,44 @@
+"""A sweep from above, with what was found and what is there."""
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.ops.rotated_iou import pairwise_iou_3d
+from sightline.structures.predictions import Detections3D
+from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
+from sightline.visualization.colors import RGB
+
+MIN_IOU = 0.5
+"""3D IoU with an object from which a detection is drawn as right."""
+
+TRUTH: RGB = (245, 245, 245)
+RIGHT: RGB = (20, 190, 140)
+WRONG: RGB = (226, 94, 20)
+_DRAWN_SCORE = 0.3  # what is less sure is not drawn
+
+
+def training_picture(
+    points: Float[Tensor, "num_points 4"],
+    found: Detections3D,
+    truths: Float[Tensor, "num_objects 7"],
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Objects white, detections green where they overlap one by `MIN_IOU` and else orange.
+
+    Args:
+        points: LiDAR frame.
+        found: What was detected.
+        truths: Boxes of the labelled objects.
+    """
+    view = BirdsEyeView()
+    picture = draw_birds_eye(points, Boxes3D(truths), ("",) * len(truths), view=view, color=TRUTH)
+    sure = found.boxes.tensor[found.scores >= _DRAWN_SCORE]
+    is_right = torch.zeros(len(sure), dtype=torch.bool)
+    if len(sure) and len(truths):
+        is_right = pairwise_iou_3d(sure.double(), truths).amax(dim=1) >= MIN_IOU
+    for mask, color in ((is_right, RIGHT), (~is_right, WRONG)):
+        boxes = Boxes3D(sure[mask])
+        put_boxes_from_above(picture, view, boxes, ("",) * len(boxes), color=color)
+    return picture

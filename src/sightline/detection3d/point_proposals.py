@@ -1,0 +1,87 @@
+"""The first stage of Shi et al. 2019 (PointRCNN): every point tells a box."""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.utils.rnn import pad_sequence
+
+from sightline.detection3d.loss_config import Detection3DLossConfig
+from sightline.detection3d.proposal_loss import ProposalLosses, proposal_loss
+from sightline.detection3d.proposal_network import (
+    ProposalNetwork,
+    ProposalNetworkConfig,
+    ProposalNetworkOutput,
+    tell_boxes,
+)
+from sightline.detection3d.proposals import ProposalConfig, choose_proposals
+from sightline.detection3d.stages import Proposed, Sweep
+from sightline.detection3d.targets import SweepTruth
+
+
+class PointProposals(nn.Module):
+    """A `FirstStage` of sweeps with one number of points."""
+
+    output_type = ProposalNetworkOutput
+
+    def __init__(self, config: ProposalNetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.feature_channels = config.backbone.out_channels
+        self.network = ProposalNetwork(config)
+
+    def forward(
+        self,
+        points: Float[Tensor, "batch num_points 3"],
+        features: Float[Tensor, "batch num_points in_channels"] | None = None,
+        **found: Tensor,
+    ) -> ProposalNetworkOutput:
+        """Of points, what they have besides if anything, and the neighbourhoods of `inputs`."""
+        if features is None:
+            features = points[..., :0]
+        output: ProposalNetworkOutput = self.network(points, features, found)
+        return output
+
+    def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
+        """Points and their neighbourhoods; the search takes no gradient and runs on the CPU."""
+        together = torch.stack(list(sweeps))
+        points, extra = together[..., :3].contiguous(), self.config.backbone.in_channels
+        given = {"points": points}
+        if extra:
+            given["features"] = together[..., 3 : 3 + extra].contiguous()
+        return given | self.network.backbone.find(points)
+
+    def propose(
+        self, output: ProposalNetworkOutput, sweeps: Sequence[Sweep], config: ProposalConfig
+    ) -> tuple[Proposed, ...]:
+        """The boxes that points tell, best first; see `choose_proposals`."""
+        points = torch.stack([sweep[:, :3] for sweep in sweeps])
+        with torch.no_grad():
+            boxes, classes, scores = tell_boxes(
+                ProposalNetworkOutput(*(values.detach().float() for values in output)),
+                points,
+                self.config,
+            )
+        proposed = []
+        for number, features in enumerate(output.features):
+            kept = choose_proposals(boxes[number], scores[number], config)
+            proposals = (values[number][kept] for values in (boxes, classes, scores))
+            proposed.append(Proposed(*proposals)._replace(features=features))
+        return tuple(proposed)
+
+    def losses(
+        self,
+        output: ProposalNetworkOutput,
+        sweeps: Sequence[Sweep],
+        truths: Sequence[SweepTruth],
+        config: Detection3DLossConfig,
+    ) -> ProposalLosses:
+        """See `proposal_loss`; points on ignored objects count nowhere."""
+        points = torch.stack([sweep[:, :3] for sweep in sweeps])
+        boxes, classes = (
+            pad_sequence([getattr(truth, name) for truth in truths], batch_first=True)
+            for name in ("boxes", "classes")
+        )
+        whole = ProposalNetworkOutput(*(values.float() for values in output))
+        return proposal_loss(whole, points, boxes, classes, self.config, config.points)

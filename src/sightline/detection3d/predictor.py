@@ -1,0 +1,113 @@
+"""Detection in sweeps by a trained network."""
+
+import warnings
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from sightline.data.object_tree import Part
+from sightline.detection3d.detector_config import SweepConfig
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.network_task import NETWORK_TASK
+from sightline.detection3d.runners import StageRunners
+from sightline.detection3d.stages import Sweep
+from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
+from sightline.export.names import EngineName
+from sightline.inference.network import LoadedNetwork, load_network
+from sightline.structures.predictions import Detections3D
+from sightline.structures.sample import CameraLidarSample
+
+_SEED: Final = 0  # of the points that are drawn: a sweep is always answered alike
+_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # what is seen of many points, if axes are as they should
+
+
+class Detection3DPredictor:
+    """Detects road users in LiDAR sweeps with a trained network.
+
+        predictor = Detection3DPredictor.load("weights.safetensors")
+        found = predictor(sample)  # .class_names, .boxes (LiDAR frame), .scores
+
+    Takes sweeps of any number of points and beams; one of which nothing is seen has no objects.
+    May be pickled, and called in a forked process.
+    """
+
+    parts: tuple[Part, ...] = ("points",)
+    gives: tuple[str, ...] = ("results",)
+
+    def __init__(
+        self,
+        loaded: LoadedNetwork[Detector3D],
+        *,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> None:
+        """Takes a network; `load` takes the name of its weights.
+
+        Args:
+            loaded: The network.
+            engine: What runs it.
+            device: cpu or cuda.
+            threads: Of the CPU; None: the engine's own choice.
+
+        Raises:
+            ValueError: The engine is not installed or cannot run on the device.
+        """
+        self.name = loaded.name
+        self.sha256 = loaded.sha256
+        self.engine: EngineName = engine
+        self._input = loaded.network.config.input
+        self._stages = StageRunners(loaded, engine=engine, device=device, threads=threads)
+
+    @classmethod
+    def load(
+        cls,
+        weights: str | Path,
+        *,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> "Detection3DPredictor":
+        """Loads weights by name or from a file, and makes a predictor of them.
+
+        Raises:
+            ValueError: As `load_network` and the constructor do.
+        """
+        return cls(
+            load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
+        )
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """What a manifest says beside the name."""
+        return {"weights_sha256": self.sha256, "engine": self.engine}
+
+    def __call__(self, sample: CameraLidarSample) -> Detections3D:
+        """Detects in a sample's sweep; warns where its axes can hardly be the LiDAR frame's.
+
+        Raises:
+            ValueError: The sample has no sweep, or points that are not finite.
+        """
+        sweep = network_sweep(sample, self._input)
+        return self._stages.refine(sweep, self._stages.propose(sweep))
+
+
+def network_sweep(sample: CameraLidarSample, settings: SweepConfig) -> Sweep:
+    """A sample's sweep as a network sees it in use; warns as the predictor says.
+
+    Raises:
+        ValueError: As the predictor says.
+    """
+    shown = cut_to_view(sample, settings).points
+    assert shown is not None, "checked when it was cut"
+    assert sample.points is not None, "likewise"
+    seen = points_in_range(shown, settings)
+    if len(sample.points) >= _MANY_POINTS and len(seen) < _LEAST_SHARE * len(sample.points):
+        warnings.warn(
+            f"of the {len(sample.points)} points of sample {sample.sample_id} only {len(seen)} lie "
+            "where the network looks: are its axes x forward, y left, z up, in metres from the "
+            "LiDAR?",
+            stacklevel=2,
+        )
+    return draw_points(seen, settings, np.random.default_rng(_SEED))

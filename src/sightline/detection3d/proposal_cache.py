@@ -1,0 +1,146 @@
+"""What a first stage gives for the frames of a data set, kept on disk for the second's training.
+
+A folder with a file for each frame, FRAME.safetensors, and the manifest `sightline.json`. A file
+holds
+
+* points: float32, num_points x 4, the sweep as the first stage saw it,
+* features: float16, num_points x channels, what it gave each point,
+* boxes, classes, scores: float32 num x 7, int64, float32, the proposals as for use and scoring,
+* training_boxes, training_classes, training_scores: the same as for training,
+
+and in its metadata, as JSON under "sightline", the version of this format, the identity of the
+first stage with its settings, and the digest of the frame's sweep as it was taken.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Final
+
+import safetensors
+from jaxtyping import Float, Float32
+from safetensors.torch import save
+from torch import Tensor
+
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError
+from sightline.data.settings import plain_settings
+from sightline.detection3d.batch import FirstStageRecord
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.stages import Proposed, Sweep
+from sightline.structures.sample import CameraLidarSample
+
+SUFFIX: Final = ".safetensors"
+FORMAT: Final = 1
+
+_METADATA_KEY = "sightline"
+_REMEDY = "make the cache again by `sightline proposals`"
+_COLUMNS = ("boxes", "classes", "scores")
+_SETTINGS = ("input", "proposals", "training_proposals")
+
+
+def first_stage_identity(detector: Detector3D) -> str:
+    """A digest of the first stage's weights and of all settings that its proposals hang on."""
+    plain = plain_settings(detector.config)
+    settings = {name: plain[name] for name in (*_SETTINGS, detector.first_name)}
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+    stage = detector.get_submodule(detector.first_name)
+    for name, tensor in sorted(stage.state_dict().items()):
+        digest.update(name.encode())
+        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def sweep_digest(sample: CameraLidarSample) -> str:
+    """Of a sample's sweep, by which data sets are told apart whose frames have the same names.
+
+    Raises:
+        ValueError: It has none.
+    """
+    if sample.points is None:
+        raise ValueError(f"sample {sample.sample_id} has no sweep; give data with velodyne files")
+    content = sample.points.contiguous().numpy().tobytes()
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+def write_record(
+    folder: Path,
+    sample: CameraLidarSample,
+    *,
+    made_by: str,
+    points: Float32[Tensor, "num_points 4"],
+    features: Float[Tensor, "num_points channels"],
+    proposed: Proposed,
+    training_proposed: Proposed,
+) -> None:
+    """Writes a frame's file, whole or not at all.
+
+    Args:
+        folder: Of the cache.
+        sample: The frame as it was read.
+        made_by: See `first_stage_identity`.
+        points: As the first stage saw them.
+        features: What it gave them.
+        proposed: Its proposals for use and scoring.
+        training_proposed: Those for training.
+    """
+    columns = {"points": points, "features": features.half()}
+    for start, given in (("", proposed), ("training_", training_proposed)):
+        columns |= {start + name: getattr(given, name) for name in _COLUMNS}
+    described = {"format": FORMAT, "made_by": made_by, "sweep": sweep_digest(sample)}
+    tensors = {
+        name: column.detach().to("cpu", copy=True).contiguous() for name, column in columns.items()
+    }
+    content = save(tensors, {_METADATA_KEY: json.dumps(described, sort_keys=True)})
+    atomic_write_bytes(folder / f"{sample.sample_id}{SUFFIX}", content)
+
+
+def read_record(
+    folder: Path, sample: CameraLidarSample, *, training: bool
+) -> tuple[Sweep, FirstStageRecord]:
+    """A frame's points and what the first stage gave for them.
+
+    Args:
+        folder: Of the cache.
+        sample: The frame as it was read.
+        training: Whether to take the proposals for training.
+
+    Raises:
+        ValueError: The file is missing, damaged, of another version's format or of another sweep.
+    """
+    path = folder / f"{sample.sample_id}{SUFFIX}"
+    if not path.is_file():
+        raise FileError(path, "does not exist, so the cache lacks this frame", _REMEDY)
+    start = "training_" if training else ""
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            described = json.loads((file.metadata() or {})[_METADATA_KEY])
+            points, features = (file.get_tensor(name) for name in ("points", "features"))
+            columns = {name: file.get_tensor(start + name) for name in _COLUMNS}
+            found, made_by, sweep = (described[key] for key in ("format", "made_by", "sweep"))
+        record = FirstStageRecord(made_by=made_by, features=features, **columns)
+    except Exception as error:
+        # Damaged bytes, and another format's tensors, raise nearly anything.
+        reason = shortened(" ".join(str(error).split()), 160)
+        raise FileError(path, f"is no frame of a proposal cache ({reason})", _REMEDY) from error
+    if found != FORMAT:
+        raise FileError(path, f"is of format {found}, expected {FORMAT}", _REMEDY)
+    if sweep != sweep_digest(sample):
+        raise FileError(
+            path, "was made of another sweep than the data's frame of this name", _REMEDY
+        )
+    return points, record
+
+
+def check_made_by(record: FirstStageRecord, identity: str) -> None:
+    """Refuses what another first stage gave.
+
+    Raises:
+        ValueError: It did.
+    """
+    if record.made_by != identity:
+        raise ValueError(
+            "the cache was made by a first stage of other weights or settings than the training's; "
+            f"train with those that made it (initial_weights, network), or {_REMEDY}"
+        )

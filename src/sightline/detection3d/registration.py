@@ -1,0 +1,100 @@
+"""3D detection as a task: what `sightline.tasks` knows of it.
+
+Light: the command line reads it to answer `--help`, so that all else is imported where it is used.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from sightline.detection3d.network_task import DetectionNetworkTask
+from sightline.inference.predictor import Output
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import UInt8
+
+    from sightline.detection3d.model import Detector3D
+    from sightline.detection3d.predictor import Detection3DPredictor
+    from sightline.export.graph import ExportGraph
+    from sightline.export.names import EngineName
+    from sightline.inference.network import LoadedNetwork
+    from sightline.structures.predictions import Detections3D
+    from sightline.structures.sample import CameraLidarSample
+
+
+def _write_results(path: Path, sample: "CameraLidarSample", answer: "Detections3D") -> None:
+    from sightline.detection3d.files import write_results
+
+    write_results(path, sample, answer)
+
+
+class Detection3DTask(DetectionNetworkTask):
+    """`sightline.tasks.Task`, by networks that look at the LiDAR alone."""
+
+    summary: Final = "Detects road users in 3D in LiDAR sweeps and writes KITTI's result files."
+    training_class: Final = "sightline.detection3d.task.Detection3D"
+    trial_settings: Final = {
+        "model.init_args.stages": "both",
+        "model.init_args.network.input.num_points": "256",
+        "model.init_args.network.pooling.num_points": "16",
+        "model.init_args.loss.sampling.num_samples": "8",
+        "model.init_args.loss.sampling.max_foreground": "4",
+        "data.init_args.preparation.init_args.settings.input.num_points": "256",
+        "data.init_args.training": "[{path: ., sample_list: train}]",
+        "data.init_args.validation": "[{path: ., sample_list: val}]",
+    }
+    default_weights = None
+    methods: tuple[str, ...] = ()
+    outputs: tuple[Output, ...] = (
+        Output(
+            name="results",
+            suffix=".txt",
+            summary="KITTI's result files, with 3D boxes, their projections and scores.",
+            write=_write_results,
+        ),
+    )
+
+    def graphs(self, loaded: "LoadedNetwork[Detector3D]") -> "tuple[ExportGraph, ...]":
+        """One for each stage: proposals, and refinement where there is one."""
+        from sightline.detection3d.export_graph import export_graphs
+
+        return export_graphs(loaded)
+
+    def predictor(
+        self,
+        *,
+        method: str | None = None,
+        weights: str | Path | None = None,
+        engine: "EngineName" = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> "Detection3DPredictor":
+        """A network with its weights, which must be named.
+
+        Raises:
+            ValueError: They are not, or as `Detection3DPredictor.load`.
+        """
+        from sightline.detection3d.predictor import Detection3DPredictor
+
+        if method is not None or weights is None:
+            raise ValueError(
+                "detection3d answers by a network, and no weights of it come with sightline: train "
+                "one by `sightline fit` and name its weights"
+            )
+        return Detection3DPredictor.load(weights, engine=engine, device=device, threads=threads)
+
+    def picture(
+        self, sample: "CameraLidarSample", predictor: "Detection3DPredictor"
+    ) -> "UInt8[np.ndarray, 'height width 3']":
+        """All there is to see of a sample, with what was detected; the sample alone if no sweep."""
+        from sightline.visualization.sheet import frame_sheet
+
+        found = None if sample.points is None else predictor(sample)
+        return frame_sheet(sample, detections3d=found)
+
+    def demo(self, frames: Path, out: Path) -> None:
+        """Has nothing to show before weights come with the package."""
+        del frames, out
+
+
+TASK: Final = Detection3DTask()

@@ -1,0 +1,72 @@
+"""A detector's stages run by an engine, in jobs of several processes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from torch import Tensor
+
+from sightline.detection3d.detect import nothing_proposed, propose, refine
+from sightline.detection3d.export_graph import export_graphs, pad_regions
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.stages import Proposed, Sweep
+from sightline.export.names import EngineName
+from sightline.export.process_engine import ProcessEngine
+from sightline.inference.network import LoadedNetwork
+from sightline.structures.predictions import Detections3D
+
+
+class StageRunners:
+    """Runs both stages; may be pickled, and used in a forked process."""
+
+    def __init__(
+        self,
+        loaded: LoadedNetwork[Detector3D],
+        *,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> None:
+        """Exports the stages where the engine needs it.
+
+        Raises:
+            ValueError: The engine is not installed or cannot run on the device.
+        """
+        self.detector = loaded.network
+        self._is_fixed = engine != "torch"  # files take one number of regions
+        self._engines = [
+            ProcessEngine(graph, name=engine, device=device, threads=threads)
+            for graph in export_graphs(loaded)
+        ]
+
+    def propose(self, sweep: Sweep) -> Proposed:
+        """The first stage's proposals for a sweep; none for one without points."""
+        if not len(sweep):
+            return nothing_proposed(sweep)
+        config = self.detector.config.proposals
+        return propose(self.detector, sweep, (config,), self._first)[0]
+
+    def propose_both(self, sweep: Sweep) -> tuple[Proposed, Proposed]:
+        """The same as for use, and as for the second stage's training."""
+        if not len(sweep):
+            return nothing_proposed(sweep), nothing_proposed(sweep)
+        config = self.detector.config
+        configs = (config.proposals, config.training_proposals)
+        in_use, in_training = propose(self.detector, sweep, configs, self._first)
+        return in_use, in_training
+
+    def refine(self, sweep: Sweep, proposed: Proposed) -> Detections3D:
+        """What is answered of proposals."""
+        return refine(self.detector, sweep, proposed, self._second)
+
+    def _first(self, inputs: Mapping[str, Tensor]) -> Any:  # noqa: ANN401 - the stage's own
+        found = self._engines[0](inputs)
+        return self.detector.first.output_type(**{name: each.cpu() for name, each in found.items()})
+
+    def _second(self, inputs: Mapping[str, Tensor]) -> Any:  # noqa: ANN401 - the stage's own
+        second = self.detector.second
+        assert second is not None, "there is something to run"
+        count = len(next(iter(inputs.values())))
+        if self._is_fixed:
+            inputs = pad_regions(dict(inputs), self.detector.config.proposals.num_proposals)
+        found = self._engines[1](inputs)
+        return second.output_type(**{name: each[:count].cpu() for name, each in found.items()})

@@ -1,0 +1,146 @@
+"""What the stages of detectors have in common, whatever their design.
+
+A stage's module is what leaves PyTorch: tensors in by name, a NamedTuple out. Searches, draws and
+suppression, which other engines do not know, come before it (`inputs`) and after it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from jaxtyping import Float, Float32, Int64
+from torch import Tensor
+
+from sightline.detection3d.loss_config import Detection3DLossConfig
+from sightline.detection3d.proposal_sampling import ProposalSamples
+from sightline.detection3d.proposals import ProposalConfig
+from sightline.detection3d.targets import SweepTruth
+from sightline.training.module import Losses
+
+Run = Callable[[Mapping[str, Tensor]], Any]
+"""Runs a stage's module, here or by another engine; gives its NamedTuple."""
+
+Sweep = Float32[Tensor, "_ 4"]
+"""LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
+
+
+class Proposed(NamedTuple):
+    """What a first stage makes of a sweep."""
+
+    boxes: Float[Tensor, "num_proposals 7"]
+    """x, y, z, length, width, height, yaw (frame of the sweep, metres, radians)."""
+    classes: Int64[Tensor, " num_proposals"]
+    """Places among the detector's classes."""
+    scores: Float[Tensor, " num_proposals"]
+    """Confidence, 0 to 1."""
+    features: Float[Tensor, "num_points channels"] | None = None
+    """Of the sweep's points; None of a design that gives none."""
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class FirstStage(Protocol):
+    """From sweeps to proposals; an `nn.Module`."""
+
+    @property
+    def feature_channels(self) -> int:
+        """What it gives for each point besides proposals; 0: nothing."""
+        ...
+
+    @property
+    def output_type(self) -> Callable[..., tuple[Any, ...]]:
+        """What the module gives."""
+        ...
+
+    def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
+        """The network."""
+        ...
+
+    def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
+        """What the module takes for sweeps of a point each at least."""
+        ...
+
+    def propose(
+        self,
+        output: Any,  # noqa: ANN401 - of `output_type`
+        sweeps: Sequence[Sweep],
+        config: ProposalConfig,
+    ) -> tuple[Proposed, ...]:
+        """The proposals of each sweep, the surest of all near ones first."""
+        ...
+
+    def losses(
+        self,
+        output: Any,  # noqa: ANN401 - of `output_type`
+        sweeps: Sequence[Sweep],
+        truths: Sequence[SweepTruth],
+        config: Detection3DLossConfig,
+    ) -> Losses:
+        """What the module is trained to lower."""
+        ...
+
+
+class Regions(NamedTuple):
+    """The proposals with points around them, as a second stage takes them."""
+
+    places: Int64[Tensor, " num_rois"]
+    """Among all proposals."""
+    boxes: Float[Tensor, "num_rois 7"]
+    """As proposed."""
+    inputs: dict[str, Tensor]
+    """What the module takes; the first axis of each counts the regions."""
+
+
+class Refined(NamedTuple):
+    """Boxes of regions."""
+
+    boxes: Float[Tensor, "num_rois 7"]
+    """x, y, z, length, width, height, yaw (frame of the sweep, metres, radians)."""
+    scores: Float[Tensor, " num_rois"]
+    """Confidence, 0 to 1."""
+
+
+@runtime_checkable
+class SecondStage(Protocol):
+    """From proposals to better boxes; an `nn.Module`."""
+
+    @property
+    def passes(self) -> int:
+        """How often it is applied, each time to what it gave before."""
+        ...
+
+    @property
+    def output_type(self) -> Callable[..., tuple[Any, ...]]:
+        """What the module gives."""
+        ...
+
+    def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
+        """The network."""
+        ...
+
+    def regions(
+        self,
+        sweep: Sweep,
+        features: Float[Tensor, "num_points channels"] | None,
+        boxes: Float[Tensor, "num_proposals 7"],
+        *,
+        seed: int,
+    ) -> Regions:
+        """Gathers what is around proposals; those around which there is nothing are left out."""
+        ...
+
+    def refine(
+        self,
+        output: Any,  # noqa: ANN401 - of `output_type`
+        regions: Regions,
+    ) -> Refined:
+        """The boxes that the module gave for regions."""
+        ...
+
+    def losses(
+        self,
+        output: Any,  # noqa: ANN401 - of `output_type`
+        regions: Regions,
+        samples: ProposalSamples,
+        config: Detection3DLossConfig,
+    ) -> Losses:
+        """What the module is trained to lower; one sample a region."""
+        ...

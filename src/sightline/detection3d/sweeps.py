@@ -1,0 +1,74 @@
+"""A sweep as the networks see it: what lies in range, so many points of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Int64
+from torch import Tensor
+
+from sightline.data.augmentation import points_in_view
+from sightline.detection3d.detector_config import SweepConfig
+from sightline.structures.sample import CameraLidarSample
+
+
+def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSample:
+    """The sample with the points that its camera shows, if the settings ask for that.
+
+    Raises:
+        ValueError: The sample has no sweep, or a point of it is not finite.
+    """
+    points = sample.points
+    if points is None:
+        raise ValueError(
+            f"sample {sample.sample_id} has no sweep, so nothing can be detected; give data with "
+            "velodyne files"
+        )
+    is_finite = points.isfinite().all(dim=1)
+    if not is_finite.all():
+        raise ValueError(
+            f"the sweep of sample {sample.sample_id} holds {int((~is_finite).sum())} points with "
+            f"NaN or infinite values, the first is point {int(is_finite.int().argmin())} of "
+            f"{len(points)} (from 0); leave them out"
+        )
+    return replace(sample, points=points[points_in_view(sample)]) if config.in_view else sample
+
+
+def points_in_range(
+    points: Float32[Tensor, "num_points 4"], config: SweepConfig
+) -> Float32[Tensor, "num_seen 4"]:
+    """The points that a network may see, raised by the height offset, in their order."""
+    raised = points + points.new_tensor([0, 0, config.height_offset_m, 0])
+    low, high = (points.new_tensor(corner) for corner in (config.lowest_m, config.highest_m))
+    xyz = raised[:, :3]
+    return raised[((xyz >= low) & (xyz <= high)).all(dim=1)]
+
+
+def draw_points(
+    points: Float32[Tensor, "num_seen 4"], config: SweepConfig, rng: np.random.Generator
+) -> Float32[Tensor, "num_points 4"]:
+    """Exactly `num_points` of them in a drawn order, or none of none.
+
+    Shi et al. 2019 (PointRCNN), in its published code: of more points all far ones stay, and near
+    ones are drawn without repetition; where the far ones alone are too many, all are drawn from
+    alike. Of fewer points all stay, and repetitions fill up. The order is drawn, as a ball query
+    takes the first that it finds.
+    """
+    return points[torch.from_numpy(_choice(points, config, rng))]
+
+
+def _choice(
+    points: Float[Tensor, "num_seen 4"], config: SweepConfig, rng: np.random.Generator
+) -> Int64[np.ndarray, " num_points"]:
+    count, wanted = len(points), config.num_points
+    everything = np.arange(count)
+    if count == 0:
+        return everything
+    if count <= wanted:
+        chosen = np.concatenate((everything, rng.integers(count, size=wanted - count)))
+        return rng.permutation(chosen)
+    is_far = (points[:, 0] >= config.far_m).numpy()
+    far, near = everything[is_far], everything[~is_far]
+    if len(far) >= wanted:
+        return rng.permutation(everything)[:wanted]
+    return rng.permutation(np.concatenate((far, rng.permutation(near)[: wanted - len(far)])))

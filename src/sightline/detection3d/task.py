@@ -1,0 +1,196 @@
+"""Training and scoring of the 3D detectors."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor, nn
+
+from sightline.data.object_results import kitti_from_detections
+from sightline.detection3d.batch import Detection3DBatch
+from sightline.detection3d.detect import nothing_proposed, propose, refine
+from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.loss import StageLosses, Stages, detection_losses, proposed_by
+from sightline.detection3d.loss_config import Detection3DLossConfig
+from sightline.detection3d.metrics import ProposalRecallMetric
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.pictures import training_picture
+from sightline.detection3d.proposal_cache import check_made_by, first_stage_identity
+from sightline.evaluation.kitti_object_metric import KittiObjectMetric
+from sightline.evaluation.kitti_object_rules import LOOSE
+from sightline.structures.predictions import Detections3D
+from sightline.training.module import OptimizerConfig, TrainingModule, choose_settings
+
+_LOSS, _OPTIMIZER = Detection3DLossConfig(), OptimizerConfig()
+
+
+class Detection3D(TrainingModule):
+    """3D detection in training: scored by KITTI's rules, AP over 40 recall positions in percent.
+
+    `Car/3d/moderate` is at KITTI's overlap (0.7 for cars), `loose/Car/3d/moderate` at a lower one
+    (0.5 for cars); `recall/0.5` is the first stage's.
+    """
+
+    task_name: ClassVar[str] = "detection3d"
+    monitored: ClassVar[tuple[str, Literal["min", "max"]]] = ("validation/Car/3d/moderate", "max")
+    network: Detector3D
+
+    def __init__(
+        self,
+        network: Detection3DConfig | None = None,
+        loss: Detection3DLossConfig = _LOSS,
+        optimizer: OptimizerConfig = _OPTIMIZER,
+        stages: Stages = "both",
+        initial_weights: Path | None = None,
+        initial_part: str | None = None,
+    ) -> None:
+        """Builds the network.
+
+        Args:
+            network: What is trained. None: the network of the initial weights; without those, the
+                published one.
+            loss: What it is told.
+            optimizer: How its weights are updated.
+            stages: Whether both stages are trained at once, or the first alone, or the second on a
+                first that is held still: which then must come by initial_weights.
+            initial_weights: Weights to start from: name of shipped ones, file or checkpoint.
+            initial_part: The stage that they fill, by the name of its settings, such as points.
+                None: all of the network.
+
+        Raises:
+            ValueError: The initial weights cannot be read or are another network's, or there is no
+                second stage to train.
+        """
+        settings = choose_settings(network, Detection3DConfig, initial_weights)
+        super().__init__(
+            Detector3D(settings),
+            KittiObjectMetric(),
+            optimizer=optimizer,
+            initial_weights=initial_weights,
+            initial_part=initial_part,
+        )
+        if stages == "second" and self.network.second_name is None:
+            raise ValueError("the network has no second stage to train: set network.refinement")
+        self.loss = loss
+        self.stages: Stages = stages
+        self.loose_metric = KittiObjectMetric(LOOSE)
+        self.recall_metric = ProposalRecallMetric()
+        self._has_first_stage = initial_weights is not None
+        self._identity: str | None = None  # of a first stage that is held still
+        for stage in self._still:
+            stage.requires_grad_(requires_grad=False)
+
+    @property
+    def _still(self) -> list[nn.Module]:
+        """The stages that are not trained."""
+        names = {"both": (), "first": (self.network.second_name,),
+                 "second": (self.network.first_name,)}[self.stages]  # fmt: skip
+        return [self.network.get_submodule(name) for name in names if name is not None]
+
+    def network_config(self) -> Detection3DConfig:
+        """The network's settings."""
+        config: Detection3DConfig = self.network.config
+        return config
+
+    def setup(self, stage: str) -> None:
+        """Refuses to train a second stage on a first one that has learned nothing.
+
+        Raises:
+            ValueError: The first stage is held still, and neither initial weights nor a checkpoint
+                are named.
+        """
+        is_resumed = self.trainer.ckpt_path is not None
+        if stage == "fit" and self.stages == "second" and not (self._has_first_stage or is_resumed):
+            raise ValueError(
+                "stages second trains on a first stage that is held still: name its weights by "
+                f"initial_weights, with initial_part {self.network.first_name}"
+            )
+
+    def train(self, mode: bool = True) -> "Detection3D":  # noqa: FBT001 - as PyTorch's
+        """Sets the mode; stages that are held still never train."""
+        super().train(mode)
+        for stage in self._still:
+            stage.eval()
+        return self
+
+    def losses(self, batch: Detection3DBatch) -> StageLosses:
+        """The loss of a batch and its terms."""
+        self._check_records(batch)
+        return detection_losses(self.network, batch, self.loss, self.stages)
+
+    def score(self, batch: Detection3DBatch) -> list[Detections3D]:
+        """Scores a batch."""
+        assert batch.frames is not None, "examples to score hold the frames' truth"
+        self._check_records(batch)
+        config = self.network.config
+        answers, proposals = [], []
+        for number, points in enumerate(batch.points):
+            if batch.records is not None:
+                proposed = proposed_by(batch.records[number], points)
+            elif len(points):
+                proposed = propose(self.network, points, (config.proposals,))[0]
+            else:
+                proposed = nothing_proposed(points)
+            proposals.append(proposed.boxes)
+            answers.append(refine(self.network, points, proposed))
+        results = [
+            kitti_from_detections(found, frame.calibration.to("cpu"), frame.image_size)
+            for found, frame in zip(answers, batch.frames, strict=True)
+        ]
+        labels = [frame.objects for frame in batch.frames]
+        self.metric.update(results, labels)
+        self.loose_metric.update(results, labels)
+        wanted = [truth.boxes[truth.is_wanted] for truth in batch.truths]
+        self.recall_metric.update(proposals, wanted)
+        return answers
+
+    def scores(self) -> Mapping[str, Tensor]:
+        """AP in 3D and from above of each class and difficulty at both overlaps, and recall."""
+        strict: Mapping[str, Tensor] = super().scores()
+        loose = {f"loose/{name}": value for name, value in self.loose_metric.compute().items()}
+        shown = {name: value for name, value in {**strict, **loose}.items() if "/bbox/" not in name}
+        return {**shown, **self.recall_metric.compute()}
+
+    def on_validation_epoch_end(self) -> None:
+        """Logs the scores."""
+        super().on_validation_epoch_end()
+        self._reset_metrics()
+
+    def on_test_epoch_end(self) -> None:
+        """Logs the scores."""
+        super().on_test_epoch_end()
+        self._reset_metrics()
+
+    def picture(
+        self, batch: Detection3DBatch, answer: list[Detections3D]
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """The first sweep of a batch from above, with what was found and what is there."""
+        truth, points = batch.truths[0], batch.points[0]
+        offset_m = self.network.config.input.height_offset_m
+        boxes = truth.boxes[truth.is_wanted]
+        return training_picture(
+            (points - points.new_tensor([0, 0, offset_m, 0])).cpu(),
+            answer[0],
+            (boxes - boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).cpu(),
+        )
+
+    def _reset_metrics(self) -> None:
+        with torch.inference_mode(mode=False):  # else training could not go on with its tensors
+            self.loose_metric.reset()
+            self.recall_metric.reset()
+
+    def _check_records(self, batch: Detection3DBatch) -> None:
+        if batch.records is None:
+            return
+        if self.stages != "second":
+            raise ValueError(
+                f"stages {self.stages} trains the first stage, whose cache would be out of date: "
+                "set stages to second, or leave the cache out"
+            )
+        if self._identity is None:
+            self._identity = first_stage_identity(self.network)
+        for record in batch.records:
+            check_made_by(record, self._identity)

@@ -1,0 +1,100 @@
+"""Scenes changed for training: points stay in their boxes."""
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.rings import ring_numbers
+from sightline.detection3d.augmentation import (
+    SceneChangeConfig,
+    add_range_noise,
+    change_scene,
+    lift_ground,
+)
+from sightline.detection3d.detector_config import SweepConfig
+from sightline.detection3d.sweeps import cut_to_view
+from sightline.geometry.boxes3d import Boxes3D
+from tests.detection3d.frames import simulated_frames
+
+NOTHING = SceneChangeConfig(mirror=False, turn_deg=0.0, scales=(1.0, 1.0))
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return cut_to_view(simulated_frames()[0], SweepConfig())
+
+
+def num_inside(sample):
+    objects = sample.objects
+    boxes = Boxes3D(objects.boxes3d.tensor[objects.has_box3d]).enlarge(0.05)
+    return boxes.contain(sample.points[:, :3].double()).sum(dim=1)
+
+
+def test_points_stay_in_their_boxes_whatever_is_drawn(sample):
+    config = SceneChangeConfig(rise_m=0.3, slope_deg=1.0)
+    before = num_inside(sample)
+    for seed in range(6):
+        after = num_inside(change_scene(sample, config, np.random.default_rng(seed)))
+        assert (after >= 0.85 * before - 2).all()  # a shear moves a box's ends a little
+        assert not torch.equal(after, torch.zeros_like(after))
+
+
+def test_nothing_changes_where_nothing_is_asked_for(sample):
+    same = change_scene(sample, NOTHING, np.random.default_rng(0))
+    torch.testing.assert_close(same.points, sample.points)
+    torch.testing.assert_close(same.objects.boxes3d.tensor, sample.objects.boxes3d.tensor)
+
+
+def test_what_is_drawn_lies_within_its_bounds(sample):
+    config = SceneChangeConfig(mirror=False)
+    far = sample.points[:, :2].norm(dim=1).argmax()
+    for seed in range(8):
+        points = change_scene(sample, config, np.random.default_rng(seed)).points
+        factor = points[far, :3].norm() / sample.points[far, :3].norm()
+        azimuths = [torch.atan2(each[far, 1], each[far, 0]) for each in (points, sample.points)]
+        assert 0.95 - 1e-6 <= float(factor) <= 1.05 + 1e-6
+        assert abs(np.degrees(float(azimuths[0] - azimuths[1]))) <= 10
+
+
+def test_a_sweep_of_fewer_beams_has_fewer_rings(sample):
+    config = SceneChangeConfig(**{**vars(NOTHING), "beams": (16,)})
+    thinned = change_scene(sample, config, np.random.default_rng(0))
+    whole, thin = (len(np.unique(ring_numbers(each.points.numpy()))) for each in (sample, thinned))
+    assert thin <= whole / 4 + 1
+    assert 0.15 < len(thinned.points) / len(sample.points) < 0.35
+
+
+def test_lifted_ground_takes_boxes_along(sample):
+    lifted = lift_ground(sample, 0.5, 0.01, -0.02)
+    x, y = sample.points[:, 0], sample.points[:, 1]
+    expected = sample.points[:, 2] + 0.5 + 0.01 * x - 0.02 * y
+    torch.testing.assert_close(lifted.points[:, 2], expected)
+    before, after = sample.objects.boxes3d.tensor, lifted.objects.boxes3d.tensor
+    has_box = sample.objects.has_box3d
+    rise = 0.5 + 0.01 * before[:, 0] - 0.02 * before[:, 1]
+    torch.testing.assert_close(after[has_box, 2], (before[:, 2] + rise)[has_box])
+    assert torch.equal(after[~has_box], before[~has_box])
+
+
+def test_range_noise_moves_points_along_their_rays(sample):
+    noisy = add_range_noise(sample, 0.1, np.random.default_rng(0))
+    before, after = sample.points[:, :3].double(), noisy.points[:, :3].double()
+    errors = after.norm(dim=1) - before.norm(dim=1)
+    assert 0.09 < float(errors.std()) < 0.11
+    torch.testing.assert_close(
+        after / after.norm(dim=1, keepdim=True), before / before.norm(dim=1, keepdim=True)
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"scales": (1.1, 0.9)}, "scales must be positive and in order"),
+        ({"turn_deg": -1.0}, "turn_deg must be finite and not negative"),
+        ({"slope_deg": 60.0}, "slope_deg must be up to 45"),
+        ({"beams": (48,)}, "beams must hold some of"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, told):
+    with pytest.raises(ValueError, match=told):
+        SceneChangeConfig(**settings)

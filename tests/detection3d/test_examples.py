@@ -1,0 +1,109 @@
+"""Examples made of frames: what is to be found, what is ignored, exact batches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.detection3d.augmentation import SceneChangeConfig
+from sightline.detection3d.detector_config import SweepConfig
+from sightline.detection3d.examples import DetectionExamples, ExampleConfig
+from sightline.detection3d.foreground import IGNORED
+from sightline.detection3d.targets import TargetConfig, make_truth
+from sightline.structures.batch import concatenate
+from tests.detection3d.frames import NAMES, SWEEP, simulated_frames
+
+SETTINGS = ExampleConfig(input=SWEEP, class_names=NAMES)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return simulated_frames()
+
+
+def example(sample, settings=SETTINGS, *, seed=0, training=True):
+    rng = np.random.default_rng(seed)
+    return DetectionExamples(settings).prepare(sample, rng, training=training)
+
+
+def test_an_example_has_so_many_points_and_its_objects_hold_some(frames):
+    for seed in range(3):
+        batch = example(frames[0], seed=seed)
+        assert batch.points[0].shape == (SWEEP.num_points, 4)
+        truth = batch.truths[0]
+        assert truth.is_wanted.any()
+        assert batch.frames is None
+
+
+def test_a_batch_holds_its_samples_one_after_the_other(frames):
+    batch = concatenate([example(each) for each in frames])
+    assert batch.sample_ids == ("000000", "000001")
+    alone = example(frames[1])
+    assert torch.equal(batch.points[1], alone.points[0])
+    assert torch.equal(batch.truths[1].boxes, alone.truths[0].boxes)
+    moved = batch.to("cpu")
+    assert torch.equal(moved.points[0], batch.points[0])
+
+
+def test_scoring_takes_the_frame_as_it_is_with_all_labels(frames):
+    batch = example(frames[0], training=False)
+    frame = batch.frames[0]
+    assert frame.objects.class_names == frames[0].objects.class_names
+    wanted = batch.truths[0].boxes[batch.truths[0].is_wanted]
+    labelled = frames[0].objects.boxes3d.tensor.float()
+    assert all((labelled == box).all(dim=1).any() for box in wanted)
+
+
+def test_each_draw_is_another_and_each_seed_the_same(frames):
+    first, again, other = (example(frames[0], seed=seed) for seed in (1, 1, 2))
+    assert torch.equal(first.points[0], again.points[0])
+    assert first.seeds == again.seeds
+    assert not torch.equal(first.points[0], other.points[0])
+
+
+def test_the_height_offset_moves_points_and_boxes_alike(frames):
+    config = replace(SETTINGS, changes=None)
+    high = replace(config, input=replace(SWEEP, height_offset_m=0.25))
+    plain, raised = (example(frames[0], each) for each in (config, high))
+    torch.testing.assert_close(raised.truths[0].boxes[:, 2], plain.truths[0].boxes[:, 2] + 0.25)
+
+
+def truth_of(sample, points, **settings):
+    return make_truth(sample.objects, points, ("Car",), SweepConfig(), TargetConfig(**settings))
+
+
+def test_objects_without_points_or_that_look_like_ours_are_ignored(frames):
+    sample = frames[0]
+    objects = sample.objects
+    place = objects.class_names.index("Car")
+    box = objects.boxes3d.tensor[place].float()
+    inside = torch.cat((box[:3], torch.zeros(1)))[None]
+    found = truth_of(sample, inside)
+    cars = [name for name in objects.class_names if name in ("Car", "Van", "Truck")]
+    assert len(found.boxes) == len(cars)
+    assert found.classes.tolist().count(0) == 1
+    assert torch.equal(found.boxes[found.is_wanted][0], box)
+    assert set(found.classes.tolist()) <= {0, IGNORED}
+    assert not truth_of(sample, inside, min_points=2).is_wanted.any()
+    van = replace(objects, class_names=tuple(
+        "Van" if index == place else name for index, name in enumerate(objects.class_names)
+    ))  # fmt: skip
+    seen_as_van = truth_of(replace(sample, objects=van), inside)
+    assert not seen_as_van.is_wanted.any()
+    assert len(seen_as_van.boxes) == len(found.boxes)
+    as_background = truth_of(replace(sample, objects=van), inside, ignored_names=())
+    assert len(as_background.boxes) < len(found.boxes)
+
+
+def test_a_frame_without_labels_and_a_cache_with_changes_are_refused(frames, tmp_path):
+    with pytest.raises(ValueError, match="000000 has no labels"):
+        example(replace(frames[0], objects=None))
+    with pytest.raises(ValueError, match=r"set settings\.changes to null"):
+        DetectionExamples(replace(SETTINGS, changes=SceneChangeConfig()), cache=tmp_path)
+
+
+def test_a_sweep_of_which_nothing_is_seen_is_an_example_without_points(frames):
+    batch = example(replace(frames[0], points=frames[0].points[:0]))
+    assert batch.points[0].shape == (0, 4)
+    assert not batch.truths[0].is_wanted.any()

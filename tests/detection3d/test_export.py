@@ -1,0 +1,67 @@
+"""Both stages as files that give what PyTorch gives."""
+
+import pytest
+import torch
+
+from sightline.data.weights import write_weights
+from sightline.detection3d.export_graph import MAX_DIFFERENCE
+from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.detection3d.registration import TASK
+from sightline.export.engines import open_engine
+from sightline.export.write import export_graphs
+from sightline.inference.network import load_network
+from tests.detection3d.frames import simulated_frames, write_network
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _extra():
+    for library in ("onnxscript", "onnxruntime", "openvino"):
+        pytest.importorskip(library, reason="the extra `export` is not installed")
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """Statistics of batch norms as after a training."""
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    network = write_network(path)
+    generator = torch.Generator().manual_seed(0)
+    for part in network.modules():
+        if isinstance(part, torch.nn.BatchNorm1d):
+            part.running_mean.uniform_(-0.2, 0.2, generator=generator)
+            part.running_var.uniform_(0.5, 2, generator=generator)
+    loaded = load_network(TASK, path)
+    write_weights(path, network.state_dict(), task="detection3d", config=loaded.weights.config,
+                  provenance={})  # fmt: skip
+    return path
+
+
+def test_each_stage_is_a_file_that_gives_what_pytorch_gives(weights, tmp_path):
+    out = tmp_path / "out.onnx"
+    loaded = load_network(TASK, weights)
+    reports = export_graphs(TASK.graphs(loaded), out, "onnx")
+    names = {path.name: report for path, report in reports.items()}
+    assert set(names) == {"out-proposals.onnx", "out-refinement.onnx"}
+    assert all(report.is_within(MAX_DIFFERENCE) for report in reports.values())
+    outputs = {name: {each.output for each in report.differences} for name, report in names.items()}
+    assert outputs["out-proposals.onnx"] == {"features", "class_logits", "box_values"}
+    assert outputs["out-refinement.onnx"] == {"boxes", "logits"}
+    cases = {each.case for each in names["out-proposals.onnx"].differences}
+    assert cases == {"clusters", "other clusters", "one point"}
+    for graph in TASK.graphs(loaded):
+        engine = open_engine(tmp_path / f"out-{graph.name}.onnx", "openvino")
+        with torch.inference_mode():
+            expected = graph.module(**graph.example_inputs)
+        found = engine(graph.example_inputs)
+        for name, value in expected._asdict().items():
+            torch.testing.assert_close(found[name], value, rtol=0, atol=MAX_DIFFERENCE / 1000)
+
+
+def test_another_engine_answers_as_pytorch_does(weights):
+    sample = simulated_frames()[0]
+    expected, found = (
+        Detection3DPredictor.load(weights, engine=engine)(sample)
+        for engine in ("torch", "onnxruntime")
+    )
+    assert found.class_names == expected.class_names
+    torch.testing.assert_close(found.boxes.tensor, expected.boxes.tensor, atol=2e-3, rtol=0)
+    torch.testing.assert_close(found.scores, expected.scores, atol=1e-3, rtol=0)

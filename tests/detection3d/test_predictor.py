@@ -1,0 +1,119 @@
+"""Detection in sweeps by a trained network, and what edge cases give."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.cli.main import main
+from sightline.data.image_file import read_rgb
+from sightline.data.kitti_labels import read_results
+from sightline.data.object_results import kitti_from_detections
+from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.detection3d.frames import NAMES, SWEEP, TINY, simulated_frames, write_network
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    write_network(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def predictor(weights):
+    return Detection3DPredictor.load(weights)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return simulated_frames()[0]
+
+
+def same(a, b):
+    return (
+        a.class_names == b.class_names
+        and torch.equal(a.boxes.tensor, b.boxes.tensor)
+        and torch.equal(a.scores, b.scores)
+    )
+
+
+def test_it_answers_alike_each_time_the_surest_first(predictor, sample):
+    found = predictor(sample)
+    assert len(found.scores) > 0
+    assert set(found.class_names) <= set(NAMES)
+    assert torch.equal(found.scores, found.scores.sort(descending=True).values)
+    assert (found.boxes.sizes > 0).all()
+    assert same(found, predictor(sample))
+    assert same(found, pickle.loads(pickle.dumps(predictor))(sample))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 30])
+def test_tiny_sweeps_have_an_answer(predictor, sample, count):
+    found = predictor(replace(sample, points=sample.points[1000 : 1000 + count]))
+    assert len(found.scores) <= 20
+    assert found.boxes.tensor.isfinite().all()
+    if count == 0:
+        assert found.class_names == ()
+
+
+def test_a_sweep_in_other_axes_warns(predictor, sample):
+    x, y, z, reflectance = sample.points.unbind(dim=1)
+    as_camera = torch.stack((-y, -z, x, reflectance), dim=1)
+    with pytest.warns(UserWarning, match="are its axes x forward, y left, z up"):
+        predictor(replace(sample, points=as_camera))
+
+
+def test_points_that_are_not_finite_and_absent_sweeps_are_refused(predictor, sample):
+    points = sample.points.clone()
+    points[3, 2] = torch.nan
+    with pytest.raises(ValueError, match="1 points with NaN or infinite values"):
+        predictor(replace(sample, points=points))
+    with pytest.raises(ValueError, match="has no sweep, so nothing can be detected"):
+        predictor(replace(sample, points=None))
+
+
+def test_boxes_come_back_in_the_sweeps_own_height(tmp_path, sample):
+    """Raising the sweep and telling of it gives the same answer, that much lower."""
+    offset = 0.5
+    write_network(tmp_path / "plain.safetensors")
+    told = replace(TINY, input=replace(SWEEP, height_offset_m=offset, in_view=False))
+    write_network(tmp_path / "told.safetensors", told)
+    write_network(
+        tmp_path / "plain.safetensors", replace(TINY, input=replace(SWEEP, in_view=False))
+    )
+    lowered = sample.points - sample.points.new_tensor([0, 0, offset, 0])
+    plain, mounted = (
+        Detection3DPredictor.load(tmp_path / f"{name}.safetensors") for name in ("plain", "told")
+    )
+    expected = plain(replace(sample, points=lowered + lowered.new_tensor([0, 0, offset, 0])))
+    found = mounted(replace(sample, points=lowered))
+    moved = found.boxes.tensor + found.boxes.tensor.new_tensor([0, 0, offset, 0, 0, 0, 0])
+    torch.testing.assert_close(moved, expected.boxes.tensor, atol=1e-4, rtol=0)
+
+
+def test_the_command_writes_kittis_result_files(weights, predictor, sample, tmp_path):
+    out = tmp_path / "results"
+    command = ["predict", "detection3d", str(PACKAGED_FRAMES), str(out), "--workers", "1"]
+    assert main([*command, "--weights", str(weights)]) == 0
+    written = read_results(out / "000000.txt")
+    expected = kitti_from_detections(predictor(sample), sample.calibration, sample.image_size)
+    assert written.class_names == expected.class_names
+    np.testing.assert_allclose(written.locations, expected.locations, atol=0.01)
+    np.testing.assert_allclose(written.boxes2d, expected.boxes2d, atol=0.01)
+    np.testing.assert_allclose(written.alpha, expected.alpha, atol=0.01)
+
+
+def test_without_weights_it_says_what_to_do(tmp_path, capsys):
+    assert main(["predict", "detection3d", str(PACKAGED_FRAMES), str(tmp_path / "out")]) == 2
+    assert "train one by `sightline fit` and name its weights" in capsys.readouterr().err
+
+
+def test_a_frame_is_drawn_with_what_was_found(weights, tmp_path):
+    out = tmp_path / "frame.png"
+    command = ["show", str(PACKAGED_FRAMES), "000000", "--weights", str(weights)]
+    assert main([*command, "--out", str(out)]) == 0
+    assert read_rgb(out).size

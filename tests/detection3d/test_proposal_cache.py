@@ -1,0 +1,162 @@
+"""What a first stage gives, kept on disk: the same as running it, and refused where it is not."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.cli.main import main
+from sightline.detection3d.examples import DetectionExamples, ExampleConfig
+from sightline.detection3d.loss_config import Detection3DLossConfig
+from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.detection3d.proposal_cache import first_stage_identity, read_record
+from sightline.detection3d.proposal_sampling import ProposalSamplingConfig
+from sightline.detection3d.proposals import ProposalConfig
+from sightline.detection3d.task import Detection3D
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.detection3d.frames import NAMES, SWEEP, TINY, simulated_frames, write_network
+
+LOSS = Detection3DLossConfig(sampling=ProposalSamplingConfig(num_samples=16, max_foreground=8))
+SETTINGS = ExampleConfig(input=SWEEP, class_names=NAMES, changes=None)
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    write_network(path)
+    return path
+
+
+def run(weights, out, *, data=PACKAGED_FRAMES):
+    command = ["proposals", str(data), str(out), "--weights", str(weights)]
+    return main([*command, "--workers", "1"])
+
+
+@pytest.fixture(scope="module")
+def cache(weights, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cache") / "proposals"
+    assert run(weights, folder) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return simulated_frames()
+
+
+def example(sample, cache, *, training):
+    examples = DetectionExamples(SETTINGS, cache=cache)
+    return examples.prepare(sample, np.random.default_rng(0), training=training)
+
+
+def test_a_frames_file_holds_what_the_first_stage_gives(weights, cache, frames):
+    predictor = Detection3DPredictor.load(weights)
+    points, record = read_record(cache, frames[0], training=False)
+    proposed = predictor._stages.propose(points)
+    assert points.shape == (SWEEP.num_points, 4)
+    torch.testing.assert_close(record.boxes, proposed.boxes)
+    torch.testing.assert_close(record.scores, proposed.scores)
+    torch.testing.assert_close(record.features.float(), proposed.features, rtol=1e-3, atol=1e-3)
+    _, more = read_record(cache, frames[0], training=True)
+    assert len(record.boxes) <= TINY.proposals.num_proposals < len(more.boxes)
+
+
+def test_scores_by_the_cache_are_those_by_the_first_stage_itself(weights, cache, frames):
+    task = Detection3D(TINY, stages="second", initial_weights=weights)
+    task.network.eval()
+    predictor = Detection3DPredictor.load(weights)
+    with torch.inference_mode():
+        answers = task.score(example(frames[0], cache, training=False))
+    expected = predictor(frames[0])
+    assert len(answers[0].scores) == pytest.approx(len(expected.scores), abs=1)
+    torch.testing.assert_close(answers[0].scores[0], expected.scores[0], atol=1e-3, rtol=0)
+
+
+def test_a_second_stage_trains_on_it(weights, cache, frames):
+    task = Detection3D(TINY, loss=LOSS, stages="second", initial_weights=weights)
+    losses = task.losses(example(frames[0], cache, training=True))
+    losses.total.backward()
+    assert float(losses.terms["second/confidence"].detach()) > 0
+    assert any(each.grad.abs().sum() > 0 for each in task.network.refinement.parameters())
+
+
+def test_all_zero_proposals_are_dropped(weights, cache, frames):
+    batch = example(frames[0], cache, training=True)
+    record = batch.records[0]
+    filled = replace(
+        record,
+        boxes=torch.cat((record.boxes, torch.zeros(5, 7))),
+        classes=torch.cat((record.classes, torch.zeros(5, dtype=torch.int64))),
+        scores=torch.cat((record.scores, torch.zeros(5))),
+    )
+    task = Detection3D(TINY, loss=LOSS, stages="second", initial_weights=weights)
+    both = [task.losses(replace(batch, records=(each,))).total for each in (record, filled)]
+    torch.testing.assert_close(both[0], both[1])
+
+
+def test_a_stopped_job_is_finished_and_a_finished_one_left_alone(weights, cache, capsys):
+    kept = (cache / "000000.safetensors").read_bytes()
+    (cache / "000001.safetensors").unlink()
+    assert run(weights, cache) == 0
+    assert "1 frames written, 1 were there already" in capsys.readouterr().out
+    assert (cache / "000000.safetensors").read_bytes() == kept
+    assert (cache / "000001.safetensors").is_file()
+
+
+def test_a_cache_of_other_weights_settings_or_data_is_refused(
+    weights, cache, frames, tmp_path, capsys
+):
+    write_network(tmp_path / "other.safetensors", seed=1)
+    assert run(tmp_path / "other.safetensors", cache) == 2
+    assert "first_stage" in capsys.readouterr().err
+    batch = example(frames[0], cache, training=True)
+    other = Detection3D(TINY, stages="second", initial_weights=tmp_path / "other.safetensors")
+    with pytest.raises(ValueError, match="by a first stage of other weights or settings"):
+        other.losses(batch)
+    fewer = replace(TINY, proposals=ProposalConfig(num_proposals=9, num_candidates=200))
+    changed = Detection3D(fewer, stages="second")
+    with pytest.raises(ValueError, match="by a first stage of other weights or settings"):
+        changed.losses(batch)
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(PACKAGED_FRAMES, elsewhere)
+    sweeps = elsewhere / "training" / "velodyne"
+    shutil.copy(sweeps / "000001.bin", sweeps / "000000.bin")
+    assert run(weights, cache, data=elsewhere) == 2
+    assert "was made of another sweep than the data's frame" in capsys.readouterr().err
+    moved = replace(frames[0], points=frames[0].points + 1)
+    with pytest.raises(ValueError, match="was made of another sweep than the data's frame"):
+        example(moved, cache, training=True)
+    trained = Detection3D(TINY, stages="both", initial_weights=weights)
+    with pytest.raises(ValueError, match="set stages to second, or leave the cache out"):
+        trained.losses(batch)
+
+
+def test_missing_and_damaged_files_are_refused_in_one_line(cache, frames, tmp_path):
+    with pytest.raises(ValueError, match="so the cache lacks this frame; make the cache again"):
+        read_record(tmp_path, frames[0], training=False)
+    content = (cache / "000000.safetensors").read_bytes()
+    for damaged in (content[:100], b"", content[: len(content) // 2]):
+        (tmp_path / "000000.safetensors").write_bytes(damaged)
+        with pytest.raises(ValueError, match="is no frame of a proposal cache") as refused:
+            read_record(tmp_path, frames[0], training=False)
+        assert "\n" not in str(refused.value)
+
+
+def test_the_identity_hangs_on_weights_and_on_settings_of_the_first_stage_alone(tmp_path):
+    network = write_network(tmp_path / "w.safetensors")
+    identity = first_stage_identity(network)
+    with torch.no_grad():
+        next(network.refinement.parameters()).add_(1)
+    assert first_stage_identity(network) == identity
+    with torch.no_grad():
+        next(network.points.parameters()).add_(1)
+    assert first_stage_identity(network) != identity
+
+
+def test_the_manifest_says_what_made_it(cache):
+    told = json.loads((cache / "sightline.json").read_text())
+    assert told["output"] == "proposal cache"
+    assert told["format"] == 1

@@ -1,0 +1,211 @@
+"""Detectors in training: that they learn, what is held still, what is logged and drawn."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import lightning
+import numpy as np
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from torch.utils.data import DataLoader
+
+from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.examples import DetectionExamples, ExampleConfig
+from sightline.detection3d.loss import detection_losses
+from sightline.detection3d.loss_config import Detection3DLossConfig
+from sightline.detection3d.pictures import RIGHT, TRUTH, WRONG, training_picture
+from sightline.detection3d.proposal_sampling import ProposalSamplingConfig
+from sightline.detection3d.targets import TargetConfig
+from sightline.detection3d.task import Detection3D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.structures.batch import concatenate
+from sightline.structures.predictions import Detections3D
+from sightline.training.quiet import LIGHTNING_NOISE
+from tests.detection3d.frames import (
+    NAMES,
+    SWEEP,
+    TINY,
+    simulated_frames,
+    without_refinement,
+    write_network,
+)
+
+pytestmark = [pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE]
+
+LOSS = Detection3DLossConfig(sampling=ProposalSamplingConfig(num_samples=16, max_foreground=8))
+SETTINGS = ExampleConfig(
+    input=SWEEP, class_names=NAMES, changes=None, targets=TargetConfig(min_points=8)
+)
+
+
+def batch_of(samples, *, training):
+    examples, rng = DetectionExamples(SETTINGS), np.random.default_rng(0)
+    return concatenate([examples.prepare(each, rng, training=training) for each in samples])
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return simulated_frames()
+
+
+@pytest.fixture(scope="module")
+def batch(frames):
+    return batch_of(frames, training=True)
+
+
+@pytest.fixture(scope="module")
+def scored(frames):
+    return batch_of(frames, training=False)
+
+
+def test_both_stages_learn_two_frames_by_heart(batch, scored):
+    torch.manual_seed(0)
+    task = Detection3D(TINY, loss=LOSS, stages="both")
+    optimizer = torch.optim.Adam(task.network.parameters(), lr=1e-2)
+    costs = []
+    for step in range(110):
+        optimizer.param_groups[0]["lr"] = 1e-2 if step < 80 else 3e-3
+        optimizer.zero_grad()
+        losses = task.losses(batch)
+        losses.total.backward()
+        torch.nn.utils.clip_grad_norm_(task.network.parameters(), 10.0)
+        optimizer.step()
+        costs.append({name: float(value.detach()) for name, value in losses._asdict().items()})
+    assert costs[-1]["first/total"] < 0.2 * costs[0]["first/total"]
+    assert costs[-1]["second/boxes"] < 0.3 * max(each["second/boxes"] for each in costs)
+    task.network.eval()
+    with torch.inference_mode():
+        task.score(scored)
+    assert float(task.scores()["recall/0.5"]) > 50
+
+
+def test_the_first_stage_alone_answers_by_its_proposals(batch, scored):
+    task = Detection3D(without_refinement(), stages="first")
+    losses = task.losses(batch)
+    assert set(losses.terms) == {
+        f"first/{name}" for name in ("total", "segmentation", "center", "heading", "size")
+    }
+    torch.testing.assert_close(losses.total, losses.terms["first/total"])
+    task.network.eval()
+    with torch.inference_mode():
+        answers = task.score(scored)
+    assert all(0 < len(each.scores) <= TINY.proposals.num_proposals for each in answers)
+    scores = task.scores()
+    assert len(scores) == 2 * 18 + 4
+    assert {"Car/3d/moderate", "loose/Car/bev/easy", "recall/0.7"} <= set(scores)
+
+
+def test_a_first_stage_that_is_held_still_does_not_change(batch):
+    torch.manual_seed(0)
+    task = Detection3D(TINY, loss=LOSS, stages="second")
+    task.train()
+    before = {name: tensor.clone() for name, tensor in task.network.points.state_dict().items()}
+    losses = task.losses(batch)
+    losses.total.backward()
+    assert set(losses.terms) == {"second/total", "second/boxes", "second/confidence"}
+    after = task.network.points.state_dict()
+    assert all(torch.equal(before[name], after[name]) for name in before)  # statistics, too
+    assert all(each.grad is None for each in task.network.points.parameters())
+    assert any(each.grad.abs().sum() > 0 for each in task.network.refinement.parameters())
+
+
+def test_sweeps_without_points_cost_nothing(frames):
+    empty = batch_of([replace(frames[0], points=frames[0].points[:0])], training=True)
+    task = Detection3D(TINY, loss=LOSS)
+    losses = task.losses(empty)
+    losses.total.backward()
+    assert float(losses.total.detach()) == 0
+    assert all(float(each.grad.abs().sum()) == 0 for each in task.network.parameters())
+    both = concatenate([batch_of([frames[0]], training=True), empty])
+    task.network.eval()
+    alone = detection_losses(task.network, batch_of([frames[0]], training=True), LOSS, "both")
+    torch.testing.assert_close(
+        detection_losses(task.network, both, LOSS, "both").total, alone.total
+    )
+
+
+def test_ignored_objects_are_no_background(batch):
+    """Calling every object ignored leaves no term of segmentation on their points."""
+    task = Detection3D(without_refinement(), stages="first")
+    task.network.eval()
+    truths = tuple(
+        replace(each, classes=torch.full_like(each.classes, -2)) for each in batch.truths
+    )
+    ignored = task.losses(replace(batch, truths=truths))
+    none = tuple(replace(each, boxes=each.boxes[:0], classes=each.classes[:0]) for each in truths)
+    background = task.losses(replace(batch, truths=none))
+    assert float(ignored.total.detach()) < float(background.total.detach())
+
+
+def test_tensorboard_gets_losses_scores_and_pictures(batch, scored, tmp_path):
+    task = Detection3D(TINY, loss=LOSS)
+    loaders = [
+        DataLoader([0], batch_size=None, collate_fn=lambda _, each=each: each)
+        for each in (batch, scored)
+    ]
+    trainer = lightning.Trainer(
+        default_root_dir=tmp_path,
+        max_steps=1,
+        accelerator="cpu",
+        logger=lightning.pytorch.loggers.TensorBoardLogger(tmp_path, name="", version=""),
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        log_every_n_steps=1,
+        num_sanity_val_steps=0,
+    )
+    trainer.fit(task, *loaders)
+    events = EventAccumulator(str(tmp_path))
+    events.Reload()
+    scalars = set(events.Tags()["scalars"])
+    assert {"training/total", "training/first/center", "validation/Car/3d/moderate"} <= scalars
+    assert {"validation/loose/Car/3d/moderate", "validation/recall/0.5"} <= scalars
+    assert events.Tags()["images"] == ["validation/0"]
+
+
+def test_the_picture_tells_right_from_wrong():
+    truths = torch.tensor([[20.0, 5, -1, 4, 2, 1.5, 0], [40.0, -5, -1, 4, 2, 1.5, 0]])
+    boxes = torch.tensor([[20.1, 5, -1, 4, 2, 1.5, 0], [60.0, -5, -1, 4, 2, 1.5, 0]])
+    found = Detections3D(class_names=("Car", "Car"), boxes=Boxes3D(boxes), scores=torch.ones(2))
+
+    def has(picture, color):
+        return bool((picture == np.array(color)).all(axis=2).any())
+
+    nothing = torch.zeros(0, 4)
+    both = training_picture(nothing, found, truths)
+    assert all(has(both, color) for color in (RIGHT, WRONG, TRUTH))
+    unsure = replace(found, scores=torch.tensor([0.9, 0.1]))
+    assert not has(training_picture(nothing, unsure, truths), WRONG)
+    assert not has(training_picture(nothing, found, truths[:0]), RIGHT)
+
+
+def test_a_second_stage_starts_from_the_weights_of_a_first(tmp_path):
+    path = tmp_path / "rpn.safetensors"
+    network = write_network(path, without_refinement())
+    task = Detection3D(TINY, stages="second", initial_weights=path, initial_part="points")
+    for name, tensor in task.network.points.state_dict().items():
+        assert torch.equal(tensor, network.points.state_dict()[name])
+    with pytest.raises(ValueError, match="other settings"):
+        Detection3D(TINY, initial_weights=path)
+
+
+def test_a_second_stage_is_not_trained_on_a_first_that_has_learned_nothing():
+    task = Detection3D(TINY, stages="second")
+    task.trainer = SimpleNamespace(ckpt_path=None)
+    task.setup("validate")
+    with pytest.raises(ValueError, match=r"initial_weights, with initial_part points"):
+        task.setup("fit")
+    task.trainer = SimpleNamespace(ckpt_path="last.ckpt")
+    task.setup("fit")
+
+
+def test_settings_that_do_not_fit_together_are_refused():
+    with pytest.raises(ValueError, match="no second stage to train"):
+        Detection3D(without_refinement(), stages="second")
+    with pytest.raises(ValueError, match="needs a first stage"):
+        Detection3DConfig(points=None)
+    with pytest.raises(ValueError, match=r"points.backbone.in_channels is 0, expected 1"):
+        replace(TINY, input=replace(SWEEP, reflectance=True))
+    with pytest.raises(ValueError, match=r"refinement.in_channels is 7, expected 24"):
+        replace(TINY, refinement=replace(TINY.refinement, in_channels=7))
