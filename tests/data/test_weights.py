@@ -231,6 +231,16 @@ def test_a_damaged_file_gives_weights_or_one_line_that_names_it(
         assert all(tensor.isfinite().all() for tensor in weights.tensors.values())
 
 
+@pytest.mark.parametrize("half", [torch.float16, torch.bfloat16])
+def test_weights_of_half_precision_are_widened(half):
+    network = nn.Linear(3, 2)
+    kept = {name: tensor.to(half) for name, tensor in network.state_dict().items()}
+    fill_network(network, kept)
+    for name, tensor in network.state_dict().items():
+        assert tensor.dtype == torch.float32
+        assert torch.equal(tensor, kept[name].float())
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

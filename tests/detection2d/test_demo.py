@@ -8,7 +8,6 @@ from sightline.detection2d import registration
 from sightline.detection2d.config import Detection2DConfig, InputConfig, PostprocessConfig
 from sightline.detection2d.registration import TASK
 from sightline.inference.demo import run_demo
-from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection2d.frames import SIZE, TINY, write_network
 
 
@@ -42,14 +41,6 @@ def test_the_demo_shows_a_frame_with_both_sensors_and_with_either_dead(tmp_path)
     assert "the camera dead" in page
 
 
-def test_without_default_weights_there_is_nothing_to_show(tmp_path, monkeypatch):
-    monkeypatch.setattr(registration.Detection2DTask, "default_weights", None)
-    assert TASK.demo(PACKAGED_FRAMES, tmp_path) is None
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.usefixtures("default_weights")
 def test_the_default_weights_answer_where_none_are_named():
     assert TASK.predictor().name == "small"
-    with pytest.raises(ValueError, match="answers by a network; name weights, and no method"):
-        TASK.predictor(method="magic")

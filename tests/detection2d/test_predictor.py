@@ -128,11 +128,6 @@ def test_gates_of_a_network_without_any_are_refused(tmp_path, capsys):
     assert "gives no gates" in capsys.readouterr().err
 
 
-def test_without_weights_it_says_what_to_do(tmp_path, capsys):
-    assert main(["predict", "detection2d", str(PACKAGED_FRAMES), str(tmp_path / "out")]) == 2
-    assert "train one by `sightline fit` and name its weights" in capsys.readouterr().err
-
-
 def test_a_frame_is_drawn_with_what_was_found(weights, tmp_path):
     out = tmp_path / "frame.png"
     assert main(["show", str(PACKAGED_FRAMES), "000000", "--weights", str(weights), "--out",
@@ -143,5 +138,3 @@ def test_a_frame_is_drawn_with_what_was_found(weights, tmp_path):
 def test_a_method_is_refused_though_weights_are_named(weights):
     with pytest.raises(ValueError, match="detection2d has no method 'linear': it answers by a net"):
         TASK.predictor(method="linear", weights=weights)
-    with pytest.raises(ValueError, match="no weights of it come with sightline"):
-        TASK.predictor()

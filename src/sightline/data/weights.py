@@ -34,6 +34,7 @@ _CHECKPOINT_REMEDY = "name one that sightline fit wrote"
 _REASON_LENGTH = 160  # characters of another library's words
 _MAX_AXES = 8
 _NO_ARRAY = "is no plain array of numbers"
+_HALF_TYPES = (torch.float16, torch.bfloat16)
 _TENSOR_TYPES = frozenset(
     {torch.float64, torch.float32, torch.float16, torch.bfloat16, torch.int64, torch.int32}
     | {torch.int16, torch.int8, torch.uint8, torch.bool}
@@ -147,7 +148,7 @@ def read_checkpoint_weights(path: Path | str) -> Weights:
 
 
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
-    """Gives a network its weights.
+    """Gives a network its weights; those kept in half precision are widened.
 
     Raises:
         ValueError: They are of other names, shapes or types than the network's; names the first.
@@ -158,9 +159,13 @@ def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
             raise ValueError(f"the tensor {name} is missing")
         if name not in expected:
             raise ValueError(f"there is no place for the tensor {shortened(name)}")
-        wanted, found = (_kind(each[name]) for each in (expected, tensors))
-        if wanted != found:
-            raise ValueError(f"the tensor {name} is {found}, expected {wanted}")
+        tensor = tensors[name]
+        if tensor.dtype in _HALF_TYPES and expected[name].dtype == torch.float32:
+            tensor = tensor.float()
+        if _kind(tensor) != _kind(expected[name]):
+            raise ValueError(
+                f"the tensor {name} is {_kind(tensor)}, expected {_kind(expected[name])}"
+            )
     network.load_state_dict(dict(tensors))
 
 

@@ -50,7 +50,7 @@ class Detection2DTask(DetectionNetworkTask):
         "data.init_args.training": "[{path: ., sample_list: train}]",
         "data.init_args.validation": "[{path: ., sample_list: val}]",
     }
-    default_weights: str | None = None
+    default_weights: str = "detection2d-best"
     methods: tuple[str, ...] = ()
     outputs: tuple[Output, ...] = (
         Output(
@@ -85,22 +85,18 @@ class Detection2DTask(DetectionNetworkTask):
         """A network with its weights: those that are named, else the default ones.
 
         Raises:
-            ValueError: There are none, a method is named, or as `DetectionPredictor.load`.
+            ValueError: A method is named, or as `DetectionPredictor.load`.
         """
         from sightline.detection2d.predictor import DetectionPredictor
 
         if method is not None:
             raise ValueError(
                 f"detection2d has no method '{shortened(method)}': it answers by a network; leave "
-                "the method out and name weights"
+                "the method out, or name weights instead"
             )
-        chosen = weights or self.default_weights
-        if chosen is None:
-            raise ValueError(
-                "detection2d answers by a network, and no weights of it come with sightline: train "
-                "one by `sightline fit` and name its weights"
-            )
-        return DetectionPredictor.load(chosen, engine=engine, device=device, threads=threads)
+        return DetectionPredictor.load(
+            weights or self.default_weights, engine=engine, device=device, threads=threads
+        )
 
     def picture(
         self, sample: "CameraLidarSample", predictor: "DetectionPredictor"
@@ -110,10 +106,8 @@ class Detection2DTask(DetectionNetworkTask):
 
         return frame_sheet(sample, detections2d=predictor(sample).detections)
 
-    def demo(self, frames: Path, out: Path) -> "DemoPart | None":
-        """See `run_detection_demo`; nothing before there are default weights."""
-        if self.default_weights is None:
-            return None
+    def demo(self, frames: Path, out: Path) -> "DemoPart":
+        """See `run_detection_demo`."""
         from sightline.detection2d.demo import run_detection_demo
 
         return run_detection_demo(self, self.predictor(threads=1), frames, out)
