@@ -21,10 +21,6 @@ COMMANDS = [line.removeprefix("$ ") for line in MARKED[0][1].splitlines()]
 def folder_with_frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("readme")
     shutil.copytree(PACKAGED_FRAMES, folder / "KITTI")
-    (folder / "RESULTS").mkdir()
-    for labels in (folder / "KITTI/training/label_2").glob("*.txt"):
-        lines = [f"{line} 0.5\n" for line in labels.read_text().splitlines()]
-        (folder / "RESULTS" / labels.name).write_text("".join(lines))
     return folder
 
 
@@ -41,7 +37,14 @@ def test_the_commands_of_the_readme_run_one_after_the_other(folder_with_frames):
         )
         assert done.returncode == 0, f"{command}: {done.stderr}"
         assert done.stdout
-    for written in ("000001.png", "depth/000000.png", "depth.json", "objects.json"):
+    for written in (
+        "000001.png",
+        "depth/000000.png",
+        "depth.json",
+        "found/000001.txt",
+        "gates/000000.png",
+        "objects.json",
+    ):
         assert (folder_with_frames / written).stat().st_size > 0
 
 
@@ -51,3 +54,4 @@ def test_the_python_of_the_readme_runs(folder_with_frames, monkeypatch):
     exec(MARKED[1][1], names)
     assert names["dense"].depth_m.shape == names["sample"].image_size
     assert names["dense"].valid.any()
+    assert len(names["answer"].detections.scores)
