@@ -19,6 +19,7 @@ from sightline.detection2d.targets import TargetConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
+from tests.detection2d.frames import SIZE, painted_frame
 
 ANY_SIZE = InputConfig(size=None)
 CROPS = ExampleConfig(
@@ -220,6 +221,20 @@ def test_crops_that_are_aimed_show_an_object(sample):
         part = scaled_crop(sample, (200, 200), 1.0, view, np.random.default_rng(seed))
         named = part.objects.select(part.objects.has_box3d)
         assert pairwise_iou2d(whole, named.boxes2d).sum() > 0
+
+
+def test_crops_are_aimed_at_each_class_as_often():
+    """A cyclist beside 19 cars is in half of the crops, though each crop shows one place only."""
+    right, bottom = SIZE[1] - 1, SIZE[0] - 1
+    rows = [("Car", 0, 0, 9, 9)] * 19 + [("Cyclist", right - 9, bottom - 9, right, bottom)]
+    crowd = painted_frame(0, rows=rows)
+    view = ViewConfig(object_share=1.0)
+    shown = [
+        scaled_crop(crowd, (64, 64), 1.0, view, np.random.default_rng(seed)).objects.class_names
+        for seed in range(60)
+    ]
+    assert {"Cyclist" in names for names in shown} == {"Car" not in names for names in shown}
+    assert 15 < sum("Cyclist" in names for names in shown) < 45
 
 
 def test_the_lidars_image_is_near_and_low_where_it_is_bright(sample):

@@ -5,11 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from jaxtyping import Float64
+from torch import Tensor
 
 from sightline.data.augmentation import crop, mirror
 from sightline.data.scene_changes import resize
-from sightline.detection2d.config import check_range
+from sightline.detection2d.config import CLASSES, check_range
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
 
 _MIN_OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.0)  # the last: any patch
@@ -27,7 +30,8 @@ class ViewConfig:
     scales: tuple[float, float] = (1.0, 1.0)
     """Smallest and largest factor on the sides of the image, where crops have one size."""
     object_share: float = 0.75
-    """Share of the crops of one size that are placed so as to show an object drawn at random."""
+    """Share of the crops of one size that are placed so as to show an object: one of any class that
+    the frame has, each class as likely, or rare ones would hardly be seen."""
     mirror: bool = True
     """Whether every second example is seen in a mirror."""
 
@@ -119,8 +123,16 @@ def _corner(
     pick = rng.random()
     if not is_aimed or sample.objects is None or not sample.objects.has_box3d.any():
         return int(anywhere[0]), int(anywhere[1])
-    boxes = sample.objects.boxes2d.tensor[sample.objects.has_box3d]
-    box = boxes[int(pick * len(boxes))]
+    box = _picked_box(sample.objects.select(sample.objects.has_box3d), pick)
     middle = ((box[:2] + box[2:]) / 2).flip(0).numpy()
     corner = np.rint(middle - within * (height, width)).clip(0, spare)
     return int(corner[0]), int(corner[1])
+
+
+def _picked_box(objects: ObjectLabels, pick: float) -> Float64[Tensor, "4"]:
+    """The box of an object: `pick`, in [0, 1), tells its class first, then which of that class."""
+    names = objects.class_names
+    classes = sorted({name for name in names if name in CLASSES}) or sorted(set(names))
+    place = pick * len(classes)
+    of_class = [index for index, name in enumerate(names) if name == classes[int(place)]]
+    return objects.boxes2d.tensor[of_class[int(place % 1 * len(of_class))]]
