@@ -73,7 +73,9 @@ class Detection3D(TrainingModule):
             initial_part=initial_part,
         )
         if stages == "second" and self.network.second_name is None:
-            raise ValueError("the network has no second stage to train: set network.refinement")
+            raise ValueError(
+                "the network has no second stage to train: set network.refinement or regions"
+            )
         self.loss = loss
         self.stages: Stages = stages
         self.loose_metric = KittiObjectMetric(LOOSE)
@@ -125,13 +127,12 @@ class Detection3D(TrainingModule):
         """Scores a batch."""
         assert batch.frames is not None, "examples to score hold the frames' truth"
         self._check_records(batch)
-        config = self.network.config
         answers, proposals = [], []
         for number, points in enumerate(batch.points):
             if batch.records is not None:
                 proposed = proposed_by(batch.records[number], points)
             elif len(points):
-                proposed = propose(self.network, points, (config.proposals,))[0]
+                proposed = propose(self.network, points)[0]
             else:
                 proposed = nothing_proposed(points)
             proposals.append(proposed.boxes)
@@ -143,7 +144,7 @@ class Detection3D(TrainingModule):
         labels = [frame.objects for frame in batch.frames]
         self.metric.update(results, labels)
         self.loose_metric.update(results, labels)
-        wanted = [truth.boxes[truth.is_wanted] for truth in batch.truths]
+        wanted = [truth.boxes for truth in batch.truths]
         self.recall_metric.update(proposals, wanted)
         return answers
 
@@ -170,11 +171,10 @@ class Detection3D(TrainingModule):
         """The first sweep of a batch from above, with what was found and what is there."""
         truth, points = batch.truths[0], batch.points[0]
         offset_m = self.network.config.input.height_offset_m
-        boxes = truth.boxes[truth.is_wanted]
         return training_picture(
             (points - points.new_tensor([0, 0, offset_m, 0])).cpu(),
             answer[0],
-            (boxes - boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).cpu(),
+            (truth.boxes - truth.boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).float().cpu(),
         )
 
     def _reset_metrics(self) -> None:
