@@ -37,8 +37,9 @@ class PillarProposals(nn.Module):
 
     def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
         """The sweeps' maps, channels last."""
-        maps = torch.stack([pillar_features(sweep, self.config.grid) for sweep in sweeps])
-        return {"pillars": maps.contiguous(memory_format=torch.channels_last)}
+        maps = [pillar_features(sweep, self.config.grid) for sweep in sweeps]
+        as_they_lie = torch.stack([each.permute(1, 2, 0) for each in maps])
+        return {"pillars": as_they_lie.permute(0, 3, 1, 2)}
 
     @torch.no_grad()
     def propose(

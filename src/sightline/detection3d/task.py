@@ -13,6 +13,7 @@ from sightline.data.object_results import kitti_from_detections
 from sightline.detection3d.batch import Detection3DBatch
 from sightline.detection3d.detect import nothing_proposed, propose, refine
 from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.examples import DetectionExamples, ExampleConfig
 from sightline.detection3d.loss import StageLosses, Stages, detection_losses, proposed_by
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.metrics import ProposalRecallMetric
@@ -98,12 +99,16 @@ class Detection3D(TrainingModule):
         return config
 
     def setup(self, stage: str) -> None:
-        """Refuses to train a second stage on a first one that has learned nothing.
+        """Refuses examples of another network, and a second stage on a first that knows nothing.
 
         Raises:
-            ValueError: The first stage is held still, and neither initial weights nor a checkpoint
-                are named.
+            ValueError: The data is prepared for other classes or another input than the network's;
+                or the first stage is held still, and neither initial weights nor a checkpoint are
+                named.
         """
+        preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
+        if isinstance(preparation, DetectionExamples):
+            self._check_examples(preparation.settings)
         is_resumed = self.trainer.ckpt_path is not None
         if stage == "fit" and self.stages == "second" and not (self._has_first_stage or is_resumed):
             raise ValueError(
@@ -181,6 +186,19 @@ class Detection3D(TrainingModule):
         with torch.inference_mode(mode=False):  # else training could not go on with its tensors
             self.loose_metric.reset()
             self.recall_metric.reset()
+
+    def _check_examples(self, settings: ExampleConfig) -> None:
+        wanted = self.network.config.input
+        if settings.input != wanted:
+            raise ValueError(
+                f"the preparation's settings.input is {settings.input}, but the network's input "
+                f"{wanted}: set both alike"
+            )
+        if settings.class_names != self.network.class_names:
+            raise ValueError(
+                f"the preparation's settings.class_names are {', '.join(settings.class_names)}, "
+                f"but the network's classes {', '.join(self.network.class_names)}: set both alike"
+            )
 
     def _check_records(self, batch: Detection3DBatch) -> None:
         if batch.records is None:

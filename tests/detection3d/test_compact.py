@@ -1,0 +1,158 @@
+"""The compact design as a whole: that it learns, by which precision, and which settings fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.open import open_dataset
+from sightline.data.sweep_changes import GroundShapeConfig
+from sightline.detection3d.augmentation import SceneChangeConfig
+from sightline.detection3d.classes import CAR
+from sightline.detection3d.detect import refine
+from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
+from sightline.detection3d.examples import DetectionExamples, ExampleConfig
+from sightline.detection3d.loss_config import Detection3DLossConfig
+from sightline.detection3d.object_sampling import ObjectSamplingConfig
+from sightline.detection3d.region_config import RegionConfig
+from sightline.detection3d.region_examples import RegionExamplesConfig
+from sightline.detection3d.stages import Proposed
+from sightline.detection3d.targets import TargetConfig
+from sightline.detection3d.task import Detection3D
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.batch import concatenate
+from tests.detection3d.frames import COMPACT, NAMES, simulated_frames, write_network
+
+SETTINGS = ExampleConfig(
+    input=COMPACT.input, class_names=NAMES, changes=None, targets=TargetConfig(min_points=5)
+)
+LOSS = Detection3DLossConfig(region_examples=RegionExamplesConfig(num_objects=12))
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return simulated_frames()
+
+
+def batch_of(samples, settings=SETTINGS, *, training=True, seed=0):
+    examples, rng = DetectionExamples(settings), np.random.default_rng(seed)
+    return concatenate([examples.prepare(each, rng, training=training) for each in samples])
+
+
+def test_both_stages_learn_two_frames_of_different_lengths_by_heart_in_bfloat16(frames):
+    torch.manual_seed(0)
+    batch = batch_of(frames)
+    assert len({len(points) for points in batch.points}) == 2
+    centers = replace(COMPACT.centers, min_heat=0.1)
+    task = Detection3D(replace(COMPACT, centers=centers), loss=LOSS)
+    optimizer = torch.optim.Adam(task.network.parameters(), lr=5e-3)
+    for step in range(60):
+        seeds = tuple(2 * step + number for number in range(2))
+        with torch.autocast("cpu", torch.bfloat16):
+            losses = task.losses(replace(batch, seeds=seeds))
+        optimizer.zero_grad()
+        losses.total.backward()
+        torch.nn.utils.clip_grad_norm_(task.network.parameters(), 10.0)
+        optimizer.step()
+        for group in optimizer.param_groups:
+            group["lr"] = 5e-3 if step < 45 else 1e-3
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
+        task.score(batch_of(frames, training=False))  # with the batches' own means, still
+    assert float(task.scores()["recall/0.5"]) > 60
+
+
+def test_boxes_are_told_exactly_whatever_the_networks_precision(frames, tmp_path):
+    """With an untrained second stage, which changes nothing, far boxes come back as proposed."""
+    detector = write_network(tmp_path / "w.safetensors", COMPACT)
+    sweep = batch_of(frames[:1], training=False).points[0]
+    box = torch.tensor([[31.123, 15.321, -0.9, 4.012, 1.654, 1.512, 0.3]])
+    proposed = Proposed(box, torch.tensor([0]), torch.tensor([0.7]))
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        found = refine(detector, sweep, proposed)
+    torch.testing.assert_close(found.boxes.tensor, box)
+    assert found.scores.item() == pytest.approx((0.7 * 0.5) ** 0.5, abs=1e-6)
+
+
+def test_a_first_stage_held_still_does_not_change(frames):
+    task = Detection3D(COMPACT, loss=LOSS, stages="second")
+    task.train()
+    before = {name: value.clone() for name, value in task.network.pillars.state_dict().items()}
+    losses = task.losses(batch_of(frames[:1]))
+    losses.total.backward()
+    assert set(losses.terms) == {
+        f"second/{name}" for name in ("total", "values", "corners", "front", "quality")
+    }
+    after = task.network.pillars.state_dict()
+    assert all(torch.equal(before[name], after[name]) for name in before)
+    assert any(each.grad.abs().sum() > 0 for each in task.network.regions.parameters())
+
+
+CHANGES = SceneChangeConfig(
+    ground=GroundShapeConfig(), range_noise_m=0.01, objects=ObjectSamplingConfig(), bank_frames=2
+)
+
+
+def test_pasted_objects_are_the_same_at_each_start_of_a_training(frames):
+    dataset = open_dataset(PACKAGED_FRAMES, parts={"points", "objects"})
+    settings = replace(SETTINGS, changes=CHANGES)
+
+    def start(changes):
+        examples = DetectionExamples(replace(settings, changes=changes))
+        prepared = examples.for_training([dataset], np.random.default_rng(3))
+        return [prepared.prepare(frames[0], np.random.default_rng(seed), training=True)
+                for seed in range(4)]  # fmt: skip
+
+    first, again = start(CHANGES), start(CHANGES)
+    for one, other in zip(first, again, strict=True):
+        assert torch.equal(one.points[0], other.points[0])
+        assert torch.equal(one.truths[0].boxes, other.truths[0].boxes)
+    without = start(replace(CHANGES, objects=None))
+    most, usual = (
+        max(len(each.truths[0].boxes) for each in batches) for batches in (first, without)
+    )
+    assert most > usual
+
+
+def test_points_that_are_not_canonical_are_told_where_they_are(frames):
+    plain = replace(COMPACT, regions=replace(COMPACT.regions, canonical=False))
+    task = Detection3D(plain, loss=LOSS, stages="both")
+    points = batch_of(frames[:1]).points[0]
+    proposed = Proposed(torch.tensor([[8.0, 0, -1, 4, 2, 2, 0.3]]), torch.tensor([0]),
+                        torch.ones(1))  # fmt: skip
+    told = task.network.regions.regions(points, proposed, seed=0).inputs["points"]
+    assert told.shape == (1, 48, 3)
+    assert (torch.cdist(told[0], points[:, :3]).amin(dim=1) < 1e-3).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"pillars": None}, "needs one first stage: set points or pillars, not both"),
+        ({"points": Detection3DConfig().points}, "needs one first stage: set points or pillars"),
+        ({"refinement": Detection3DConfig().refinement}, "one second stage at most"),
+        ({"input": SweepConfig(reflectance=True)}, r"pillars\.grid\.reflectance is False, but"),
+        ({"regions": RegionConfig(in_channels=1)}, r"regions\.in_channels is 1, expected 0"),
+        ({"regions": RegionConfig(classes=(CAR,))}, r"regions\.classes are Car, expected the"),
+    ],
+)
+def test_stages_that_do_not_fit_together_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        replace(COMPACT, **wrong)
+    with pytest.raises(ValueError, match=r"input\.num_points must be a number where points"):
+        Detection3DConfig(input=SweepConfig(num_points=None))
+
+
+def test_examples_for_another_network_are_refused():
+    task = Detection3D(COMPACT)
+
+    def begin(settings):
+        data = type("Data", (), {"preparation": DetectionExamples(settings)})
+        task.trainer = type("Trainer", (), {"datamodule": data, "ckpt_path": None})
+        task.setup("fit")
+
+    begin(SETTINGS)
+    with pytest.raises(ValueError, match=r"settings\.input is .*: set both alike"):
+        begin(replace(SETTINGS, input=SweepConfig()))
+    with pytest.raises(ValueError, match=r"settings\.class_names are Car, but the network's"):
+        begin(replace(SETTINGS, class_names=("Car",)))
