@@ -1,12 +1,12 @@
 """The compact design as a whole: that it learns, by which precision, and which settings fit."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from sightline.data.open import open_dataset
 from sightline.data.sweep_changes import GroundShapeConfig
 from sightline.detection3d.augmentation import SceneChangeConfig
 from sightline.detection3d.classes import CAR
@@ -22,6 +22,8 @@ from sightline.detection3d.targets import TargetConfig
 from sightline.detection3d.task import Detection3D
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
+from sightline.training.data import CameraLidarData
+from sightline.training.sources import SourceConfig
 from tests.detection3d.frames import COMPACT, NAMES, simulated_frames, write_network
 
 SETTINGS = ExampleConfig(
@@ -93,25 +95,29 @@ CHANGES = SceneChangeConfig(
 )
 
 
-def test_pasted_objects_are_the_same_at_each_start_of_a_training(frames):
-    dataset = open_dataset(PACKAGED_FRAMES, parts={"points", "objects"})
-    settings = replace(SETTINGS, changes=CHANGES)
-
-    def start(changes):
-        examples = DetectionExamples(replace(settings, changes=changes))
-        prepared = examples.for_training([dataset], np.random.default_rng(3))
-        return [prepared.prepare(frames[0], np.random.default_rng(seed), training=True)
-                for seed in range(4)]  # fmt: skip
-
-    first, again = start(CHANGES), start(CHANGES)
-    for one, other in zip(first, again, strict=True):
-        assert torch.equal(one.points[0], other.points[0])
-        assert torch.equal(one.truths[0].boxes, other.truths[0].boxes)
-    without = start(replace(CHANGES, objects=None))
-    most, usual = (
-        max(len(each.truths[0].boxes) for each in batches) for batches in (first, without)
+def pasted_batch(changes, workers):
+    """The first batch of a training on the embedded frames."""
+    data = CameraLidarData(
+        DetectionExamples(replace(SETTINGS, changes=changes)),
+        root=PACKAGED_FRAMES,
+        training=[SourceConfig(path=Path())],
+        batch_size=2,
+        workers=workers,
     )
-    assert most > usual
+    return next(iter(data.train_dataloader()))
+
+
+def test_pasted_objects_are_the_same_at_each_start_and_for_any_number_of_workers():
+    first, again, without = (
+        pasted_batch(changes, workers)
+        for changes, workers in ((CHANGES, 0), (CHANGES, 1), (replace(CHANGES, objects=None), 0))
+    )
+    for one, other in zip(first.points, again.points, strict=True):
+        assert torch.equal(one, other)
+    for one, other in zip(first.truths, again.truths, strict=True):
+        assert torch.equal(one.boxes, other.boxes)
+    many, few = (sum(len(truth.boxes) for truth in each.truths) for each in (first, without))
+    assert many > few
 
 
 def test_points_that_are_not_canonical_are_told_where_they_are(frames):

@@ -1,6 +1,6 @@
 """Road users of other sweeps pasted into a sweep, where there is room: to train on.
 
-Yan et al. 2018 (SECOND), section 3.2, and Shi et al. 2019 (PointRCNN), section 4.1. Departures:
+After Yan et al. 2018 (SECOND) and Shi et al. 2019 (PointRCNN), section 4.1. Departures:
 objects turn about the sensor, so that they are seen from the same side and as densely; they are put
 on the ground; and what hides behind them is taken away, as they are by what stands before them.
 """

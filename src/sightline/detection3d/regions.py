@@ -37,7 +37,7 @@ def cut_regions(
 
     As in Shi et al. 2019 (PointRCNN), section 3.3, the frame's origin is the proposal's centre and
     x its heading. The distances to the faces tell a network, which else sees points alone, how
-    large the proposal is: Li et al. 2021 (LiDAR R-CNN), section 3.3 (boundary offset). Fewer points
+    large the proposal is: Li et al. 2021 (LiDAR R-CNN; boundary offset). Fewer points
     than are drawn are repeated (`ops.roi_points`), which their maxima do not notice; of a region
     without points all are 0. Nothing depends on where the sensor's x axis points.
 
