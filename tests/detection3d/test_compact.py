@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.cli.main import main
 from sightline.data.sweep_changes import GroundShapeConfig
 from sightline.detection3d.augmentation import SceneChangeConfig
 from sightline.detection3d.classes import CAR
@@ -88,6 +89,28 @@ def test_a_first_stage_held_still_does_not_change(frames):
     after = task.network.pillars.state_dict()
     assert all(torch.equal(before[name], after[name]) for name in before)
     assert any(each.grad.abs().sum() > 0 for each in task.network.regions.parameters())
+
+
+def test_the_second_stage_trains_on_what_sightline_proposals_kept_of_the_first(frames, tmp_path):
+    seen = replace(COMPACT.input, reflectance=True)
+    grid = replace(COMPACT.pillars.grid, reflectance=True)
+    config = replace(
+        COMPACT,
+        input=seen,
+        pillars=replace(COMPACT.pillars, grid=grid),
+        regions=replace(COMPACT.regions, in_channels=1),
+    )
+    weights, cache = tmp_path / "w.safetensors", tmp_path / "cache"
+    write_network(weights, config)
+    command = ["proposals", str(PACKAGED_FRAMES), str(cache), "--weights", str(weights)]
+    assert main([*command, "--workers", "1"]) == 0
+    task = Detection3D(config, loss=LOSS, stages="second", initial_weights=weights)
+    examples = DetectionExamples(replace(SETTINGS, input=seen), cache=cache)
+    batch = examples.prepare(frames[0], np.random.default_rng(0), training=True)
+    task.eval()
+    by_cache = task.losses(batch)
+    by_stage = task.losses(replace(batch, records=None))
+    torch.testing.assert_close(by_cache.total, by_stage.total)
 
 
 CHANGES = SceneChangeConfig(

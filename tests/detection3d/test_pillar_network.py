@@ -1,4 +1,4 @@
-"""The first stage's network: its size, that other engines run it, and that it learns."""
+"""The first stage's network: its size, and that it learns."""
 
 import pytest
 import torch
@@ -13,9 +13,6 @@ from sightline.detection3d.pillar_loss import pillar_loss
 from sightline.detection3d.pillar_network import PillarNetwork
 from sightline.detection3d.pillar_targets import pillar_targets
 from sightline.detection3d.targets import TargetConfig, make_truth
-from sightline.export.engines import open_engine
-from sightline.export.metadata import ExportMetadata
-from sightline.export.onnx import export_onnx
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
@@ -29,23 +26,6 @@ def test_the_default_is_of_the_size_that_was_chosen():
     output = network(torch.zeros(1, 16, 24, 40))
     assert output.heat_logits.shape == (1, 3, 12, 20)
     assert output.center_values.shape == (1, 3, 11, 12, 20)
-
-
-@pytest.mark.parametrize("engine", ["onnxruntime", "openvino"])
-def test_other_engines_give_the_same_for_sizes_that_were_not_exported(tmp_path, engine):
-    for library in ("onnxscript", "onnxruntime", "openvino"):
-        pytest.importorskip(library, reason="the extra `export` is not installed")
-    torch.manual_seed(0)
-    network = PillarNetwork(SMALL).eval()
-    metadata = ExportMetadata(task="detection3d", config={}, stride=8, provenance={})
-    path = tmp_path / "pillars.onnx"
-    export_onnx(network, {"pillars": torch.zeros(1, 16, 16, 24)}, path, metadata=metadata)
-    pillars = torch.rand(1, 16, 24, 40)
-    with torch.no_grad():
-        expected = network(pillars)
-    given = open_engine(path, engine)({"pillars": pillars})
-    torch.testing.assert_close(given["heat_logits"], expected.heat_logits, rtol=1e-4, atol=1e-4)
-    torch.testing.assert_close(given["center_values"], expected.center_values, rtol=1e-4, atol=1e-4)
 
 
 def test_the_first_stage_learns_two_simulated_frames_by_heart_in_channels_last_and_bf16():

@@ -1,4 +1,4 @@
-"""The second stage's network and its loss: sizes, order of points, export, and that it learns."""
+"""The second stage's network and its loss: sizes, order of points, and that it learns."""
 
 from dataclasses import replace
 
@@ -15,9 +15,6 @@ from sightline.detection3d.region_network import RegionNetwork, RegionOutput
 from sightline.detection3d.region_stage import RegionStage
 from sightline.detection3d.regions import cut_regions
 from sightline.detection3d.stages import Proposed
-from sightline.export.engines import open_engine
-from sightline.export.metadata import ExportMetadata
-from sightline.export.onnx import export_onnx
 from sightline.ops.rotated_iou import aligned_iou_3d
 from tests.detection3d.scenes import scene_of, sweep_of
 from tests.reference import compact3d as reference
@@ -54,20 +51,6 @@ def test_the_order_of_points_and_repetitions_do_not_matter():
     repeated = torch.cat((points, points[:, :7]), dim=1)[:, torch.randperm(27)]
     for straight, other in zip(network(points, context), network(repeated, context), strict=True):
         torch.testing.assert_close(other, straight)
-
-
-def test_openvino_gives_the_same(tmp_path):
-    for library in ("onnxscript", "onnxruntime", "openvino"):
-        pytest.importorskip(library, reason="the extra `export` is not installed")
-    network = random_network()
-    inputs = {"points": torch.rand(4, 48, 9), "context": torch.rand(4, 10)}
-    metadata = ExportMetadata(task="detection3d", config={}, stride=1, provenance={})
-    export_onnx(network, inputs, tmp_path / "regions.onnx", metadata=metadata)
-    given = open_engine(tmp_path / "regions.onnx", "openvino")(inputs)
-    with torch.no_grad():
-        expected = network(**inputs)._asdict()
-    for name, values in expected.items():
-        torch.testing.assert_close(given[name], values, rtol=1e-4, atol=1e-4)
 
 
 @given(truth=box, proposal=box, seed=st.integers(0, 99))

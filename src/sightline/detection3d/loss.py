@@ -92,7 +92,7 @@ def _nothing(module: nn.Module) -> Float[Tensor, ""]:
 
 def proposed_by(record: FirstStageRecord, points: Sweep) -> Proposed:
     """What a first stage gave for a sweep's points when its record was made."""
-    features = record.features.to(points.dtype)
+    features = record.features.to(points.dtype) if record.features.shape[1] else None
     return Proposed(record.boxes, record.classes, record.scores, features)
 
 

@@ -62,6 +62,7 @@ class PillarProposals(nn.Module):
         """See `pillar_loss`."""
         del sweeps
         grid, device = self.config.grid, output.heat_logits.device
-        targets = pillar_targets(truths, len(self.config.classes), grid, config.cells)
+        scenes = [truth.cpu() for truth in truths]
+        targets = pillar_targets(scenes, len(self.config.classes), grid, config.cells)
         moved = PillarTargets(*(values.to(device) for values in targets))
         return pillar_loss(output, moved, self.config, config.pillars)

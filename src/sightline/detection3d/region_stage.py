@@ -60,7 +60,7 @@ class RegionStage(nn.Module):
         usable = (proposed.boxes[:, 3:6] > 0).all(dim=1)
         found = FoundBoxes(*(values[usable].cpu() for values in proposed[:3]))
         drawn = region_examples(
-            SweepTruth(**{name: getattr(truth, name).cpu() for name in SweepTruth.__slots__}),
+            truth.cpu(),
             sweep[:, :3].cpu(),
             self.config.classes,
             np.random.default_rng(seed),

@@ -27,6 +27,15 @@ class SweepTruth:
     ignored_classes: Bool[Tensor, "num_ignored num_classes"]
     """For which classes."""
 
+    def cpu(self) -> "SweepTruth":
+        """The same where boxes are walked over one by one."""
+        return SweepTruth(
+            boxes=self.boxes.cpu(),
+            classes=self.classes.cpu(),
+            ignored_boxes=self.ignored_boxes.cpu(),
+            ignored_classes=self.ignored_classes.cpu(),
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class TargetConfig:
