@@ -11,7 +11,7 @@ from sightline.cli.main import main
 from sightline.data.sweep_changes import GroundShapeConfig
 from sightline.detection3d.augmentation import SceneChangeConfig
 from sightline.detection3d.classes import CAR
-from sightline.detection3d.detect import refine
+from sightline.detection3d.detect import propose, refine
 from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
 from sightline.detection3d.examples import DetectionExamples, ExampleConfig
 from sightline.detection3d.loss_config import Detection3DLossConfig
@@ -66,15 +66,21 @@ def test_both_stages_learn_two_frames_of_different_lengths_by_heart_in_bfloat16(
 
 
 def test_boxes_are_told_exactly_whatever_the_networks_precision(frames, tmp_path):
-    """With an untrained second stage, which changes nothing, far boxes come back as proposed."""
+    """Means of far boxes, and what an untrained second stage, which changes nothing, leaves."""
     detector = write_network(tmp_path / "w.safetensors", COMPACT)
     sweep = batch_of(frames[:1], training=False).points[0]
-    box = torch.tensor([[31.123, 15.321, -0.9, 4.012, 1.654, 1.512, 0.3]])
-    proposed = Proposed(box, torch.tensor([0]), torch.tensor([0.7]))
-    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
-        found = refine(detector, sweep, proposed)
-    torch.testing.assert_close(found.boxes.tensor, box)
-    assert found.scores.item() == pytest.approx((0.7 * 0.5) ** 0.5, abs=1e-6)
+    with torch.no_grad():
+        output = detector.pillars(**detector.pillars.inputs([sweep]))
+        plain = propose(detector, sweep, lambda _: output)[0]
+        with torch.autocast("cpu", torch.bfloat16):
+            proposed = propose(detector, sweep, lambda _: output)[0]
+            found = refine(detector, sweep, proposed)
+    assert len(plain.boxes) == 20
+    assert torch.equal(proposed.boxes, plain.boxes)
+    expected = (plain.scores * 0.5).sqrt().sort(descending=True).values  # a quality of a half
+    torch.testing.assert_close(found.scores, expected[: len(found.scores)], atol=1e-6, rtol=0)
+    distance = torch.cdist(found.boxes.tensor[:, :3], plain.boxes[:, :3]).amin(dim=1)
+    assert distance.max() < 1e-5
 
 
 def test_a_first_stage_held_still_does_not_change(frames):
