@@ -15,8 +15,11 @@ from sightline.detection3d.config import (
 )
 from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
 from sightline.detection3d.model import Detector3D
+from sightline.detection3d.pillar_config import PillarGridConfig, PillarNetworkConfig
+from sightline.detection3d.pillar_detections import PillarDetectionConfig
 from sightline.detection3d.proposal_network import ProposalNetworkConfig
 from sightline.detection3d.proposals import ProposalConfig
+from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -46,6 +49,22 @@ TINY = Detection3DConfig(
         in_channels=24, levels=(level(16, 1.0, 32),), global_widths=(64,), head_widths=(32,)
     ),
     pooling=RoiPoolingConfig(num_points=32),
+    suppression=SuppressionConfig(min_score=0.0),
+)
+COMPACT = Detection3DConfig(
+    input=SweepConfig(num_points=None, highest_m=(32.0, 16.0, 3.0), lowest_m=(0.0, -16.0, -4.0)),
+    points=None,
+    pillars=PillarNetworkConfig(
+        grid=PillarGridConfig(x_m=(0.0, 32.0), y_m=(-16.0, 16.0)),
+        channels=(16, 24, 32),
+        blocks=(1, 0, 1),
+        head_channels=24,
+    ),
+    centers=PillarDetectionConfig(min_heat=0.0, max_boxes=20),
+    refinement=None,
+    regions=RegionConfig(
+        num_points=48, point_widths=(24, 32), region_width=48, head_widths=(48, 32)
+    ),
     suppression=SuppressionConfig(min_score=0.0),
 )
 

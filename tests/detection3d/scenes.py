@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from sightline.detection3d.scene_objects import SceneObjects
+from sightline.detection3d.targets import SweepTruth
 from sightline.geometry.boxes3d import Boxes3D
 
 
@@ -38,13 +38,13 @@ def sweep_of(boxes: list[list[float]], seed: int = 0) -> torch.Tensor:
 
 def scene_of(
     boxes: list[list[float]], classes: list[int], num_classes: int = 3, ignored: int = 0
-) -> SceneObjects:
+) -> SweepTruth:
     """The boxes' truth, of which the last ones may be ignored for all classes."""
     rows = torch.tensor(boxes, dtype=torch.float64).reshape(-1, 7)
     found = len(rows) - ignored
-    return SceneObjects(
+    return SweepTruth(
         boxes=rows[:found],
-        class_indices=torch.tensor(classes[:found], dtype=torch.int64),
+        classes=torch.tensor(classes[:found], dtype=torch.int64),
         ignored_boxes=rows[found:],
         ignored_classes=torch.ones(ignored, num_classes, dtype=torch.bool),
     )

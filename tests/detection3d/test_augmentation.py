@@ -5,12 +5,8 @@ import pytest
 import torch
 
 from sightline.data.rings import ring_numbers
-from sightline.detection3d.augmentation import (
-    SceneChangeConfig,
-    add_range_noise,
-    change_scene,
-    lift_ground,
-)
+from sightline.data.sweep_changes import GroundShapeConfig
+from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.sweeps import cut_to_view
 from sightline.geometry.boxes3d import Boxes3D
@@ -31,7 +27,7 @@ def num_inside(sample):
 
 
 def test_points_stay_in_their_boxes_whatever_is_drawn(sample):
-    config = SceneChangeConfig(rise_m=0.3, slope_deg=1.0)
+    config = SceneChangeConfig(ground=GroundShapeConfig(), range_noise_m=0.01)
     before = num_inside(sample)
     for seed in range(6):
         after = num_inside(change_scene(sample, config, np.random.default_rng(seed)))
@@ -64,34 +60,12 @@ def test_a_sweep_of_fewer_beams_has_fewer_rings(sample):
     assert 0.15 < len(thinned.points) / len(sample.points) < 0.35
 
 
-def test_lifted_ground_takes_boxes_along(sample):
-    lifted = lift_ground(sample, 0.5, 0.01, -0.02)
-    x, y = sample.points[:, 0], sample.points[:, 1]
-    expected = sample.points[:, 2] + 0.5 + 0.01 * x - 0.02 * y
-    torch.testing.assert_close(lifted.points[:, 2], expected)
-    before, after = sample.objects.boxes3d.tensor, lifted.objects.boxes3d.tensor
-    has_box = sample.objects.has_box3d
-    rise = 0.5 + 0.01 * before[:, 0] - 0.02 * before[:, 1]
-    torch.testing.assert_close(after[has_box, 2], (before[:, 2] + rise)[has_box])
-    assert torch.equal(after[~has_box], before[~has_box])
-
-
-def test_range_noise_moves_points_along_their_rays(sample):
-    noisy = add_range_noise(sample, 0.1, np.random.default_rng(0))
-    before, after = sample.points[:, :3].double(), noisy.points[:, :3].double()
-    errors = after.norm(dim=1) - before.norm(dim=1)
-    assert 0.09 < float(errors.std()) < 0.11
-    torch.testing.assert_close(
-        after / after.norm(dim=1, keepdim=True), before / before.norm(dim=1, keepdim=True)
-    )
-
-
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
         ({"scales": (1.1, 0.9)}, "scales must be positive and in order"),
         ({"turn_deg": -1.0}, "turn_deg must be finite and not negative"),
-        ({"slope_deg": 60.0}, "slope_deg must be up to 45"),
+        ({"bank_frames": 0}, "bank_frames must be at least 1, got 0"),
         ({"beams": (48,)}, "beams must hold some of"),
     ],
 )

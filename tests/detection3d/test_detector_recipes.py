@@ -1,17 +1,24 @@
-"""The recipes say the published numbers, which are the settings' defaults."""
+"""What the recipes say: published numbers, which are the defaults, and parts that fit together."""
 
+import jsonargparse
 import pytest
 import yaml
 
 from sightline.data.settings import parse_settings
 from sightline.detection3d.config import RefinementConfig
 from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.examples import ExampleConfig
 from sightline.tasks import PACKAGE_RECIPES
+
+RECIPES = sorted(path.stem for path in PACKAGE_RECIPES.glob("detection3d-*.yaml"))
+
+
+def read(recipe):
+    return yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())
 
 
 def network_of(recipe):
-    settings = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())
-    return parse_settings(Detection3DConfig, settings["model"]["init_args"]["network"])
+    return parse_settings(Detection3DConfig, read(recipe)["model"]["init_args"]["network"])
 
 
 @pytest.mark.parametrize(
@@ -20,3 +27,29 @@ def network_of(recipe):
 )
 def test_the_recipes_for_kitti_are_of_the_published_sizes(recipe, refinement):
     assert network_of(recipe) == Detection3DConfig(refinement=refinement)
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_examples_are_made_for_the_network(recipe):
+    network = network_of(recipe)
+    preparation = read(recipe)["data"]["init_args"]["preparation"]["init_args"]
+    settings = parse_settings(ExampleConfig, preparation["settings"])
+    assert settings.input == network.input
+    assert settings.class_names == tuple(each.name for each in network.classes)
+
+
+def test_the_compact_recipes_differ_in_size_and_passes_alone():
+    best, fast = read("detection3d-best"), read("detection3d-fast-cpu")
+    for recipe in (best, fast):
+        network = recipe["model"]["init_args"]["network"]
+        assert network.pop("pillars") is not None
+        assert network["regions"].pop("passes")
+    assert best == fast
+
+
+def test_a_network_left_to_its_defaults_is_told_so_that_it_can_be_read_again():
+    parser = jsonargparse.ArgumentParser(exit_on_error=False)
+    parser.add_argument("--network", type=Detection3DConfig)
+    parsed = parser.parse_object({"network": {}})
+    again = parser.parse_string(parser.dump(parsed))
+    assert parser.instantiate(again).network == Detection3DConfig()

@@ -9,7 +9,6 @@ import torch
 from sightline.detection3d.augmentation import SceneChangeConfig
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.examples import DetectionExamples, ExampleConfig
-from sightline.detection3d.foreground import IGNORED
 from sightline.detection3d.targets import TargetConfig, make_truth
 from sightline.structures.batch import concatenate
 from tests.detection3d.frames import NAMES, SWEEP, simulated_frames
@@ -32,7 +31,7 @@ def test_an_example_has_so_many_points_and_its_objects_hold_some(frames):
         batch = example(frames[0], seed=seed)
         assert batch.points[0].shape == (SWEEP.num_points, 4)
         truth = batch.truths[0]
-        assert truth.is_wanted.any()
+        assert len(truth.boxes)
         assert batch.frames is None
 
 
@@ -50,8 +49,8 @@ def test_scoring_takes_the_frame_as_it_is_with_all_labels(frames):
     batch = example(frames[0], training=False)
     frame = batch.frames[0]
     assert frame.objects.class_names == frames[0].objects.class_names
-    wanted = batch.truths[0].boxes[batch.truths[0].is_wanted]
-    labelled = frames[0].objects.boxes3d.tensor.float()
+    wanted = batch.truths[0].boxes
+    labelled = frames[0].objects.boxes3d.tensor
     assert all((labelled == box).all(dim=1).any() for box in wanted)
 
 
@@ -77,23 +76,22 @@ def test_objects_without_points_or_that_look_like_ours_are_ignored(frames):
     sample = frames[0]
     objects = sample.objects
     place = objects.class_names.index("Car")
-    box = objects.boxes3d.tensor[place].float()
-    inside = torch.cat((box[:3], torch.zeros(1)))[None]
+    box = objects.boxes3d.tensor[place]
+    inside = torch.cat((box[:3].float(), torch.zeros(1)))[None]
     found = truth_of(sample, inside)
     cars = [name for name in objects.class_names if name in ("Car", "Van", "Truck")]
-    assert len(found.boxes) == len(cars)
-    assert found.classes.tolist().count(0) == 1
-    assert torch.equal(found.boxes[found.is_wanted][0], box)
-    assert set(found.classes.tolist()) <= {0, IGNORED}
-    assert not truth_of(sample, inside, min_points=2).is_wanted.any()
+    assert torch.equal(found.boxes, box[None])
+    assert len(found.ignored_boxes) == len(cars) - 1
+    assert found.classes.tolist() == [0]
+    assert not len(truth_of(sample, inside, min_points=2).boxes)
     van = replace(objects, class_names=tuple(
         "Van" if index == place else name for index, name in enumerate(objects.class_names)
     ))  # fmt: skip
     seen_as_van = truth_of(replace(sample, objects=van), inside)
-    assert not seen_as_van.is_wanted.any()
-    assert len(seen_as_van.boxes) == len(found.boxes)
+    assert not len(seen_as_van.boxes)
+    assert len(seen_as_van.ignored_boxes) == len(cars)
     as_background = truth_of(replace(sample, objects=van), inside, ignored_names=())
-    assert len(as_background.boxes) < len(found.boxes)
+    assert len(as_background.ignored_boxes) < len(cars)
 
 
 def test_a_frame_without_labels_and_a_cache_with_changes_are_refused(frames, tmp_path):
@@ -106,4 +104,4 @@ def test_a_frame_without_labels_and_a_cache_with_changes_are_refused(frames, tmp
 def test_a_sweep_of_which_nothing_is_seen_is_an_example_without_points(frames):
     batch = example(replace(frames[0], points=frames[0].points[:0]))
     assert batch.points[0].shape == (0, 4)
-    assert not batch.truths[0].is_wanted.any()
+    assert not len(batch.truths[0].boxes)

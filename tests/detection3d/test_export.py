@@ -10,7 +10,7 @@ from sightline.detection3d.registration import TASK
 from sightline.export.engines import open_engine
 from sightline.export.write import export_graphs
 from sightline.inference.network import load_network
-from tests.detection3d.frames import simulated_frames, write_network
+from tests.detection3d.frames import COMPACT, TINY, simulated_frames, write_network
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -19,16 +19,27 @@ def _extra():
         pytest.importorskip(library, reason="the extra `export` is not installed")
 
 
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory):
+OUTPUTS = {
+    "points": ({"features", "class_logits", "box_values"}, {"boxes", "logits"}),
+    "pillars": (
+        {"heat_logits", "center_values"},
+        {"values", "front_logits", "quality_logits"},
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=[TINY, COMPACT], ids=["points", "pillars"])
+def weights(request, tmp_path_factory):
     """Statistics of batch norms as after a training."""
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    network = write_network(path)
+    network = write_network(path, request.param)
     generator = torch.Generator().manual_seed(0)
     for part in network.modules():
-        if isinstance(part, torch.nn.BatchNorm1d):
+        if isinstance(part, torch.nn.BatchNorm1d | torch.nn.BatchNorm2d):
             part.running_mean.uniform_(-0.2, 0.2, generator=generator)
             part.running_var.uniform_(0.5, 2, generator=generator)
+    if network.first_name == "pillars":  # else its second stage changes nothing
+        torch.nn.init.normal_(network.regions.network.answer.weight, std=0.1, generator=generator)
     loaded = load_network(TASK, path)
     write_weights(path, network.state_dict(), task="detection3d", config=loaded.weights.config,
                   provenance={})  # fmt: skip
@@ -43,8 +54,8 @@ def test_each_stage_is_a_file_that_gives_what_pytorch_gives(weights, tmp_path):
     assert set(names) == {"out-proposals.onnx", "out-refinement.onnx"}
     assert all(report.is_within(MAX_DIFFERENCE) for report in reports.values())
     outputs = {name: {each.output for each in report.differences} for name, report in names.items()}
-    assert outputs["out-proposals.onnx"] == {"features", "class_logits", "box_values"}
-    assert outputs["out-refinement.onnx"] == {"boxes", "logits"}
+    expected = OUTPUTS[loaded.network.first_name]
+    assert (outputs["out-proposals.onnx"], outputs["out-refinement.onnx"]) == expected
     cases = {each.case for each in names["out-proposals.onnx"].differences}
     assert cases == {"clusters", "other clusters", "one point"}
     for graph in TASK.graphs(loaded):

@@ -84,7 +84,7 @@ def test_told_boxes_cost_by_their_cells_and_objects_count_alike(seed):
     assert losses.box.item() == pytest.approx(told, rel=1e-4)
     assert losses.front.item() == pytest.approx(front, rel=1e-4)
     total = losses.heat + losses.box + 2 * losses.corners
-    total = total + 0.3 * losses.front + 0.3 * losses.quality
+    total = total + 2 * losses.front + 0.3 * losses.quality
     assert losses.total.item() == pytest.approx(total.item(), rel=1e-5)
 
 

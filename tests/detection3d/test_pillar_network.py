@@ -1,20 +1,18 @@
-"""The first stage's network: its size, that other engines run it, and that it learns."""
+"""The first stage's network: its size, and that it learns."""
 
 import pytest
 import torch
 
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN
+from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.pillar_config import PillarGridConfig, PillarNetworkConfig
 from sightline.detection3d.pillar_detections import PillarDetectionConfig, find_boxes
 from sightline.detection3d.pillar_features import pillar_features
-from sightline.detection3d.pillar_loss import PillarLossConfig, pillar_loss
+from sightline.detection3d.pillar_loss import pillar_loss
 from sightline.detection3d.pillar_network import PillarNetwork
 from sightline.detection3d.pillar_targets import pillar_targets
-from sightline.detection3d.scene_objects import scene_objects
-from sightline.export.engines import open_engine
-from sightline.export.metadata import ExportMetadata
-from sightline.export.onnx import export_onnx
+from sightline.detection3d.targets import TargetConfig, make_truth
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
@@ -30,37 +28,21 @@ def test_the_default_is_of_the_size_that_was_chosen():
     assert output.center_values.shape == (1, 3, 11, 12, 20)
 
 
-@pytest.mark.parametrize("engine", ["onnxruntime", "openvino"])
-def test_other_engines_give_the_same_for_sizes_that_were_not_exported(tmp_path, engine):
-    for library in ("onnxscript", "onnxruntime", "openvino"):
-        pytest.importorskip(library, reason="the extra `export` is not installed")
-    torch.manual_seed(0)
-    network = PillarNetwork(SMALL).eval()
-    metadata = ExportMetadata(task="detection3d", config={}, stride=8, provenance={})
-    path = tmp_path / "pillars.onnx"
-    export_onnx(network, {"pillars": torch.zeros(1, 16, 16, 24)}, path, metadata=metadata)
-    pillars = torch.rand(1, 16, 24, 40)
-    with torch.no_grad():
-        expected = network(pillars)
-    given = open_engine(path, engine)({"pillars": pillars})
-    torch.testing.assert_close(given["heat_logits"], expected.heat_logits, rtol=1e-4, atol=1e-4)
-    torch.testing.assert_close(given["center_values"], expected.center_values, rtol=1e-4, atol=1e-4)
-
-
 def test_the_first_stage_learns_two_simulated_frames_by_heart_in_channels_last_and_bf16():
     torch.manual_seed(0)
     frames = KittiObjectDataset(PACKAGED_FRAMES, parts=("points", "objects"))
-    scenes = [scene_objects(frame.objects, frame.points, SMALL.classes) for frame in frames]
+    names, wide = ("Car", "Pedestrian", "Cyclist"), SweepConfig(highest_m=(200.0, 90.0, 20.0))
+    wanted = TargetConfig(min_points=5)
+    scenes = [make_truth(each.objects, each.points, names, wide, wanted) for each in frames]
     features = [pillar_features(frame.points, GRID) for frame in frames]
     pillars = torch.stack(features).contiguous(memory_format=torch.channels_last)
     targets = pillar_targets(scenes, 3, GRID)
     network = PillarNetwork(SMALL).to(memory_format=torch.channels_last)
     optimizer = torch.optim.Adam(network.parameters(), lr=5e-3)
-    weights = PillarLossConfig(front_weight=2.0)  # fronts are learned last
     for _ in range(80):
         with torch.autocast("cpu", torch.bfloat16):
             output = network(pillars)
-        loss = pillar_loss(output, targets, SMALL, weights).total
+        loss = pillar_loss(output, targets, SMALL).total
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
@@ -69,7 +51,7 @@ def test_the_first_stage_learns_two_simulated_frames_by_heart_in_channels_last_a
         output = network(pillars)  # as trained: so few steps leave no running means
     for sweep, scene in enumerate(scenes):
         is_inside = (scene.boxes[:, 0] < 32) & (scene.boxes[:, 1].abs() < 16)
-        truths, classes = scene.boxes[is_inside], scene.class_indices[is_inside]
+        truths, classes = scene.boxes[is_inside], scene.classes[is_inside]
         found = find_boxes(output, sweep, SMALL, PillarDetectionConfig(min_heat=0.3))
         iou = pairwise_iou_3d(truths, found.boxes.double())
         best = iou.argmax(dim=1)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from sightline.detection3d.pillar_config import PillarGridConfig
 from sightline.detection3d.pillar_targets import PillarTargetsConfig, pillar_targets
-from sightline.detection3d.scene_objects import SceneObjects
+from sightline.detection3d.targets import SweepTruth
 from tests.reference import compact3d as reference
 
 GRID = PillarGridConfig(x_m=(2.0, 10.0), y_m=(-4.0, 4.0), cell_m=0.25)
@@ -21,9 +21,9 @@ box = st.tuples(
 
 
 def scene(boxes=(), classes=(), ignored=(), ignored_classes=()):
-    return SceneObjects(
+    return SweepTruth(
         boxes=torch.tensor(boxes, dtype=torch.float64).reshape(-1, 7),
-        class_indices=torch.tensor(classes, dtype=torch.int64),
+        classes=torch.tensor(classes, dtype=torch.int64),
         ignored_boxes=torch.tensor(ignored, dtype=torch.float64).reshape(-1, 7),
         ignored_classes=torch.tensor(ignored_classes, dtype=torch.bool).reshape(-1, 2),
     )

@@ -13,13 +13,20 @@ from sightline.data.kitti_labels import read_results
 from sightline.data.object_results import kitti_from_detections
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from tests.detection3d.frames import NAMES, SWEEP, TINY, simulated_frames, write_network
+from tests.detection3d.frames import (
+    COMPACT,
+    NAMES,
+    SWEEP,
+    TINY,
+    simulated_frames,
+    write_network,
+)
 
 
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory):
+@pytest.fixture(scope="module", params=[TINY, COMPACT], ids=["points", "pillars"])
+def weights(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    write_network(path)
+    write_network(path, request.param)
     return path
 
 

@@ -1,4 +1,6 @@
-"""The second stage's network and its loss: sizes, order of points, export, and that it learns."""
+"""The second stage's network and its loss: sizes, order of points, and that it learns."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,17 +8,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection3d.pillar_detections import FoundBoxes
 from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.region_examples import RegionExamplesConfig, region_examples
 from sightline.detection3d.region_loss import RegionLossConfig, region_loss
 from sightline.detection3d.region_network import RegionNetwork, RegionOutput
-from sightline.detection3d.region_refinement import RegionRefinementConfig, refine_boxes
+from sightline.detection3d.region_stage import RegionStage
 from sightline.detection3d.regions import cut_regions
-from sightline.detection3d.suppression import SuppressionConfig
-from sightline.export.engines import open_engine
-from sightline.export.metadata import ExportMetadata
-from sightline.export.onnx import export_onnx
+from sightline.detection3d.stages import Proposed
 from sightline.ops.rotated_iou import aligned_iou_3d
 from tests.detection3d.scenes import scene_of, sweep_of
 from tests.reference import compact3d as reference
@@ -27,11 +25,15 @@ size = st.sampled_from([0.8, 1.0, 1.3])
 box = st.tuples(number, number, number, size, size, size, number)
 
 
-def random_network(config=SMALL, seed=0):
-    torch.manual_seed(seed)
-    network = RegionNetwork(config).eval()
-    torch.nn.init.normal_(network.answer.weight, std=0.1)
-    return network
+def random_stage():
+    torch.manual_seed(0)
+    stage = RegionStage(SMALL).eval()
+    torch.nn.init.normal_(stage.network.answer.weight, std=0.1)
+    return stage
+
+
+def random_network():
+    return random_stage().network
 
 
 def test_the_default_is_of_the_size_that_was_chosen_and_changes_nothing_at_first():
@@ -51,20 +53,6 @@ def test_the_order_of_points_and_repetitions_do_not_matter():
         torch.testing.assert_close(other, straight)
 
 
-def test_openvino_gives_the_same(tmp_path):
-    for library in ("onnxscript", "onnxruntime", "openvino"):
-        pytest.importorskip(library, reason="the extra `export` is not installed")
-    network = random_network()
-    inputs = {"points": torch.rand(4, 48, 9), "context": torch.rand(4, 10)}
-    metadata = ExportMetadata(task="detection3d", config={}, stride=1, provenance={})
-    export_onnx(network, inputs, tmp_path / "regions.onnx", metadata=metadata)
-    given = open_engine(tmp_path / "regions.onnx", "openvino")(inputs)
-    with torch.no_grad():
-        expected = network(**inputs)._asdict()
-    for name, values in expected.items():
-        torch.testing.assert_close(given[name], values, rtol=1e-4, atol=1e-4)
-
-
 @given(truth=box, proposal=box, seed=st.integers(0, 99))
 def test_a_change_costs_by_its_code_and_background_by_its_quality_alone(truth, proposal, seed):
     generator = torch.Generator().manual_seed(seed)
@@ -80,7 +68,7 @@ def test_a_change_costs_by_its_code_and_background_by_its_quality_alone(truth, p
     errors = [given - wanted for given, wanted in zip(values[1].tolist(), code, strict=True)]
     expected = sum(reference.smooth_l1(error, 0.25) for error in errors)
     assert losses.values.item() == pytest.approx(expected, abs=1e-9)
-    total = losses.values + 4 * losses.corners + 0.2 * losses.front + 0.5 * losses.quality
+    total = losses.values + 4 * losses.corners + losses.front + 0.5 * losses.quality
     assert losses.total.item() == pytest.approx(total.item())
     without = region_loss(
         output, proposals, truths, torch.tensor([False, True]), RegionLossConfig(corner_weight=0.0)
@@ -121,8 +109,9 @@ BOXES = [
 
 
 def test_the_second_stage_learns_to_bring_moved_boxes_back_and_again_in_a_second_pass():
-    network, rng = random_network(), np.random.default_rng(0)
-    points = sweep_of(BOXES)[:, :3]
+    stage, rng = random_stage(), np.random.default_rng(0)
+    network, sweep = stage.network, sweep_of(BOXES)
+    points = sweep[:, :3]
     scene = scene_of(BOXES, [0, 0, 1])
     optimizer = torch.optim.Adam(network.parameters(), lr=4e-3)
     for step in range(320):
@@ -130,8 +119,7 @@ def test_the_second_stage_learns_to_bring_moved_boxes_back_and_again_in_a_second
         proposals = drawn.proposals.float()
         regions = cut_regions(points, points[:, :0], proposals, drawn.classes, SMALL, seed=step)
         output, truths = network(*regions), drawn.truths.float()
-        weights = RegionLossConfig(front_weight=1.0)
-        loss = region_loss(output, proposals, truths, drawn.is_object, weights)
+        loss = region_loss(output, proposals, truths, drawn.is_object)
         optimizer.zero_grad()
         loss.total.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
@@ -139,39 +127,41 @@ def test_the_second_stage_learns_to_bring_moved_boxes_back_and_again_in_a_second
     network.eval()
     config = RegionExamplesConfig(num_objects=40, num_background=0)
     drawn = region_examples(scene, points, SMALL.classes, np.random.default_rng(1), config)
-    everything = SuppressionConfig(min_score=0.0, iou=1.0)
-    proposals = FoundBoxes(drawn.proposals.float(), drawn.classes, torch.ones(40))
-    before = aligned_iou_3d(drawn.proposals, drawn.truths).mean()
-    means = []
-    for passes in (1, 2):
-        settings = RegionRefinementConfig(passes=passes, suppression=everything)
-        found = refine_boxes(network, points, points[:, :0], proposals, SMALL, settings)
-        truths = torch.tensor(BOXES)
-        distance = torch.cdist(found.boxes[:, :2], truths[:, :2])
-        nearest = truths[distance.argmin(dim=1)]
-        means.append(aligned_iou_3d(found.boxes, nearest).mean())
-        fronts = (found.boxes[:, 6] - nearest[:, 6]).cos() > 0
-        assert fronts.float().mean() > 0.9
-    assert means[0] > before + 0.1
-    assert means[1] > means[0]
+    proposed = Proposed(drawn.proposals.float(), drawn.classes, torch.ones(40))
+    truths = drawn.truths.float()
+    ious = [aligned_iou_3d(proposed.boxes, truths).mean()]
+    for _ in range(2):
+        proposed = changed(stage, sweep, proposed)
+        ious.append(aligned_iou_3d(proposed.boxes, truths).mean())
+        assert ((proposed.boxes[:, 6] - truths[:, 6]).cos() > 0).float().mean() > 0.9
+    assert ious[1] > ious[0] + 0.1
+    assert ious[2] > ious[1]
 
 
-def test_no_proposals_are_refined_to_none_and_overlapping_ones_to_the_best():
-    points, network = sweep_of(BOXES)[:, :3], random_network()
-    nothing = FoundBoxes(torch.zeros(0, 7), torch.zeros(0, dtype=torch.int64), torch.zeros(0))
-    assert len(refine_boxes(network, points, points[:, :0], nothing, SMALL).boxes) == 0
-    twice = torch.tensor([BOXES[0], BOXES[0], BOXES[1]])
-    proposals = FoundBoxes(twice, torch.tensor([0, 0, 0]), torch.tensor([0.4, 0.9, 0.5]))
-    found = refine_boxes(RegionNetwork(SMALL), points, points[:, :0], proposals, SMALL)
-    torch.testing.assert_close(found.boxes, twice[[1, 2]])  # an untrained one changes nothing
-    assert found.scores.tolist() == pytest.approx([0.45**0.5, 0.25**0.5])
+def changed(stage, sweep, proposed):
+    """As a pass leaves proposals; the scores stay those of the first stage."""
+    regions = stage.regions(sweep, proposed, seed=0)
+    with torch.no_grad():
+        refined = stage.refine(stage(**regions.inputs), regions)
+    return proposed._replace(boxes=refined.boxes)
+
+
+def test_the_score_is_made_of_the_proposal_s_and_the_quality():
+    sweep, stage = sweep_of(BOXES), RegionStage(SMALL)
+    proposed = Proposed(torch.tensor(BOXES), torch.tensor([0, 0, 1]), torch.tensor([0.4, 0.9, 0.5]))
+    regions = stage.regions(sweep, proposed, seed=0)
+    boxes, scores = stage.refine(stage(**regions.inputs), regions)
+    torch.testing.assert_close(boxes, proposed.boxes)  # an untrained one changes nothing
+    assert scores.tolist() == pytest.approx([0.2**0.5, 0.45**0.5, 0.25**0.5])
+    told = RegionStage(replace(SMALL, quality_share=1.0))
+    assert told.refine(stage(**regions.inputs), regions).scores.tolist() == [0.5, 0.5, 0.5]
 
 
 def test_settings_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="passes must be at least 1, got 0"):
-        RegionRefinementConfig(passes=0)
+    with pytest.raises(ValueError, match="passes must be from 1 to 10, got 0"):
+        RegionConfig(passes=0)
     with pytest.raises(ValueError, match="quality_share must be from 0 to 1, got 2"):
-        RegionRefinementConfig(quality_share=2.0)
+        RegionConfig(quality_share=2.0)
     with pytest.raises(ValueError, match="front_weight must be finite and not negative, got -1"):
         RegionLossConfig(front_weight=-1.0)
     with pytest.raises(ValueError, match="corner_knee_m must be positive and finite, got 0"):

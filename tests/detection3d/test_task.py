@@ -130,10 +130,20 @@ def test_ignored_objects_are_no_background(batch):
     task = Detection3D(without_refinement(), stages="first")
     task.network.eval()
     truths = tuple(
-        replace(each, classes=torch.full_like(each.classes, -2)) for each in batch.truths
+        replace(
+            each,
+            boxes=each.boxes[:0],
+            classes=each.classes[:0],
+            ignored_boxes=torch.cat((each.ignored_boxes, each.boxes)),
+            ignored_classes=torch.ones(len(each.ignored_boxes) + len(each.boxes), 3).bool(),
+        )
+        for each in batch.truths
     )
     ignored = task.losses(replace(batch, truths=truths))
-    none = tuple(replace(each, boxes=each.boxes[:0], classes=each.classes[:0]) for each in truths)
+    none = tuple(
+        replace(each, ignored_boxes=each.boxes, ignored_classes=each.ignored_classes[:0])
+        for each in truths
+    )
     background = task.losses(replace(batch, truths=none))
     assert float(ignored.total.detach()) < float(background.total.detach())
 
@@ -203,7 +213,7 @@ def test_a_second_stage_is_not_trained_on_a_first_that_has_learned_nothing():
 def test_settings_that_do_not_fit_together_are_refused():
     with pytest.raises(ValueError, match="no second stage to train"):
         Detection3D(without_refinement(), stages="second")
-    with pytest.raises(ValueError, match="needs a first stage"):
+    with pytest.raises(ValueError, match="needs one first stage"):
         Detection3DConfig(points=None)
     with pytest.raises(ValueError, match=r"points.backbone.in_channels is 0, expected 1"):
         replace(TINY, input=replace(SWEEP, reflectance=True))

@@ -1,7 +1,6 @@
 """What a detector shall find in an image, and where nothing shall be asked of it."""
 
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from beartype import beartype
@@ -10,9 +9,7 @@ from torch import Tensor
 
 from sightline.detection2d.config import CLASSES, check_range
 from sightline.structures.labels import ObjectLabels
-
-_NEIGHBOURS: Final = {"Van": "Car", "Truck": "Car", "Person_sitting": "Pedestrian"}
-"""Classes that look like one of ours."""
+from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
 
 
 @jaxtyped(typechecker=beartype)
@@ -46,11 +43,7 @@ class TargetConfig:
 
     def __post_init__(self) -> None:
         """Checks the names and ranges."""
-        unknown = set(self.ignored_names) - set(_NEIGHBOURS)
-        if unknown:
-            raise ValueError(
-                f"ignored_names may hold {', '.join(_NEIGHBOURS)}, got {', '.join(sorted(unknown))}"
-            )
+        check_look_alikes(self.ignored_names)
         for name in ("min_height_px", "min_width_px"):
             check_range(f"targets.{name}", getattr(self, name), 0, 10_000)
         check_range("targets.max_truncation", self.max_truncation, 0, 1)
@@ -78,7 +71,7 @@ def make_targets(objects: ObjectLabels, config: TargetConfig) -> DetectionTarget
     wanted: list[int] = []
     of_classes: list[list[bool]] = []
     for index, name in enumerate(objects.class_names):
-        like = _NEIGHBOURS[name] if name in config.ignored_names else name
+        like = LOOK_ALIKES[name] if name in config.ignored_names else name
         if name in CLASSES and is_clear[index]:
             found.append(index)
             wanted.append(CLASSES.index(name))

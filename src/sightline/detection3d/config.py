@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 
 def _check_widths(name: str, widths: tuple[int, ...]) -> None:
@@ -66,18 +67,28 @@ def _two_scales(
     )
 
 
+# Defaults in tuples have names, by which the settings that a run leaves behind tell them.
+LEVEL_1: Final = _two_scales(4096, (0.1, 0.5), (16, 16, 32), (32, 32, 64))
+LEVEL_2: Final = _two_scales(1024, (0.5, 1.0), (64, 64, 128), (64, 96, 128))
+LEVEL_3: Final = _two_scales(256, (1.0, 2.0), (128, 196, 256), (128, 196, 256))
+LEVEL_4: Final = _two_scales(64, (2.0, 4.0), (256, 256, 512), (256, 384, 512))
+REGION_LEVEL_1: Final = AbstractionConfig(
+    num_centers=128,
+    scales=(NeighbourhoodConfig(radius_m=0.2, num_neighbours=64, widths=(128, 128)),),
+)
+REGION_LEVEL_2: Final = AbstractionConfig(
+    num_centers=32,
+    scales=(NeighbourhoodConfig(radius_m=0.4, num_neighbours=64, widths=(128, 256)),),
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PointBackboneConfig:
     """PointNet++ with several scales (Qi et al. 2017), as Shi et al. 2019 (PointRCNN) size it."""
 
     in_channels: int = 0
     """Features of each point besides x, y, z: 1 for the reflectance."""
-    levels: tuple[AbstractionConfig, ...] = (
-        _two_scales(4096, (0.1, 0.5), (16, 16, 32), (32, 32, 64)),
-        _two_scales(1024, (0.5, 1.0), (64, 64, 128), (64, 96, 128)),
-        _two_scales(256, (1.0, 2.0), (128, 196, 256), (128, 196, 256)),
-        _two_scales(64, (2.0, 4.0), (256, 256, 512), (256, 384, 512)),
-    )
+    levels: tuple[AbstractionConfig, ...] = (LEVEL_1, LEVEL_2, LEVEL_3, LEVEL_4)
     """Set abstractions, the finest first."""
     propagation_widths: tuple[tuple[int, ...], ...] = (
         (128, 128),
@@ -111,16 +122,7 @@ class RefinementConfig:
 
     in_channels: int = 128
     """Features of each point besides x, y, z."""
-    levels: tuple[AbstractionConfig, ...] = (
-        AbstractionConfig(
-            num_centers=128,
-            scales=(NeighbourhoodConfig(radius_m=0.2, num_neighbours=64, widths=(128, 128)),),
-        ),
-        AbstractionConfig(
-            num_centers=32,
-            scales=(NeighbourhoodConfig(radius_m=0.4, num_neighbours=64, widths=(128, 256)),),
-        ),
-    )
+    levels: tuple[AbstractionConfig, ...] = (REGION_LEVEL_1, REGION_LEVEL_2)
     """Set abstractions, the finest first."""
     global_widths: tuple[int, ...] = (256, 512)
     """Layers of the last one, which takes all points that are left together."""

@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.proposals import ProposalConfig
-from sightline.detection3d.stages import Proposed, Run, Sweep
+from sightline.detection3d.stages import Proposed, Run, Sweep, full_precision
 from sightline.detection3d.suppression import suppress_boxes
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D
@@ -19,21 +18,23 @@ _SEED = 0  # of the points that are drawn around proposals: a sweep is always an
 def propose(
     detector: Detector3D,
     sweep: Sweep,
-    configs: Sequence[ProposalConfig],
     run: Run | None = None,
+    *,
+    training: Sequence[bool] = (False,),
 ) -> list[Proposed]:
     """The first stage's proposals for a sweep of one point or more, in as many ways as asked for.
 
     Args:
         detector: The stages.
         sweep: As `sweeps` prepares it.
-        configs: How boxes become proposals.
         run: Runs the stage's module. None: PyTorch, where the module is.
+        training: For each way, whether they are for a second stage's training.
     """
     first = detector.first
     inputs = first.inputs([sweep])
     output = _here(first, inputs) if run is None else run(inputs)
-    return [first.propose(output, [sweep], config)[0] for config in configs]
+    with full_precision(sweep):
+        return [first.propose(output, [sweep], training=each)[0] for each in training]
 
 
 def refine(
@@ -50,24 +51,28 @@ def refine(
     Returns:
         The surest first, in the labels' frame.
     """
-    boxes, classes, scores, features = proposed
-    second = detector.second
+    scores, second = proposed.scores, detector.second
     for _ in range(0 if second is None else second.passes):
         assert second is not None, "there are passes"
-        if not len(boxes):
+        if not len(proposed.boxes):
             break
-        regions = second.regions(sweep, features, boxes, seed=_SEED)
-        classes = classes[regions.places]
-        if not len(classes):
-            boxes, scores = boxes[:0], scores[:0]
-            break
-        output = _here(second, regions.inputs) if run is None else run(regions.inputs)
-        boxes, scores = second.refine(output, regions)
-    kept = suppress_boxes(boxes, scores, detector.config.suppression, labels=classes).cpu()
-    answered = boxes.detach().cpu()[kept]
-    answered[:, 2] -= detector.config.input.height_offset_m
+        with full_precision(sweep):
+            regions = second.regions(sweep, proposed, seed=_SEED)
+        boxes, scores, classes = regions.boxes, regions.scores, proposed.classes[regions.places]
+        if len(boxes):
+            output = _here(second, regions.inputs) if run is None else run(regions.inputs)
+            with full_precision(sweep):
+                boxes, scores = second.refine(output, regions)
+        proposed = Proposed(boxes, classes, regions.scores, proposed.features)
+    config = detector.config
+    with full_precision(sweep):
+        kept = suppress_boxes(proposed.boxes, scores, config.suppression, labels=proposed.classes)
+    kept = kept.cpu()
+    answered = proposed.boxes.detach().cpu()[kept]
+    answered[:, 2] -= config.input.height_offset_m
+    kinds = proposed.classes.cpu()[kept].tolist()
     return Detections3D(
-        class_names=tuple(detector.class_names[index] for index in classes.cpu()[kept].tolist()),
+        class_names=tuple(detector.class_names[index] for index in kinds),
         boxes=Boxes3D(answered),
         scores=scores.detach().cpu()[kept],
     )

@@ -7,9 +7,13 @@ plain second stage.
 import math
 from dataclasses import dataclass, field
 
+from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.config import RefinementConfig
+from sightline.detection3d.pillar_config import PillarNetworkConfig
+from sightline.detection3d.pillar_detections import PillarDetectionConfig
 from sightline.detection3d.proposal_network import ProposalNetworkConfig
 from sightline.detection3d.proposals import ProposalConfig
+from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
 
@@ -21,8 +25,8 @@ _MOST_PROPOSALS = 10_000
 class SweepConfig:
     """What a network sees of a sweep: for training, scoring and use alike."""
 
-    num_points: int = 16_384
-    """So many are drawn; a sweep of fewer repeats some."""
+    num_points: int | None = 16_384
+    """So many are drawn; a sweep of fewer repeats some. None: all are taken, in their order."""
     lowest_m: tuple[float, float, float] = (0.0, -40.0, -3.0)
     """x, y, z from which on points are seen (LiDAR frame)."""
     highest_m: tuple[float, float, float] = (70.4, 40.0, 1.0)
@@ -38,7 +42,7 @@ class SweepConfig:
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        if not 1 <= self.num_points <= _MOST_POINTS:
+        if self.num_points is not None and not 1 <= self.num_points <= _MOST_POINTS:
             raise ValueError(
                 f"input.num_points must be from 1 to {_MOST_POINTS}, got {self.num_points}"
             )
@@ -60,37 +64,86 @@ class Detection3DConfig:
     """What it sees of a sweep."""
     points: ProposalNetworkConfig | None = field(default_factory=ProposalNetworkConfig)
     """First stage: every point tells whether it lies on an object, and that object's box."""
+    pillars: PillarNetworkConfig | None = None
+    """Compact first stage in its place: centres and boxes in a map of pillars."""
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
-    """Which boxes go on to the second stage."""
+    """Which of the boxes that points tell go on to the second stage."""
     training_proposals: ProposalConfig = field(
         default_factory=lambda: ProposalConfig(num_proposals=300)
     )
     """The same while the second stage is trained."""
+    centers: PillarDetectionConfig = field(default_factory=PillarDetectionConfig)
+    """Which of the boxes that pillars tell go on to the second stage."""
     refinement: RefinementConfig | None = field(default_factory=RefinementConfig)
-    """Second stage: a box and its confidence from the points around each proposal. None: the
-    proposals are the answer."""
+    """Second stage: a box and its confidence from the points around each proposal."""
+    regions: RegionConfig | None = None
+    """Compact second stage in its place. With neither, the proposals are the answer."""
     pooling: RoiPoolingConfig = field(default_factory=RoiPoolingConfig)
-    """What of the sweep is around a proposal."""
+    """What of the sweep is around a proposal, for the plain second stage."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
     """Which boxes are answered."""
 
     def __post_init__(self) -> None:
         """Checks that there is a first stage, and that the stages fit together."""
-        if self.points is None:
-            raise ValueError("a detector needs a first stage: set points")
-        if max(self.proposals.num_proposals, self.training_proposals.num_proposals) > (
-            _MOST_PROPOSALS
-        ):
-            raise ValueError(f"proposals.num_proposals must be up to {_MOST_PROPOSALS}")
-        extra = self.points.backbone.in_channels
+        if (self.points is None) == (self.pillars is None):
+            raise ValueError("a detector needs one first stage: set points or pillars, not both")
+        if self.refinement is not None and self.regions is not None:
+            raise ValueError(
+                "a detector has one second stage at most: set refinement or regions to null"
+            )
+        most = max(
+            self.proposals.num_proposals,
+            self.training_proposals.num_proposals,
+            self.centers.max_boxes,
+        )
+        if most > _MOST_PROPOSALS:
+            raise ValueError(
+                f"proposals.num_proposals and centers.max_boxes must be up to {_MOST_PROPOSALS}"
+            )
+        if self.points is not None:
+            self._check_points(self.points)
+        if self.pillars is not None and self.pillars.grid.reflectance != self.input.reflectance:
+            raise ValueError(
+                f"pillars.grid.reflectance is {self.pillars.grid.reflectance}, but "
+                f"input.reflectance {self.input.reflectance}: set both alike"
+            )
+        self._check_second()
+
+    @property
+    def classes(self) -> tuple[RoadUserClass, ...]:
+        """What the first stage proposes, in the order of its outputs."""
+        first = self.points or self.pillars
+        assert first is not None, "checked when built"
+        return first.classes
+
+    def _check_points(self, points: ProposalNetworkConfig) -> None:
+        if self.input.num_points is None:
+            raise ValueError("input.num_points must be a number where points are the first stage")
+        extra = points.backbone.in_channels
         if extra != self.input.reflectance:
             raise ValueError(
                 f"points.backbone.in_channels is {extra}, expected {int(self.input.reflectance)}: "
                 "1 with input.reflectance, else 0"
             )
-        given = self.points.backbone.out_channels
+
+    def _check_second(self) -> None:
+        given = 0 if self.points is None else self.points.backbone.out_channels
         if self.refinement is not None and self.refinement.in_channels != given:
             raise ValueError(
                 f"refinement.in_channels is {self.refinement.in_channels}, expected {given}, the "
                 "features that the first stage gives each point"
+            )
+        if self.regions is None:
+            return
+        told = given if self.points is not None else int(self.input.reflectance)
+        if self.regions.in_channels != told:
+            raise ValueError(
+                f"regions.in_channels is {self.regions.in_channels}, expected {told}: the features "
+                "that the first stage gives each point, else 1 with input.reflectance and 0 without"
+            )
+        if self.regions.classes != self.classes:
+            raise ValueError(
+                f"regions.classes are {', '.join(each.name for each in self.regions.classes)}, "
+                f"expected the first stage's with its sizes: "
+                f"{', '.join(each.name for each in self.classes)}"
             )

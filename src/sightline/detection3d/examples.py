@@ -1,14 +1,17 @@
 """What the detectors train on and are scored on, made of samples."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from sightline.data.object_labels import kitti_from_labels
+from sightline.data.open import SampleDataset
 from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
 from sightline.detection3d.batch import Detection3DBatch, FrameTruth
 from sightline.detection3d.detector_config import SweepConfig
+from sightline.detection3d.object_sampling import ObjectBank, fill_bank
 from sightline.detection3d.proposal_cache import read_record
 from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
 from sightline.detection3d.targets import TargetConfig, make_truth
@@ -50,11 +53,23 @@ class DetectionExamples(SamplePreparation):
         """
         self.settings = settings or ExampleConfig()
         self.cache = cache
+        self._bank: ObjectBank | None = None
         if cache is not None and self.settings.changes is not None:
             raise ValueError(
                 "a first stage's cache holds scenes as they were taken: set settings.changes to "
                 "null, or leave the cache out"
             )
+
+    def for_training(
+        self, datasets: Sequence[SampleDataset], rng: np.random.Generator
+    ) -> "DetectionExamples":
+        """Keeps objects that are pasted into other sweeps, if the settings ask for that."""
+        changes = self.settings.changes
+        if changes is None or changes.objects is None:
+            return self
+        filled = DetectionExamples(self.settings, self.cache)
+        filled._bank = fill_bank(datasets, changes.bank_frames, rng, changes.objects)
+        return filled
 
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
@@ -85,7 +100,7 @@ class DetectionExamples(SamplePreparation):
         else:
             shown = cut_to_view(replace(sample, image=None, depth=None), settings.input)
             if training and settings.changes is not None:
-                shown = change_scene(shown, settings.changes, rng)
+                shown = change_scene(shown, settings.changes, rng, self._bank)
             assert shown.points is not None, "checked when it was cut"
             assert shown.objects is not None, "checked above"
             seen = points_in_range(shown.points, settings.input)

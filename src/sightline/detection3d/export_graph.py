@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.stages import Sweep
+from sightline.detection3d.stages import Proposed, Sweep
 from sightline.export.graph import Cases, ExportGraph
 from sightline.export.metadata import ExportMetadata
 from sightline.inference.network import LoadedNetwork
@@ -23,6 +23,7 @@ logit. Both compute in float32, whose step is 0.004 mm at 70 m; the order of sum
 
 _SPREAD_M = (0.8, 0.4, 0.3)  # deviations of the points around a centre
 _POINTS_A_CENTER = 64
+_MANY_POINTS = 16_384  # of a network that takes any number
 _REGIONS = 8
 _BOX = (3.88, 1.63, 1.53, 0.5)  # length, width, height [m], yaw
 _CASES = ("clusters", "other clusters", "one point")
@@ -80,8 +81,10 @@ def _second_inputs(detector: Detector3D, case: str) -> Inputs:
     features = torch.randn(len(sweep), channels, generator=generator) if channels else None
     around = sweep[:: max(len(sweep) // _REGIONS, 1), :3][:_REGIONS]
     boxes = torch.cat((around, around.new_tensor([_BOX]).expand(len(around), 4)), dim=1)
-    inputs = second.regions(sweep, features, boxes, seed=0).inputs
-    return pad_regions(inputs, detector.config.proposals.num_proposals)
+    classes = torch.arange(len(boxes)) % len(detector.class_names)
+    proposed = Proposed(boxes, classes, torch.ones(len(boxes)), features)
+    inputs = second.regions(sweep, proposed, seed=0).inputs
+    return pad_regions(inputs, detector.first.max_proposals)
 
 
 def pad_regions(inputs: dict[str, Tensor], count: int) -> dict[str, Tensor]:
@@ -99,7 +102,7 @@ def _sweep(detector: Detector3D, case: str) -> Sweep:
     settings = detector.config.input
     generator = torch.Generator().manual_seed(1 if case == "other clusters" else 0)
     low, high = (torch.tensor(corner) for corner in (settings.lowest_m, settings.highest_m))
-    count = settings.num_points
+    count = settings.num_points or _MANY_POINTS
     num_centers = -(-count // _POINTS_A_CENTER)
     centers = low + (high - low) * torch.rand(num_centers, 3, generator=generator)
     near = centers.repeat(_POINTS_A_CENTER, 1)[:count]

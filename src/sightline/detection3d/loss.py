@@ -5,16 +5,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from sightline.detection3d.batch import Detection3DBatch, FirstStageRecord
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.proposal_sampling import ProposalSamples, sample_proposals
-from sightline.detection3d.stages import Proposed, Regions, SecondStage, Sweep
-from sightline.detection3d.targets import SweepTruth
-from sightline.ops.rotated_iou import pairwise_iou_3d
+from sightline.detection3d.stages import (
+    Proposed,
+    Regions,
+    SecondStage,
+    Sweep,
+    full_precision,
+)
 from sightline.training.module import Losses
 
 Stages = Literal["both", "first", "second"]
@@ -44,29 +47,34 @@ def detection_losses(
         stages: Which are trained.
     """
     used = [number for number, points in enumerate(batch.points) if len(points)]
+    sweeps = [batch.points[number] for number in used]
+    truths = [batch.truths[number] for number in used]
     terms: dict[str, Tensor] = {}
     total = _nothing(detector)
     proposed: list[Proposed] = []
     if used and batch.records is not None and stages == "second":
         proposed = [proposed_by(batch.records[number], batch.points[number]) for number in used]
     elif used:
-        sweeps = [batch.points[number] for number in used]
         first = detector.first
         with torch.set_grad_enabled(stages != "second"):
             output = first(**first.inputs(sweeps))
-        if stages != "second":
-            lost = first.losses(output, sweeps, [batch.truths[each] for each in used], config)
-            terms |= {f"first/{name}": value for name, value in lost._asdict().items()}
-            total = total + config.first_weight * lost.total
-        if stages != "first" and detector.second is not None:
-            proposed = list(first.propose(output, sweeps, detector.config.training_proposals))
+        with full_precision(sweeps[0]):
+            if stages != "second":
+                lost = first.losses(output, sweeps, truths, config)
+                terms |= {f"first/{name}": value for name, value in lost._asdict().items()}
+                total = total + config.first_weight * lost.total
+            if stages != "first" and detector.second is not None:
+                proposed = list(first.propose(output, sweeps, training=True))
     second = detector.second
     if proposed and second is not None:
-        examples = [
-            _examples(second, batch.points[number], proposals, batch.truths[number],
-                      config, batch.seeds[number])
-            for number, proposals in zip(used, proposed, strict=True)
-        ]  # fmt: skip
+        seeds = [batch.seeds[number] for number in used]
+        with full_precision(sweeps[0]):
+            examples = [
+                second.examples(sweep, proposals, truth, config, seed=seed)
+                for sweep, proposals, truth, seed in zip(
+                    sweeps, proposed, truths, seeds, strict=True
+                )
+            ]
         refined = _second_losses(second, examples, config)
         if refined is not None:
             terms |= {f"second/{name}": value for name, value in refined._asdict().items()}
@@ -84,60 +92,28 @@ def _nothing(module: nn.Module) -> Float[Tensor, ""]:
 
 def proposed_by(record: FirstStageRecord, points: Sweep) -> Proposed:
     """What a first stage gave for a sweep's points when its record was made."""
-    features = record.features.to(points.dtype)
+    features = record.features.to(points.dtype) if record.features.shape[1] else None
     return Proposed(record.boxes, record.classes, record.scores, features)
-
-
-def _examples(
-    second: SecondStage,
-    sweep: Sweep,
-    proposed: Proposed,
-    truth: SweepTruth,
-    config: Detection3DLossConfig,
-    seed: int,
-) -> tuple[Regions, ProposalSamples]:
-    """Regions of a sweep to train on, and what each is to become."""
-    boxes = proposed.boxes[(proposed.boxes[:, 3:6] > 0).all(dim=1)]
-    boxes = boxes[~_is_on_ignored(boxes, truth, config)]
-    generator = torch.Generator().manual_seed(seed)
-    wanted = truth.boxes[truth.is_wanted]
-    samples = sample_proposals(boxes, wanted, config.sampling, generator=generator)
-    regions = second.regions(sweep, proposed.features, boxes[samples.proposal], seed=seed)
-    return regions, ProposalSamples(*(values[regions.places] for values in samples))
-
-
-def _is_on_ignored(
-    boxes: Float[Tensor, "num_proposals 7"], truth: SweepTruth, config: Detection3DLossConfig
-) -> Bool[Tensor, " num_proposals"]:
-    """Which proposals would be hard to call background: they are on an ignored object."""
-    ignored = truth.boxes[~truth.is_wanted]
-    if not len(ignored) or not len(boxes):
-        return torch.zeros(len(boxes), dtype=torch.bool, device=boxes.device)
-    most = pairwise_iou_3d(boxes.double(), ignored).amax(dim=1)
-    wanted = truth.boxes[truth.is_wanted]
-    own = torch.zeros_like(most)
-    if len(wanted):
-        own = pairwise_iou_3d(boxes.double(), wanted).amax(dim=1)
-    return (most >= config.sampling.background_iou) & (most > own)
 
 
 def _second_losses(
     second: SecondStage,
-    examples: Sequence[tuple[Regions, ProposalSamples]],
+    examples: Sequence[tuple[Regions, tuple[Tensor, ...]]],
     config: Detection3DLossConfig,
 ) -> Losses | None:
     """Of the regions of all sweeps together; None where there is none."""
-    held = [(regions, samples) for regions, samples in examples if len(regions.places)]
+    held = [(regions, wanted) for regions, wanted in examples if len(regions.places)]
     if not held:
         return None
-    all_regions, all_samples = zip(*held, strict=True)
-    regions = Regions(
-        torch.cat([each.places for each in all_regions]),
-        torch.cat([each.boxes for each in all_regions]),
-        {
-            name: torch.cat([each.inputs[name] for each in all_regions])
-            for name in all_regions[0].inputs
-        },
+    all_regions, all_wanted = zip(*held, strict=True)
+    places, boxes, scores = (
+        torch.cat([each[column] for each in all_regions]) for column in range(3)
     )
-    samples = ProposalSamples(*(torch.cat(values) for values in zip(*all_samples, strict=True)))
-    return second.losses(second(**regions.inputs), regions, samples, config)
+    inputs = {
+        name: torch.cat([each.inputs[name] for each in all_regions])
+        for name in all_regions[0].inputs
+    }
+    wanted = type(all_wanted[0])(*(torch.cat(values) for values in zip(*all_wanted, strict=True)))
+    output = second(**inputs)
+    with full_precision(boxes):
+        return second.losses(output, Regions(places, boxes, scores, inputs), wanted, config)

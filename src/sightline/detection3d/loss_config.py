@@ -3,9 +3,13 @@
 import math
 from dataclasses import dataclass, field
 
+from sightline.detection3d.pillar_loss import PillarLossConfig
+from sightline.detection3d.pillar_targets import PillarTargetsConfig
 from sightline.detection3d.proposal_loss import ProposalLossConfig
 from sightline.detection3d.proposal_sampling import ProposalSamplingConfig
 from sightline.detection3d.refinement_loss import RefinementLossConfig
+from sightline.detection3d.region_examples import RegionExamplesConfig
+from sightline.detection3d.region_loss import RegionLossConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,13 +17,21 @@ class Detection3DLossConfig:
     """The losses of both stages."""
 
     points: ProposalLossConfig = field(default_factory=ProposalLossConfig)
-    """Of the first stage."""
+    """Of a first stage of points."""
+    pillars: PillarLossConfig = field(default_factory=PillarLossConfig)
+    """Of a first stage of pillars."""
+    cells: PillarTargetsConfig = field(default_factory=PillarTargetsConfig)
+    """What its cells shall tell."""
     first_weight: float = 1.0
     """Of the first stage's loss, where both are trained."""
     sampling: ProposalSamplingConfig = field(default_factory=ProposalSamplingConfig)
-    """Which proposals the second stage is trained on."""
+    """Which proposals the plain second stage is trained on."""
     refinement: RefinementLossConfig = field(default_factory=RefinementLossConfig)
-    """Of the second stage."""
+    """Of the plain second stage."""
+    region_examples: RegionExamplesConfig = field(default_factory=RegionExamplesConfig)
+    """What the compact second stage is trained on."""
+    regions: RegionLossConfig = field(default_factory=RegionLossConfig)
+    """Of the compact second stage."""
 
     def __post_init__(self) -> None:
         """Checks the weight."""

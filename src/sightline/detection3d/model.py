@@ -4,7 +4,7 @@ from typing import cast
 
 from torch import nn
 
-from sightline.detection3d.designs import build_first_stage, build_second_stage, classes_of
+from sightline.detection3d.designs import build_first_stage, build_second_stage
 from sightline.detection3d.detector_config import Detection3DConfig
 from sightline.detection3d.stages import FirstStage, SecondStage
 
@@ -21,7 +21,7 @@ class Detector3D(nn.Module):
         self.second_name = None if second is None else second[0]
         if second is not None:
             self.add_module(*second)
-        self.class_names = tuple(entry.name for entry in classes_of(config))
+        self.class_names = tuple(entry.name for entry in config.classes)
 
     @property
     def first(self) -> FirstStage:

@@ -1,12 +1,12 @@
 """Road users of other sweeps pasted into a sweep, where there is room: to train on.
 
-Yan et al. 2018 (SECOND), section 3.2, and Shi et al. 2019 (PointRCNN), section 4.1. Departures:
+After Yan et al. 2018 (SECOND) and Shi et al. 2019 (PointRCNN), section 4.1. Departures:
 objects turn about the sensor, so that they are seen from the same side and as densely; they are put
 on the ground; and what hides behind them is taken away, as they are by what stands before them.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from jaxtyping import Float32, Float64, jaxtyped
 from torch import Tensor
 
 from sightline.data.object_results import kitti_from_detections
+from sightline.data.open import SampleDataset
 from sightline.detection3d.occlusion import visible_together
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
@@ -118,6 +119,23 @@ def collect_objects(
         if name in config.class_names and len(inside) >= config.min_points:
             found.append(BankedObject(class_name=name, box=boxes[index].clone(), points=inside))
     return found
+
+
+def fill_bank(
+    datasets: Sequence[SampleDataset],
+    num_frames: int,
+    rng: np.random.Generator,
+    config: ObjectSamplingConfig = ObjectSamplingConfig(),
+) -> ObjectBank:
+    """The objects of so many frames, drawn from all of the data sets; of all where there are fewer.
+
+    Raises:
+        ValueError: A frame cannot be read, or has no sweep or no labels.
+    """
+    frames = [(dataset, index) for dataset in datasets for index in range(len(dataset))]
+    chosen = sorted(rng.permutation(len(frames))[:num_frames].tolist())
+    samples = (dataset[index] for dataset, index in (frames[each] for each in chosen))
+    return ObjectBank(entry for sample in samples for entry in collect_objects(sample, config))
 
 
 def paste_objects(

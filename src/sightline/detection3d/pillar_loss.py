@@ -36,7 +36,7 @@ class PillarLossConfig:
     """Of the values that tell centre, sizes and axis."""
     corner_weight: float = 2.0
     """Of the corners' distances."""
-    front_weight: float = 0.3
+    front_weight: float = 2.0
     """Of the values that tell the front."""
     quality_weight: float = 0.3
     """Of the predicted IoU."""

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from torch import Tensor
 
 from sightline.detection3d.pillar_config import PillarGridConfig
-from sightline.detection3d.scene_objects import SceneObjects
+from sightline.detection3d.targets import SweepTruth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class PillarTargets(NamedTuple):
 
 
 def pillar_targets(
-    scenes: Sequence[SceneObjects],
+    scenes: Sequence[SweepTruth],
     num_classes: int,
     grid: PillarGridConfig,
     config: PillarTargetsConfig = PillarTargetsConfig(),
@@ -73,11 +73,11 @@ def pillar_targets(
     for sweep, scene in enumerate(scenes):
         is_inside = _has_center(scene.boxes, grid)
         for index in is_inside.nonzero()[:, 0].tolist():
-            class_heat = heat[sweep, int(scene.class_indices[index])]
+            class_heat = heat[sweep, int(scene.classes[index])]
             _add_heat(class_heat, scene.boxes[index], grid, config)
         _leave_out(counts[sweep], scene, is_inside, grid, config)
         for class_index in range(num_classes):
-            mine = scene.boxes[is_inside & (scene.class_indices == class_index)]
+            mine = scene.boxes[is_inside & (scene.classes == class_index)]
             row, column, owner = _told_cells(mine, grid, config)
             place = torch.full_like(row, sweep), torch.full_like(row, class_index), row, column
             cells.append(torch.stack(place, dim=1))
@@ -154,14 +154,14 @@ def _add_heat(
 
 def _leave_out(
     counts: Bool[Tensor, "classes rows columns"],
-    scene: SceneObjects,
+    scene: SweepTruth,
     is_inside: Bool[Tensor, " num_objects"],
     grid: PillarGridConfig,
     config: PillarTargetsConfig,
 ) -> None:
     """Marks the cells in and around what is ignored."""
     outside = (~is_inside).nonzero()[:, 0]
-    own_class = torch.arange(len(counts)) == scene.class_indices[outside, None]
+    own_class = torch.arange(len(counts)) == scene.classes[outside, None]
     boxes = torch.cat((scene.ignored_boxes, scene.boxes[outside]))
     classes = torch.cat((scene.ignored_classes, own_class))
     for box, of_classes in zip(boxes, classes, strict=True):

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
+from sightline.detection3d.foreground import IGNORED
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.proposal_loss import ProposalLosses, proposal_loss
 from sightline.detection3d.proposal_network import (
@@ -25,9 +26,17 @@ class PointProposals(nn.Module):
 
     output_type = ProposalNetworkOutput
 
-    def __init__(self, config: ProposalNetworkConfig) -> None:
+    def __init__(
+        self,
+        config: ProposalNetworkConfig,
+        proposals: ProposalConfig,
+        training_proposals: ProposalConfig,
+    ) -> None:
         super().__init__()
         self.config = config
+        self.proposals = proposals
+        self.training_proposals = training_proposals
+        self.max_proposals = proposals.num_proposals
         self.feature_channels = config.backbone.out_channels
         self.network = ProposalNetwork(config)
 
@@ -53,9 +62,10 @@ class PointProposals(nn.Module):
         return given | self.network.backbone.find(points)
 
     def propose(
-        self, output: ProposalNetworkOutput, sweeps: Sequence[Sweep], config: ProposalConfig
+        self, output: ProposalNetworkOutput, sweeps: Sequence[Sweep], *, training: bool
     ) -> tuple[Proposed, ...]:
         """The boxes that points tell, best first; see `choose_proposals`."""
+        config = self.training_proposals if training else self.proposals
         points = torch.stack([sweep[:, :3] for sweep in sweeps])
         with torch.no_grad():
             boxes, classes, scores = tell_boxes(
@@ -79,9 +89,17 @@ class PointProposals(nn.Module):
     ) -> ProposalLosses:
         """See `proposal_loss`; points on ignored objects count nowhere."""
         points = torch.stack([sweep[:, :3] for sweep in sweeps])
-        boxes, classes = (
-            pad_sequence([getattr(truth, name) for truth in truths], batch_first=True)
-            for name in ("boxes", "classes")
-        )
+        boxes = [torch.cat((truth.boxes, truth.ignored_boxes)).float() for truth in truths]
+        classes = [
+            torch.cat((truth.classes, truth.classes.new_full((len(truth.ignored_boxes),), IGNORED)))
+            for truth in truths
+        ]
         whole = ProposalNetworkOutput(*(values.float() for values in output))
-        return proposal_loss(whole, points, boxes, classes, self.config, config.points)
+        return proposal_loss(
+            whole,
+            points,
+            pad_sequence(boxes, batch_first=True),
+            pad_sequence(classes, batch_first=True),
+            self.config,
+            config.points,
+        )

@@ -3,17 +3,23 @@
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from sightline.detection3d.config import RefinementConfig
 from sightline.detection3d.loss_config import Detection3DLossConfig
-from sightline.detection3d.proposal_sampling import ProposalSamples
+from sightline.detection3d.proposal_sampling import (
+    ProposalSamples,
+    ProposalSamplingConfig,
+    sample_proposals,
+)
 from sightline.detection3d.refinement_loss import box_loss, confidence_loss
 from sightline.detection3d.refinement_network import RefinementNetwork, RefinementOutput
 from sightline.detection3d.roi_pooling import RoiPoolingConfig, pool_rois
-from sightline.detection3d.stages import Refined, Regions, Sweep
+from sightline.detection3d.stages import Proposed, Refined, Regions, Sweep
+from sightline.detection3d.targets import SweepTruth
 from sightline.geometry.transforms import wrap_angle
+from sightline.ops.rotated_iou import pairwise_iou_3d
 
 _LEAST_SIZE_M = 0.01
 
@@ -51,18 +57,41 @@ class PointRefinement(nn.Module):
     def regions(
         self,
         sweep: Sweep,
-        features: Float[Tensor, "num_points channels"] | None,
-        boxes: Float[Tensor, "num_proposals 7"],
+        proposed: Proposed,
         *,
         seed: int,
     ) -> Regions:
         """Draws points around proposals; differentiable by the features."""
-        assert features is not None, "settings name a first stage that gives features"
-        drawn = pool_rois(sweep[:, :3].contiguous(), features, boxes, self.pooling, seed=seed)
+        features = sweep[:, :0] if proposed.features is None else proposed.features
+        points = sweep[:, :3].contiguous()
+        drawn = pool_rois(points, features, proposed.boxes, self.pooling, seed=seed)
         given = {"points": drawn.points, "features": drawn.features}
         if len(drawn.points):
             given |= self.network.find(drawn.points)
-        return Regions(drawn.proposal, drawn.boxes, given)
+        scores = proposed.scores[drawn.proposal]
+        return Regions(drawn.proposal, drawn.boxes, scores, given)
+
+    def examples(
+        self,
+        sweep: Sweep,
+        proposed: Proposed,
+        truth: SweepTruth,
+        config: Detection3DLossConfig,
+        *,
+        seed: int,
+    ) -> tuple[Regions, ProposalSamples]:
+        """Draws of the proposals; see `sample_proposals`. Those on ignored objects are left out."""
+        usable = (proposed.boxes[:, 3:6] > 0).all(dim=1)
+        usable[usable.clone()] = ~_is_on_ignored(proposed.boxes[usable], truth, config.sampling)
+        boxes, classes, scores = (values[usable] for values in proposed[:3])
+        generator = torch.Generator().manual_seed(seed)
+        samples = sample_proposals(
+            boxes, truth.boxes.to(boxes.dtype), config.sampling, generator=generator
+        )
+        chosen = samples.proposal
+        drawn = Proposed(boxes[chosen], classes[chosen], scores[chosen], proposed.features)
+        regions = self.regions(sweep, drawn, seed=seed)
+        return regions, ProposalSamples(*(values[regions.places] for values in samples))
 
     def refine(self, output: RefinementOutput, regions: Regions) -> Refined:
         """The boxes as given; sizes that an untrained network makes negative are a centimetre."""
@@ -75,11 +104,24 @@ class PointRefinement(nn.Module):
         self,
         output: RefinementOutput,
         regions: Regions,
-        samples: ProposalSamples,
+        wanted: ProposalSamples,
         config: Detection3DLossConfig,
     ) -> PointRefinementLosses:
         """See `box_loss` and `confidence_loss`."""
         del regions
-        boxes = box_loss(output.boxes.float(), samples.boxes, samples.iou, config.refinement).total
-        confidence = confidence_loss(output.logits.float(), samples.iou, config.refinement)
+        boxes = box_loss(output.boxes.float(), wanted.boxes, wanted.iou, config.refinement).total
+        confidence = confidence_loss(output.logits.float(), wanted.iou, config.refinement)
         return PointRefinementLosses(boxes + confidence, boxes, confidence)
+
+
+def _is_on_ignored(
+    boxes: Float[Tensor, "num_proposals 7"], truth: SweepTruth, config: ProposalSamplingConfig
+) -> Bool[Tensor, " num_proposals"]:
+    """Which proposals would be hard to call background: they are on an ignored object."""
+    if not len(truth.ignored_boxes) or not len(boxes):
+        return torch.zeros(len(boxes), dtype=torch.bool, device=boxes.device)
+    most = pairwise_iou_3d(boxes.double(), truth.ignored_boxes).amax(dim=1)
+    own = torch.zeros_like(most)
+    if len(truth.boxes):
+        own = pairwise_iou_3d(boxes.double(), truth.boxes).amax(dim=1)
+    return (most >= config.background_iou) & (most > own)

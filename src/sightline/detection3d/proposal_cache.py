@@ -37,7 +37,7 @@ FORMAT: Final = 1
 _METADATA_KEY = "sightline"
 _REMEDY = "make the cache again by `sightline proposals`"
 _COLUMNS = ("boxes", "classes", "scores")
-_SETTINGS = ("input", "proposals", "training_proposals")
+_SETTINGS = ("input", "proposals", "training_proposals", "centers")
 
 
 def first_stage_identity(detector: Detector3D) -> str:

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
 
+_MOST_PASSES = 10
+
 
 @dataclass(frozen=True, kw_only=True)
 class RegionConfig:
     """The compact second stage: one small point network for the regions of all classes."""
 
     classes: tuple[RoadUserClass, ...] = (CAR, PEDESTRIAN, CYCLIST)
-    """What the first stage finds."""
+    """What the first stage finds, in its order."""
     margin_m: tuple[float, float, float] = (0.8, 0.6, 0.4)
     """How far a region reaches beyond its box in length, width and height, at either end."""
     num_points: int = 192
@@ -24,6 +26,13 @@ class RegionConfig:
     """Of the layer that each point goes through with what the region's points have in common."""
     head_widths: tuple[int, ...] = (192, 128)
     """Layers of the head before its last."""
+    canonical: bool = True
+    """Whether points are told in the proposal's frame, with the distances to its faces; else in the
+    sweep's."""
+    passes: int = 2
+    """How often boxes are changed; each pass sees the points around the boxes of the one before."""
+    quality_share: float = 0.5
+    """Share of the last quality in the score, a product of powers; the proposal has the rest."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -42,11 +51,15 @@ class RegionConfig:
                 raise ValueError(f"{name} must hold one positive width a layer, got {widths}")
         if self.region_width < 1:
             raise ValueError(f"region_width must be at least 1, got {self.region_width}")
+        if not 1 <= self.passes <= _MOST_PASSES:
+            raise ValueError(f"passes must be from 1 to {_MOST_PASSES}, got {self.passes}")
+        if not 0 <= self.quality_share <= 1:
+            raise ValueError(f"quality_share must be from 0 to 1, got {self.quality_share}")
 
     @property
     def point_channels(self) -> int:
         """Of what a point of a region tells."""
-        return 9 + self.in_channels
+        return (9 if self.canonical else 3) + self.in_channels
 
     @property
     def context_channels(self) -> int:

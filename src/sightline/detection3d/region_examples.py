@@ -16,7 +16,7 @@ from torch import Tensor
 
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.pillar_detections import FoundBoxes
-from sightline.detection3d.scene_objects import SceneObjects
+from sightline.detection3d.targets import SweepTruth
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.transforms import wrap_angle, yaw_rotation
 from sightline.ops.rotated_iou import pairwise_iou_bev
@@ -88,7 +88,7 @@ class RegionExamples(NamedTuple):
 
 
 def region_examples(
-    scene: SceneObjects,
+    scene: SweepTruth,
     points: Float[Tensor, "num_points 3"],
     classes: tuple[RoadUserClass, ...],
     rng: np.random.Generator,
@@ -121,17 +121,17 @@ def region_examples(
 
 
 def _moved_truths(
-    scene: SceneObjects, rng: np.random.Generator, config: RegionExamplesConfig
+    scene: SweepTruth, rng: np.random.Generator, config: RegionExamplesConfig
 ) -> RegionExamples:
     number = config.num_objects if len(scene.boxes) else 0
     chosen = torch.from_numpy(rng.integers(max(len(scene.boxes), 1), size=number))
-    truths, classes = scene.boxes[chosen], scene.class_indices[chosen]
+    truths, classes = scene.boxes[chosen], scene.classes[chosen]
     is_object = torch.ones(number, dtype=torch.bool)
     return RegionExamples(_moved(truths, 1.0, rng, config), classes, truths, is_object)
 
 
 def _background(
-    scene: SceneObjects,
+    scene: SweepTruth,
     points: Float[Tensor, "num_points 3"],
     classes: tuple[RoadUserClass, ...],
     rng: np.random.Generator,
@@ -152,11 +152,11 @@ def _background(
 
 
 def _first_stage(
-    scene: SceneObjects, found: FoundBoxes, rng: np.random.Generator, config: RegionExamplesConfig
+    scene: SweepTruth, found: FoundBoxes, rng: np.random.Generator, config: RegionExamplesConfig
 ) -> RegionExamples:
     boxes = found.boxes.double()
     iou = pairwise_iou_bev(Boxes3D(boxes).bev, Boxes3D(scene.boxes).bev)
-    iou = torch.where(found.classes[:, None] == scene.class_indices, iou, 0.0)
+    iou = torch.where(found.classes[:, None] == scene.classes, iou, 0.0)
     # a column of zeros for frames without objects
     best, truth = torch.cat((iou, iou.new_zeros(len(boxes), 1)), dim=1).max(dim=1)
     is_object = best >= max(config.min_iou, 1e-9)
@@ -170,7 +170,7 @@ def _first_stage(
 
 
 def _is_clear(
-    boxes: Float64[Tensor, "num_boxes 7"], scene: SceneObjects, max_iou: float
+    boxes: Float64[Tensor, "num_boxes 7"], scene: SweepTruth, max_iou: float
 ) -> Bool[Tensor, " num_boxes"]:
     taken = Boxes3D(torch.cat((scene.boxes, scene.ignored_boxes)))
     return (pairwise_iou_bev(Boxes3D(boxes).bev, taken.bev) <= max_iou).all(dim=1)

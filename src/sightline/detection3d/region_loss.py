@@ -23,7 +23,7 @@ class RegionLossConfig:
     """Of the change's code."""
     corner_weight: float = 4.0
     """Of the corners' distances; 0: without them."""
-    front_weight: float = 0.2
+    front_weight: float = 1.0
     """Of the front."""
     quality_weight: float = 0.5
     """Of the predicted IoU."""

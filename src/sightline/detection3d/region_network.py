@@ -46,7 +46,7 @@ class RegionNetwork(nn.Module):
         points: Float[Tensor, "num_regions roi_points point_channels"],
         context: Float[Tensor, "num_regions context_channels"],
     ) -> RegionOutput:
-        """A change for each region, given as `regions.Regions` has it; no regions give none."""
+        """A change for each region, given as `regions.CutRegions` has it; no regions give none."""
         own = self.point_layers(points)
         common = self.common_part(own.amax(dim=1, keepdim=True))
         region = self.activate(self.own_part(own) + common).amax(dim=1)

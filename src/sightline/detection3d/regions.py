@@ -13,11 +13,12 @@ _RANGE_SCALE_M = 40.0
 _COUNT_SCALE = 0.25  # of the logarithm of 1 + the number of points
 
 
-class Regions(NamedTuple):
+class CutRegions(NamedTuple):
     """Proposals as the second stage's network takes them."""
 
     points: Float[Tensor, "num_regions roi_points point_channels"]
-    """x, y, z in the proposal's frame [m], the distances to its six faces [m], and features."""
+    """x, y, z in the proposal's frame [m], the distances to its six faces [m], and features; not
+    canonical, x, y, z in the sweep's frame and features."""
     context: Float[Tensor, "num_regions context_channels"]
     """Logarithms of the sizes over the class's mean, range, cosine and sine of the bearing in the
     proposal's frame, number of points, and 1 at the class."""
@@ -31,12 +32,12 @@ def cut_regions(
     config: RegionConfig,
     *,
     seed: int,
-) -> Regions:
+) -> CutRegions:
     """Draws points in and around each proposal of a sweep, and tells them in its frame.
 
     As in Shi et al. 2019 (PointRCNN), section 3.3, the frame's origin is the proposal's centre and
     x its heading. The distances to the faces tell a network, which else sees points alone, how
-    large the proposal is: Li et al. 2021 (LiDAR R-CNN), section 3.3 (boundary offset). Fewer points
+    large the proposal is: Li et al. 2021 (LiDAR R-CNN; boundary offset). Fewer points
     than are drawn are repeated (`ops.roi_points`), which their maxima do not notice; of a region
     without points all are 0. Nothing depends on where the sensor's x axis points.
 
@@ -57,11 +58,13 @@ def cut_regions(
     index, num_inside = drawn.indices[0], drawn.num_inside[0]
     if len(points) == 0:
         points, features = points.new_zeros(1, 3), features.new_zeros(1, features.shape[1])
-    place = _canonical(points[index], boxes)
-    half = boxes[:, None, 3:6] / 2
-    told = torch.cat((place, half - place, half + place, features[index]), dim=2)
+    place = points[index]
+    if config.canonical:
+        place, half = _canonical(place, boxes), boxes[:, None, 3:6] / 2
+        place = torch.cat((place, half - place, half + place), dim=2)
+    told = torch.cat((place, features[index]), dim=2)
     is_empty = (num_inside == 0)[:, None, None]
-    return Regions(
+    return CutRegions(
         points=torch.where(is_empty, 0.0, told),
         context=_context(boxes, classes, num_inside, config),
     )

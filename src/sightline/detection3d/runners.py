@@ -42,16 +42,13 @@ class StageRunners:
         """The first stage's proposals for a sweep; none for one without points."""
         if not len(sweep):
             return nothing_proposed(sweep)
-        config = self.detector.config.proposals
-        return propose(self.detector, sweep, (config,), self._first)[0]
+        return propose(self.detector, sweep, self._first)[0]
 
     def propose_both(self, sweep: Sweep) -> tuple[Proposed, Proposed]:
         """The same as for use, and as for the second stage's training."""
         if not len(sweep):
             return nothing_proposed(sweep), nothing_proposed(sweep)
-        config = self.detector.config
-        configs = (config.proposals, config.training_proposals)
-        in_use, in_training = propose(self.detector, sweep, configs, self._first)
+        in_use, in_training = propose(self.detector, sweep, self._first, training=(False, True))
         return in_use, in_training
 
     def refine(self, sweep: Sweep, proposed: Proposed) -> Detections3D:
@@ -67,6 +64,6 @@ class StageRunners:
         assert second is not None, "there is something to run"
         count = len(next(iter(inputs.values())))
         if self._is_fixed:
-            inputs = pad_regions(dict(inputs), self.detector.config.proposals.num_proposals)
+            inputs = pad_regions(dict(inputs), self.detector.first.max_proposals)
         found = self._engines[1](inputs)
         return second.output_type(**{name: each[:count].cpu() for name, each in found.items()})

@@ -7,12 +7,11 @@ suppression, which other engines do not know, come before it (`inputs`) and afte
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import torch
 from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from sightline.detection3d.loss_config import Detection3DLossConfig
-from sightline.detection3d.proposal_sampling import ProposalSamples
-from sightline.detection3d.proposals import ProposalConfig
 from sightline.detection3d.targets import SweepTruth
 from sightline.training.module import Losses
 
@@ -21,6 +20,14 @@ Run = Callable[[Mapping[str, Tensor]], Any]
 
 Sweep = Float32[Tensor, "_ 4"]
 """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
+
+
+def full_precision(near: Tensor) -> torch.autocast:
+    """Switches automatic mixed precision off on a tensor's device: it is for networks alone.
+
+    Boxes are turned by matrix products, which it would round to bfloat16: decimetres at 60 m.
+    """
+    return torch.autocast(near.device.type, enabled=False)
 
 
 class Proposed(NamedTuple):
@@ -46,6 +53,11 @@ class FirstStage(Protocol):
         ...
 
     @property
+    def max_proposals(self) -> int:
+        """Of a sweep, in use."""
+        ...
+
+    @property
     def output_type(self) -> Callable[..., tuple[Any, ...]]:
         """What the module gives."""
         ...
@@ -62,9 +74,10 @@ class FirstStage(Protocol):
         self,
         output: Any,  # noqa: ANN401 - of `output_type`
         sweeps: Sequence[Sweep],
-        config: ProposalConfig,
+        *,
+        training: bool,
     ) -> tuple[Proposed, ...]:
-        """The proposals of each sweep, the surest of all near ones first."""
+        """The proposals of each sweep, in use or for a second stage's training; no gradient."""
         ...
 
     def losses(
@@ -85,6 +98,8 @@ class Regions(NamedTuple):
     """Among all proposals."""
     boxes: Float[Tensor, "num_rois 7"]
     """As proposed."""
+    scores: Float[Tensor, " num_rois"]
+    """Of the proposals."""
     inputs: dict[str, Tensor]
     """What the module takes; the first axis of each counts the regions."""
 
@@ -119,12 +134,27 @@ class SecondStage(Protocol):
     def regions(
         self,
         sweep: Sweep,
-        features: Float[Tensor, "num_points channels"] | None,
-        boxes: Float[Tensor, "num_proposals 7"],
+        proposed: Proposed,
         *,
         seed: int,
     ) -> Regions:
-        """Gathers what is around proposals; those around which there is nothing are left out."""
+        """Gathers what is around proposals; those that tell nothing may be left out."""
+        ...
+
+    def examples(
+        self,
+        sweep: Sweep,
+        proposed: Proposed,
+        truth: SweepTruth,
+        config: Detection3DLossConfig,
+        *,
+        seed: int,
+    ) -> tuple[Regions, tuple[Tensor, ...]]:
+        """Draws regions of a sweep to train on, with what they are to become.
+
+        The latter is a NamedTuple of the stage's own; the first axis of each tensor counts the
+        regions.
+        """
         ...
 
     def refine(
@@ -132,15 +162,15 @@ class SecondStage(Protocol):
         output: Any,  # noqa: ANN401 - of `output_type`
         regions: Regions,
     ) -> Refined:
-        """The boxes that the module gave for regions."""
+        """The boxes that the module gave for regions, with their scores."""
         ...
 
     def losses(
         self,
         output: Any,  # noqa: ANN401 - of `output_type`
         regions: Regions,
-        samples: ProposalSamples,
+        wanted: Any,  # noqa: ANN401 - as `examples` gives it
         config: Detection3DLossConfig,
     ) -> Losses:
-        """What the module is trained to lower; one sample a region."""
+        """What the module is trained to lower."""
         ...

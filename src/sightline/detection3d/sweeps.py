@@ -47,13 +47,15 @@ def points_in_range(
 def draw_points(
     points: Float32[Tensor, "num_seen 4"], config: SweepConfig, rng: np.random.Generator
 ) -> Float32[Tensor, "num_points 4"]:
-    """Exactly `num_points` of them in a drawn order, or none of none.
+    """Exactly `num_points` of them in a drawn order, or none of none; all in order if that is None.
 
     Shi et al. 2019 (PointRCNN), in its published code: of more points all far ones stay, and near
     ones are drawn without repetition; where the far ones alone are too many, all are drawn from
     alike. Of fewer points all stay, and repetitions fill up. The order is drawn, as a ball query
     takes the first that it finds.
     """
+    if config.num_points is None:
+        return points
     return points[torch.from_numpy(_choice(points, config, rng))]
 
 
@@ -61,6 +63,7 @@ def _choice(
     points: Float[Tensor, "num_seen 4"], config: SweepConfig, rng: np.random.Generator
 ) -> Int64[np.ndarray, " num_points"]:
     count, wanted = len(points), config.num_points
+    assert wanted is not None, "there is something to choose"
     everything = np.arange(count)
     if count == 0:
         return everything

@@ -13,6 +13,7 @@ from sightline.data.object_results import kitti_from_detections
 from sightline.detection3d.batch import Detection3DBatch
 from sightline.detection3d.detect import nothing_proposed, propose, refine
 from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.examples import DetectionExamples, ExampleConfig
 from sightline.detection3d.loss import StageLosses, Stages, detection_losses, proposed_by
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.metrics import ProposalRecallMetric
@@ -73,7 +74,9 @@ class Detection3D(TrainingModule):
             initial_part=initial_part,
         )
         if stages == "second" and self.network.second_name is None:
-            raise ValueError("the network has no second stage to train: set network.refinement")
+            raise ValueError(
+                "the network has no second stage to train: set network.refinement or regions"
+            )
         self.loss = loss
         self.stages: Stages = stages
         self.loose_metric = KittiObjectMetric(LOOSE)
@@ -96,12 +99,16 @@ class Detection3D(TrainingModule):
         return config
 
     def setup(self, stage: str) -> None:
-        """Refuses to train a second stage on a first one that has learned nothing.
+        """Refuses examples of another network, and a second stage on a first that knows nothing.
 
         Raises:
-            ValueError: The first stage is held still, and neither initial weights nor a checkpoint
-                are named.
+            ValueError: The data is prepared for other classes or another input than the network's;
+                or the first stage is held still, and neither initial weights nor a checkpoint are
+                named.
         """
+        preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
+        if isinstance(preparation, DetectionExamples):
+            self._check_examples(preparation.settings)
         is_resumed = self.trainer.ckpt_path is not None
         if stage == "fit" and self.stages == "second" and not (self._has_first_stage or is_resumed):
             raise ValueError(
@@ -125,13 +132,12 @@ class Detection3D(TrainingModule):
         """Scores a batch."""
         assert batch.frames is not None, "examples to score hold the frames' truth"
         self._check_records(batch)
-        config = self.network.config
         answers, proposals = [], []
         for number, points in enumerate(batch.points):
             if batch.records is not None:
                 proposed = proposed_by(batch.records[number], points)
             elif len(points):
-                proposed = propose(self.network, points, (config.proposals,))[0]
+                proposed = propose(self.network, points)[0]
             else:
                 proposed = nothing_proposed(points)
             proposals.append(proposed.boxes)
@@ -143,7 +149,7 @@ class Detection3D(TrainingModule):
         labels = [frame.objects for frame in batch.frames]
         self.metric.update(results, labels)
         self.loose_metric.update(results, labels)
-        wanted = [truth.boxes[truth.is_wanted] for truth in batch.truths]
+        wanted = [truth.boxes for truth in batch.truths]
         self.recall_metric.update(proposals, wanted)
         return answers
 
@@ -170,17 +176,29 @@ class Detection3D(TrainingModule):
         """The first sweep of a batch from above, with what was found and what is there."""
         truth, points = batch.truths[0], batch.points[0]
         offset_m = self.network.config.input.height_offset_m
-        boxes = truth.boxes[truth.is_wanted]
         return training_picture(
             (points - points.new_tensor([0, 0, offset_m, 0])).cpu(),
             answer[0],
-            (boxes - boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).cpu(),
+            (truth.boxes - truth.boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).float().cpu(),
         )
 
     def _reset_metrics(self) -> None:
         with torch.inference_mode(mode=False):  # else training could not go on with its tensors
             self.loose_metric.reset()
             self.recall_metric.reset()
+
+    def _check_examples(self, settings: ExampleConfig) -> None:
+        wanted = self.network.config.input
+        if settings.input != wanted:
+            raise ValueError(
+                f"the preparation's settings.input is {settings.input}, but the network's input "
+                f"{wanted}: set both alike"
+            )
+        if settings.class_names != self.network.class_names:
+            raise ValueError(
+                f"the preparation's settings.class_names are {', '.join(settings.class_names)}, "
+                f"but the network's classes {', '.join(self.network.class_names)}: set both alike"
+            )
 
     def _check_records(self, batch: Detection3DBatch) -> None:
         if batch.records is None:

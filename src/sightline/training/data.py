@@ -30,6 +30,7 @@ from sightline.training.sampling import (
 from sightline.training.sources import SourceConfig, open_source
 
 _OF_UPDATE = 1  # in a batch's seed, which is that of its first sample but for this
+_OF_TRAINING = 2  # likewise in the whole training's
 
 
 class SamplePreparation(ABC):
@@ -50,6 +51,24 @@ class SamplePreparation(ABC):
                 same outside of training.
             training: Whether to augment.
         """
+
+    def for_training(
+        self, datasets: Sequence[SampleDataset], rng: np.random.Generator
+    ) -> "SamplePreparation":
+        """What prepares the samples of a training: gathers what they are to share.
+
+        Called before each start of a training, a resumed one too, in each of its processes: what is
+        gathered must hang on the data and on the generator alone.
+
+        Args:
+            datasets: All that is trained on.
+            rng: The training's own; the same at each start.
+
+        Returns:
+            By default itself: nothing is shared.
+        """
+        del datasets, rng
+        return self
 
     def for_update(self, rng: np.random.Generator) -> "SamplePreparation":
         """What prepares the samples of one training batch: draws what they are to share.
@@ -302,7 +321,11 @@ class CameraLidarData(lightning.LightningDataModule):
                 flags = f"--data.init_args.root and --data.init_args.{name}"
                 raise ValueError(f"{error} (the {name} samples: {flags})") from error
             datasets.append((dataset, source.repeat if training else 1))
-        return PreparedSamples(datasets, self.preparation, seed=self.seed, training=training)
+        preparation = self.preparation
+        if training:
+            rng = np.random.default_rng((self.seed, 0, 0, _OF_TRAINING))
+            preparation = preparation.for_training([dataset for dataset, _ in datasets], rng)
+        return PreparedSamples(datasets, preparation, seed=self.seed, training=training)
 
     def _rank_and_world(self) -> tuple[int, int]:
         if self.trainer is None:

@@ -3,14 +3,16 @@
 import pytest
 import torch
 
-from sightline.detection3d.classes import CAR, PEDESTRIAN
-from sightline.detection3d.scene_objects import SceneObjectsConfig, scene_objects
+from sightline.detection3d.detector_config import SweepConfig
+from sightline.detection3d.targets import TargetConfig, make_truth
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.labels import ObjectLabels
 
 NAMES = ("Car", "Van", "Pedestrian", "Cyclist", "DontCare", "Car", "Person_sitting", "DontCare")
 NUM_POINTS = (9, 9, 5, 9, 0, 4, 9, 0)
+
+SEEN = SweepConfig(lowest_m=(-1.0, -40.0, -3.0))
 
 
 def labels():
@@ -34,9 +36,9 @@ def points():
 
 
 def test_few_points_and_alike_classes_are_ignored_for_their_class_and_dontcare_for_all():
-    scene = scene_objects(labels(), points(), (PEDESTRIAN, CAR))
+    scene = make_truth(labels(), points(), ("Pedestrian", "Car"), SEEN, TargetConfig(min_points=5))
     assert scene.boxes[:, 0].tolist() == [0, 10]
-    assert scene.class_indices.tolist() == [1, 0]
+    assert scene.classes.tolist() == [1, 0]
     assert scene.ignored_boxes[:, 0].tolist() == [5, 25, 30, 35]
     assert scene.ignored_classes.tolist() == [
         [False, True], [False, True], [True, False], [True, True],
@@ -44,8 +46,8 @@ def test_few_points_and_alike_classes_are_ignored_for_their_class_and_dontcare_f
 
 
 def test_names_and_points_that_shall_not_be_ignored_are_not():
-    config = SceneObjectsConfig(ignored_names=(), min_points=0)
-    scene = scene_objects(labels(), points()[:0], (CAR,), config)
+    config = TargetConfig(ignored_names=(), min_points=0)
+    scene = make_truth(labels(), points()[:0], ("Car",), SEEN, config)
     assert scene.boxes[:, 0].tolist() == [0, 25]
     assert scene.ignored_boxes[:, 0].tolist() == [35]
     assert scene.ignored_classes.shape == (1, 1)
@@ -53,13 +55,13 @@ def test_names_and_points_that_shall_not_be_ignored_are_not():
 
 def test_a_frame_without_objects_has_none():
     nothing = labels().select(torch.zeros(len(NAMES), dtype=torch.bool))
-    scene = scene_objects(nothing, points(), (CAR, PEDESTRIAN))
+    scene = make_truth(nothing, points(), ("Car", "Pedestrian"), SEEN)
     assert scene.boxes.shape == scene.ignored_boxes.shape == (0, 7)
     assert scene.ignored_classes.shape == (0, 2)
 
 
 def test_settings_out_of_range_are_refused():
     with pytest.raises(ValueError, match=r"ignored_names may hold Van, .*, got Tram"):
-        SceneObjectsConfig(ignored_names=("Tram",))
+        TargetConfig(ignored_names=("Tram",))
     with pytest.raises(ValueError, match="min_points must not be negative, got -1"):
-        SceneObjectsConfig(min_points=-1)
+        TargetConfig(min_points=-1)
