@@ -155,6 +155,14 @@ def test_gates_are_not_told_of_what_is_only_disturbed(sample):
     assert (batch.lidar_health.nan_to_num(1) == 1).all()
 
 
+def test_gates_are_told_of_a_camera_that_was_never_there(sample):
+    settings = replace(CROPS, health=True, fault_share=1.0, cases=only("lidar_blank"))
+    batch = example(sample, settings, faults=(NoCamera(),))
+    assert (batch.camera_health == 0).all()
+    assert (batch.lidar_health.nan_to_num(0) == 0).all()
+    assert (batch.lidar_health == 0).any()
+
+
 def test_a_case_may_be_the_same_for_all_samples_of_an_update(sample):
     shares = {"clean": 0.4, "lidar_blank": 0.3, "camera_blank": 0.3}
     cases = CaseDrawing(probabilities=shares, per="update")

@@ -61,8 +61,8 @@ class ExampleConfig:
     health: bool = False
     """Whether training examples say which parts of the sensors' images their case has broken."""
     fault_share: float = 0.5
-    """Share of the training examples that get one of the further faults as well, of which health
-    does not tell."""
+    """Share of the training examples that get one of the further faults as well. Of those, health
+    tells of a camera that is gone alone."""
     targets: TargetConfig = TargetConfig()  # noqa: RUF009
     """What training asks the network to find."""
 
@@ -138,11 +138,13 @@ def training_example(
         sample = faults[int(rng.integers(len(faults)))](sample, rng)
     (case,) = (config.cases or _SOUND).draw(rng)
     corrupted = case.corruption.corrupt(sample, rng)
-    seed = int(rng.integers(2**63))  # sample and masks are seen the same way
+    seed = int(rng.integers(2**63))  # sample, masks and the sound sweep are seen the same way
     view = _view(corrupted.sample, config, np.random.default_rng(seed))
     assert view.objects is not None, "checked when it was prepared"
     targets = make_targets(view.objects, config.targets)
-    camera_mask, lidar_mask = _seen_masks(corrupted, config, np.random.default_rng(seed))
+    camera_mask = lidar_mask = torch.zeros(view.image_size, dtype=torch.bool)
+    if corrupted.camera_mask.any() or corrupted.lidar_mask.any():
+        camera_mask, lidar_mask = _seen_masks(corrupted, config, np.random.default_rng(seed))
     if config.camera is not None:
         view = _through_camera(view, camera_mask, config.camera, rng)
     size = whole_strides(config.crop_size or view.image_size, config.pad_to)
@@ -155,6 +157,8 @@ def training_example(
             sound_view = _view(replace(sample, image=None), config, np.random.default_rng(seed))
             sound = padded(lidar_image(sound_view, config.input), size)
         camera_health = health(camera_mask, size, nothing_left=nothing_left)[None]
+        if view.image is None:  # absent from the start, which no case tells of
+            camera_health = torch.zeros_like(camera_health)
         lidar_health = health(lidar_mask, size, nothing_left=nothing_left)
         lidar_health = known_by_points(lidar_health, sound)[None]
     return DetectionBatch(
