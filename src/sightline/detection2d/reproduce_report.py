@@ -95,7 +95,11 @@ class DgfnReport:
     @property
     def is_comparable(self) -> bool:
         """Whether our figures are of what the published ones are of."""
-        return self.is_published_split and (self.class_name, self.iou) == ("Car", 0.7)
+        return self.is_published_split and self._is_published_measure
+
+    @property
+    def _is_published_measure(self) -> bool:
+        return (self.class_name, self.iou) == ("Car", 0.7)
 
     def to_json(self) -> dict[str, object]:
         """What the report file holds; what was not measured is None."""
@@ -156,7 +160,7 @@ class DgfnReport:
             for fusion, published in TABLE_1.items():
                 cells = self._our_cells(fusion, case)
                 said = title if fusion == "gated" else ""
-                table.add_row(said, NAMES[fusion], _levels(published[case]), *cells)
+                table.add_row(said, NAMES[fusion], self._published(published[case]), *cells)
         if any(fusion not in self.systems for fusion in TABLE_1 | TABLE_2):
             table.caption, table.caption_justify = _HOW_TO_TRAIN, "left"
         return table
@@ -165,8 +169,9 @@ class DgfnReport:
         columns = ("method", "data", "published R11", *self._our_columns())
         table = _new_table(f"Table II: sound sensors. {self._setting()}", columns)
         for fusion, (method, data, published) in TABLE_2.items():
-            table.add_row(method, data, _levels(published), *self._our_cells(fusion, CLEAN))
-        for method, data, published in TABLE_2_PEERS:
+            cells = self._our_cells(fusion, CLEAN)
+            table.add_row(method, data, self._published(published), *cells)
+        for method, data, published in TABLE_2_PEERS if self._is_published_measure else ():
             table.add_row(method, data, _levels(published), "not ours to run")
         return table
 
@@ -187,14 +192,23 @@ class DgfnReport:
         return table
 
     def _setting(self) -> str:
+        ours = f"{self.class_name}, IoU {self.iou:g}, {self._where()}"
+        if not self._is_published_measure:
+            return (
+                f"AP, easy / moderate / hard, percent. {ours}: nothing was published for these; "
+                "published are Car at IoU 0.7 on KITTI val"
+            )
         compares = "" if self.is_comparable else ": does not compare with the published figures"
         return (
             f"AP, easy / moderate / hard, percent. Published: Car, IoU 0.7, KITTI val, 3,769 "
-            f"frames. Ours: {self.class_name}, IoU {self.iou:g}, {self._where()}{compares}"
+            f"frames. Ours: {ours}{compares}"
         )
 
     def _where(self) -> str:
         return f"{self.data}, {self.frames:,} frames"
+
+    def _published(self, levels: Levels) -> str:
+        return _levels(levels if self._is_published_measure else None)
 
     def _our_columns(self) -> tuple[str, ...]:
         points = ("ours, all points",) if self._has_all_points else ()
