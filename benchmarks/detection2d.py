@@ -12,22 +12,17 @@ not depend on them, that of suppression does: "detections" tells how many boxes 
 import json
 import multiprocessing
 import tempfile
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
 import jsonargparse
 import torch
-import yaml
 from torch import Tensor
 
 from benchmarks.latency import count_cost, measure_latency
 from benchmarks.machine import describe_machine
+from benchmarks.untrained import shipped_or_untrained
 from sightline.data.open import open_dataset
-from sightline.data.settings import parse_settings
-from sightline.data.weights import write_weights
-from sightline.data.weights_header import shipped_names
-from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.export_graph import export_graph
 from sightline.detection2d.model import Detector
 from sightline.detection2d.network_task import NETWORK_TASK
@@ -46,7 +41,6 @@ from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
-from sightline.tasks import PACKAGE_RECIPES
 
 PAPER = "detection2d-dgfn-kitti"
 _NETWORKS = (PAPER, "detection2d-best", "detection2d-fast-cpu")  # names of recipes and of weights
@@ -107,8 +101,8 @@ def _measure(
     torch.set_num_threads(threads)
     sample = open_dataset(PACKAGED_FRAMES, parts={"image", "points"})[0]
     with tempfile.TemporaryDirectory() as folder:
-        is_trained = name in shipped_names()
-        loaded = load_network(NETWORK_TASK, name if is_trained else _untrained(name, Path(folder)))
+        weights = shipped_or_untrained(name, NETWORK_TASK, Path(folder))
+        loaded = load_network(NETWORK_TASK, weights)
     network = loaded.network
     graph = export_graph(loaded)
     inputs, _ = _prepared(sample, network)
@@ -131,7 +125,7 @@ def _measure(
     warm_up = min(repeats, 5)
     whole = measure_latency(detect, device=device, warm_up=warm_up, repeats=repeats)
     alone = measure_latency(lambda: run(inputs), device=device, warm_up=1, repeats=repeats)
-    row = {"network": name, "trained": is_trained, "engine": engine, "precision": precision}
+    row = {"network": name, "trained": weights == name, "engine": engine, "precision": precision}
     row |= {"detections": len(detect().scores), "network_median_ms": alone.median_ms}
     return row | whole.to_json() | cost.to_json()
 
@@ -143,19 +137,6 @@ def _prepared(sample: CameraLidarSample, network: Detector) -> tuple[dict[str, T
     size = whole_strides(given.image_size, network.stride)
     images = {"image": camera_image(given), "lidar": lidar_image(given, config)}
     return {key: padded(images[key], size)[None] for key in network.input_names}, placement
-
-
-def _untrained(recipe: str, folder: Path) -> Path:
-    """A recipe's network with weights drawn at random, as a file."""
-    settings = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())
-    plain = settings["model"]["init_args"]["network"]
-    config = parse_settings(Detection2DConfig, plain)
-    torch.manual_seed(0)
-    path = folder / f"{recipe}.safetensors"
-    tensors = dict(Detector(config).state_dict())
-    plain = json.loads(json.dumps(asdict(config)))
-    write_weights(path, tensors, task=NETWORK_TASK.name, config=plain, provenance={})
-    return path
 
 
 if __name__ == "__main__":
