@@ -1,6 +1,7 @@
 """Bent ground and noisy ranges, point by point."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from sightline.data.sweep_changes import (
     add_range_noise,
     bend_ground,
     draw_ground_shape,
+    stretch_objects,
 )
 from tests.data.scenes import few, sample_of, seeds
 
@@ -86,3 +88,50 @@ def test_what_cannot_be_done_is_refused():
         GroundShape(slope_x=math.nan)
     with pytest.raises(ValueError, match="slope_y must be finite and not negative, got -1"):
         GroundShapeConfig(slope_y=-1.0)
+
+
+factor = st.floats(0.5, 2.0)
+
+
+@few
+@given(seed=seeds, wanted=st.tuples(factor, factor, factor))
+def test_points_of_a_stretched_object_keep_their_place_in_its_box(seed, wanted):
+    sample = sample_of(seed)
+    box = sample.objects.boxes3d.tensor[0]
+    inside = box[:3] + 0.4 * box[3:6].min() * torch.rand(5, 3).double()
+    sample = replace(sample, points=torch.cat((sample.points, with_reflectance(inside))))
+    factors = torch.tensor([wanted] * len(sample.objects), dtype=torch.float64)
+    stretched = stretch_objects(sample, factors)
+    longer = stretched.objects.boxes3d.tensor[0]
+    for row, given_row in zip(stretched.points.tolist(), sample.points.tolist(), strict=True):
+        before, after = place_in(box.tolist(), given_row), place_in(longer.tolist(), row)
+        if all(abs(value) < 0.5 for value in before[:2]) and 0 < before[2] < 1:
+            assert after == pytest.approx(before, abs=1e-4)
+            assert row[3] == given_row[3]
+        elif all(abs(value) > 0.501 for value in before[:2]) and not -0.001 < before[2] < 1.001:
+            assert row == given_row
+    torch.testing.assert_close(longer[3:6], box[3:6] * factors[0])
+    assert longer[2] - longer[5] / 2 == pytest.approx(float(box[2] - box[5] / 2))
+    assert torch.equal(stretched.objects.boxes3d.tensor[-1], sample.objects.boxes3d.tensor[-1])
+
+
+def place_in(box, point):
+    """Of a point in a box: shares of length and width from the middle, of height from below."""
+    x, y, z, length, width, height, yaw = box
+    dx, dy = point[0] - x, point[1] - y
+    along = math.cos(yaw) * dx + math.sin(yaw) * dy
+    across = math.cos(yaw) * dy - math.sin(yaw) * dx
+    return [along / length, across / width, (point[2] - z) / height + 0.5]
+
+
+def with_reflectance(places):
+    return torch.cat((places, torch.full((len(places), 1), 0.5)), dim=1).float()
+
+
+def test_objects_are_stretched_by_positive_factors_and_with_their_points():
+    sample = sample_of(0)
+    factors = torch.ones(len(sample.objects), 3, dtype=torch.float64)
+    with pytest.raises(ValueError, match="positive and finite"):
+        stretch_objects(sample, 0 * factors)
+    with pytest.raises(ValueError, match="has no sweep or no labels"):
+        stretch_objects(replace(sample, points=None), factors)

@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.transforms import yaw_rotation
+from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -123,3 +125,48 @@ def add_range_noise(
     factor = 1 + error_m / range_m.clamp(min=1e-9)
     points[:, :3] = (rays * factor.clamp(min=0)[:, None]).float()
     return replace(sample, points=points)
+
+
+def stretch_objects(
+    sample: CameraLidarSample, factors: Float64[Tensor, "num_objects 3"]
+) -> CameraLidarSample:
+    """The sample of objects longer, wider and higher than they are, each by factors of its own.
+
+    The points in an object's 3D box move with it, about the middle of its bottom, so that it stands
+    where it stood. What shows of an object no longer tells how long it must be: after Yang et al.
+    2021 (ST3D), section 3.2, who scale all three sizes alike. 2D boxes stay. A point in two boxes
+    moves with the first.
+
+    Args:
+        sample: With a sweep and labels.
+        factors: On length, width and height. Those of objects without a 3D part are not used.
+
+    Raises:
+        ValueError: The sample has no sweep or no labels, or a factor is not positive and finite.
+    """
+    points, objects = sample.points, sample.objects
+    if points is None or objects is None:
+        raise ValueError(
+            f"sample {sample.sample_id} has no sweep or no labels to change; give it both or leave "
+            "out this step"
+        )
+    if not bool(((factors > 0) & factors.isfinite()).all()):
+        raise ValueError("factors must be positive and finite")
+    boxes = objects.boxes3d.tensor.double()
+    holder = first_box_of_points(points[None, :, :3], boxes[None])[0]
+    is_held = holder >= 0
+    held, factor = boxes[holder[is_held]], factors[holder[is_held]]
+    offset = points[is_held, :3].double() - held[:, :3]
+    offset[:, 2] += held[:, 5] / 2
+    rotation = yaw_rotation(held[:, 6])
+    moved = (factor[:, None] * (offset[:, None] @ rotation)) @ rotation.mT
+    moved = moved[:, 0] + held[:, :3]
+    moved[:, 2] -= held[:, 5] / 2
+    stretched = boxes.clone()
+    stretched[:, 3:6] *= factors
+    stretched[:, 2] += (stretched[:, 5] - boxes[:, 5]) / 2
+    points = points.clone()
+    points[is_held, :3] = moved.float()
+    boxes = torch.where(objects.has_box3d[:, None], stretched, boxes)
+    boxes3d = Boxes3D(boxes.to(objects.boxes3d.tensor.dtype))
+    return replace(sample, points=points, objects=replace(objects, boxes3d=boxes3d))

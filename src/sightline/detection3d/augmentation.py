@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from sightline.data.augmentation import mirror, thin_rings
 from sightline.data.scene_changes import scale_scene, turn_scene
@@ -12,6 +13,7 @@ from sightline.data.sweep_changes import (
     add_range_noise,
     bend_ground,
     draw_ground_shape,
+    stretch_objects,
 )
 from sightline.detection3d.object_sampling import ObjectBank, ObjectSamplingConfig, paste_objects
 from sightline.structures.sample import CameraLidarSample
@@ -29,6 +31,8 @@ class SceneChangeConfig:
     """Smallest and largest factor on all lengths."""
     ground: GroundShapeConfig | None = None
     """How the ground is bent: roads are not flat, and cars pitch. None: not at all."""
+    stretch: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Standard deviations of the logarithms of factors on each object's length, width, height."""
     range_noise_m: float = 0.0
     """Standard deviation of an error of each point's range."""
     beams: tuple[int, ...] = (64,)
@@ -47,6 +51,8 @@ class SceneChangeConfig:
             value = getattr(self, name)
             if not 0 <= value < math.inf:
                 raise ValueError(f"changes.{name} must be finite and not negative, got {value}")
+        if not all(0 <= value < math.inf for value in self.stretch):
+            raise ValueError(f"changes.stretch must be finite and not negative, got {self.stretch}")
         if not self.beams or any(count not in _BEAMS for count in self.beams):
             raise ValueError(f"changes.beams must hold some of {_BEAMS}, got {self.beams}")
         if self.bank_frames < 1:
@@ -78,6 +84,9 @@ def change_scene(
         sample = thin_rings(sample, keep_every, int(rng.integers(keep_every)))
     elif config.objects is not None and bank is not None:
         sample = paste_objects(sample, bank, rng, config.objects)
+    if any(config.stretch) and sample.objects is not None:
+        logs = rng.normal(size=(len(sample.objects), 3)) * np.array(config.stretch)
+        sample = stretch_objects(sample, torch.from_numpy(np.exp(logs)))
     if config.mirror and rng.random() < 0.5:
         sample = mirror(sample)
     sample = turn_scene(sample, rng.uniform(-config.turn_deg, config.turn_deg))
