@@ -57,6 +57,7 @@ def assert_equal(entries, expected):
         assert entry.ap_r40 == pytest.approx(scores.ap_r40, abs=1e-9), key
         assert entry.aos_r11 == pytest.approx(scores.aos_r11, abs=1e-9), key
         assert entry.aos_r40 == pytest.approx(scores.aos_r40, abs=1e-9), key
+        assert entry.flipped_share == scores.flipped_share, key
         assert 0 <= entry.max_recall <= 1, key
 
 
@@ -258,6 +259,14 @@ def test_one_detection_without_heading_of_any_class_leaves_orientation_out():
     assert easy([CAR], [FOUND]).aos_r11 == pytest.approx(100 / 11)
     assert easy([CAR], [FOUND, replace(OTHER, name="Unicycle", alpha=-10)]).aos_r11 is None
     assert easy([CAR], [FOUND], "bev").aos_r11 is None
+
+
+@pytest.mark.parametrize(("turned", "share"), [(1.5, 0.0), (1.6, 1.0), (-math.pi, 1.0)])
+@pytest.mark.parametrize("metric", ["bbox", "bev", "3d"])
+def test_a_heading_is_flipped_beyond_90_degrees(turned, share, metric):
+    found = replace(FOUND, alpha=CAR.alpha + turned)
+    assert easy([CAR], [found], metric).flipped_share == share
+    assert easy([CAR], [replace(found, alpha=-10)], metric).flipped_share is None
 
 
 def test_orientation_counts_half_where_headings_are_square_to_each_other():

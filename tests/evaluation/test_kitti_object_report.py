@@ -37,6 +37,7 @@ KEYS = {
     "tp",
     "fp",
     "fn",
+    "flipped_share",
 }
 
 

@@ -47,6 +47,7 @@ class Scores:
     ap_r40: float = 0.0
     aos_r11: float | None = None
     aos_r40: float | None = None
+    flipped_share: float | None = None
 
 
 def parse(text, *, with_score):
@@ -141,13 +142,13 @@ class Evaluation:
             }
             for metric in METRICS:
                 if wanted[metric]:
-                    with_aos = metric == "bbox" and all(d.alpha != -10 for d in detections)
+                    with_headings = all(d.alpha != -10 for d in detections)
                     for level, difficulty in enumerate(DIFFICULTIES):
-                        scores = self.score(name, metric, level, with_aos)
+                        scores = self.score(name, metric, level, with_headings)
                         entries[name, metric, difficulty] = scores
         return entries
 
-    def score(self, name, metric, level, with_aos):
+    def score(self, name, metric, level, with_headings):
         """Rules 7, 8 (precision and AOS) and 10."""
         scores = Scores()
         matched = []
@@ -158,12 +159,15 @@ class Evaluation:
         scores.thresholds = thresholds_of(sorted(matched, reverse=True), scores.n_gt)
         precision, orientation = [0.0] * 41, [0.0] * 41
         for slot, threshold in enumerate(scores.thresholds):
-            tp = fp = fn = similarity = 0
+            tp = fp = fn = similarity = flipped = 0
             for truths, detections in self.frames:
                 frame = Frame(self, truths, detections, name, metric, level)
                 counted = frame.pass_2(threshold)
                 tp, fp, fn = tp + counted[0], fp + counted[1], fn + counted[2]
                 similarity += counted[3]
+                flipped += counted[4]
+            if with_headings and tp:
+                scores.flipped_share = flipped / tp  # the last threshold is the lowest
             scores.tp.append(tp)
             scores.fp.append(fp)
             scores.fn.append(fn)
@@ -175,7 +179,7 @@ class Evaluation:
         scores.precision = precision
         scores.ap_r11 = 100 * sum(precision[0:41:4]) / 11
         scores.ap_r40 = 100 * sum(precision[1:41]) / 40
-        if with_aos:
+        if with_headings and metric == "bbox":
             scores.aos_r11 = 100 * sum(orientation[0:41:4]) / 11
             scores.aos_r40 = 100 * sum(orientation[1:41]) / 40
         return scores
@@ -212,8 +216,8 @@ class Frame:
         return scores
 
     def pass_2(self, threshold):
-        """Rule 8: true positives, false positives, misses, and similarity of headings."""
-        tp = fn = similarity = 0
+        """Rule 8: true and false positives, misses, similarity of headings; flipped ones."""
+        tp = fn = similarity = flipped = 0
         taken = set()
         left = [j for j, each in enumerate(self.detections) if not each.score < threshold]
         for i, kind in enumerate(self.truth_kinds):
@@ -229,6 +233,7 @@ class Frame:
                     tp += 1
                     difference = self.truths[i].alpha - self.detections[best].alpha
                     similarity += (1 + math.cos(difference)) / 2
+                    flipped += math.cos(difference) < -2e-9
             elif small:
                 taken.add(small[0])
             elif kind == "valid":
@@ -246,7 +251,7 @@ class Frame:
                 for region in regions
             )
         ]
-        return tp, len(false) - len(forgiven), fn, similarity
+        return tp, len(false) - len(forgiven), fn, similarity, flipped
 
 
 def truth_kind(truth, name, level):

@@ -20,6 +20,9 @@ NUM_SLOTS = 41
 _LOWEST_SCORE = -1e7
 """The official program's mark for "nothing found": pass 1 never takes a score down there."""
 
+_SQUARE = 0.5 - 1e-9
+"""Similarity of headings at 90 degrees, less what rounding does."""
+
 
 class MatchingTask(NamedTuple):
     """What one class, metric and difficulty sees of all frames.
@@ -58,6 +61,8 @@ class Counts(NamedTuple):
     fn: Int64[np.ndarray, " num_thresholds"]
     similarity: Float64[np.ndarray, " num_thresholds"]
     """Of the headings, summed over the true positives."""
+    flipped: Int64[np.ndarray, " num_thresholds"]
+    """True positives whose heading is more than 90 degrees off."""
 
 
 class FrameSteps(NamedTuple):
@@ -153,11 +158,17 @@ def find_thresholds(
 
 def count_at(task: MatchingTask, thresholds: Float64[np.ndarray, " num_thresholds"]) -> Counts:
     """Pass 2: the counts at each threshold."""
-    tp, taken, missed, similarity = _match_by_overlap(task, thresholds)
+    tp, taken, missed, similarity, flipped = _match_by_overlap(task, thresholds)
     ascending = np.sort(task.detection_score[task.detection_false])
     above = len(ascending) - np.searchsorted(ascending, thresholds, side="left")
     without_pairs = task.n_gt - int(task.truth_valid.sum())
-    return Counts(tp=tp, fp=above - taken, fn=missed + without_pairs, similarity=similarity)
+    return Counts(
+        tp=tp,
+        fp=above - taken,
+        fn=missed + without_pairs,
+        similarity=similarity,
+        flipped=flipped,
+    )
 
 
 def count_by_frame(task: MatchingTask) -> FrameSteps:
@@ -231,12 +242,14 @@ def _match_by_overlap(
     Int64[np.ndarray, " num_thresholds"],
     Int64[np.ndarray, " num_thresholds"],
     Float64[np.ndarray, " num_thresholds"],
+    Int64[np.ndarray, " num_thresholds"],
 ]:
-    """At each threshold: true positives, takings of else false detections, misses, similarity."""
+    """At each threshold: what `Counts` holds, but for false ones: takings of else false ones."""
     tp = np.zeros(len(thresholds), dtype=np.int64)
     else_false = np.zeros(len(thresholds), dtype=np.int64)
     missed = np.zeros(len(thresholds), dtype=np.int64)
     similarity = np.zeros(len(thresholds))
+    flipped = np.zeros(len(thresholds), dtype=np.int64)
     taken = np.full(len(task.detection_score), -1, dtype=np.int32)
     for turn in range(len(thresholds)):
         for i in range(len(task.truth_valid)):
@@ -250,7 +263,8 @@ def _match_by_overlap(
             if task.truth_valid[i] and task.detection_normal[j]:
                 tp[turn] += 1
                 similarity[turn] += task.pair_similarity[pair]
-    return tp, else_false, missed, similarity
+                flipped[turn] += task.pair_similarity[pair] < _SQUARE
+    return tp, else_false, missed, similarity, flipped
 
 
 @compiled

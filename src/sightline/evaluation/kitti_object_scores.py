@@ -61,7 +61,7 @@ def score_objects(
                         class_name,
                         metric,
                         difficulty,
-                        with_aos=metric == "bbox" and bool(data.has_headings.all()),
+                        with_headings=bool(data.has_headings.all()),
                         all_points=_bootstrap(task, bootstrap, seed) if bootstrap else None,
                     )
                 )
@@ -74,7 +74,7 @@ def _score(
     metric: Metric,
     difficulty: Difficulty,
     *,
-    with_aos: bool,
+    with_headings: bool,
     all_points: BootstrapAP | None,
 ) -> ObjectEntry:
     thresholds = find_thresholds(matched_scores(task), task.n_gt)
@@ -82,6 +82,8 @@ def _score(
     positives = counts.tp + counts.fp
     precision = _fill_slots(counts.tp.astype(np.float64), positives)
     orientation = _fill_slots(counts.similarity, positives)
+    with_aos = with_headings and metric == "bbox"
+    found = int(counts.tp[-1]) if len(thresholds) else 0
     return ObjectEntry(
         class_name=class_name,
         metric=metric,
@@ -97,6 +99,7 @@ def _score(
         tp=counts.tp,
         fp=counts.fp,
         fn=counts.fn,
+        flipped_share=int(counts.flipped[-1]) / found if with_headings and found else None,
         all_points=all_points,
     )
 

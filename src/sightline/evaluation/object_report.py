@@ -50,6 +50,9 @@ class ObjectEntry:
     tp: Int64[np.ndarray, " num_thresholds"]
     fp: Int64[np.ndarray, " num_thresholds"]
     fn: Int64[np.ndarray, " num_thresholds"]
+    flipped_share: float | None
+    """Of the true positives at the lowest threshold, those whose heading is more than 90 degrees
+    off, 0 to 1; None where there are none, or a detection has no alpha. Not one of KITTI's."""
     all_points: BootstrapAP | None = None
     """None where it was not asked for, or nothing counts."""
 
@@ -70,6 +73,7 @@ class ObjectEntry:
             "tp": self.tp.tolist(),
             "fp": self.fp.tolist(),
             "fn": self.fn.tolist(),
+            "flipped_share": self.flipped_share,
         }
         if with_all_points:
             points = self.all_points
@@ -117,6 +121,14 @@ class ObjectReport:
                 rows.append(("AP all points", [_percentage(p.ap if p else None) for p in points]))
                 rows.append(("95 % interval", [_interval(p) for p in points]))
             rows.append(("max recall", [_percentage(100 * level.max_recall) for level in levels]))
+            if any(level.flipped_share is not None for level in levels):
+                shares = [level.flipped_share for level in levels]
+                rows.append(
+                    (
+                        "heading flipped",
+                        [_percentage(None if s is None else 100 * s) for s in shares],
+                    )
+                )
             rows.append(("objects", [f"{level.n_gt:,}" for level in levels]))
             _add_section(table, (levels[0].class_name, levels[0].metric), rows)
         return table
