@@ -10,25 +10,19 @@ from torch import Tensor
 from sightline.detection2d.predictor import DetectorAnswer
 from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.cells import MUTED, scaled, titled_cell
 from sightline.visualization.colors import RGB, class_color
 from sightline.visualization.image import draw_boxes2d, draw_points
-from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.shares import lay_shares, put_share_legend
 
-PAGE: Final[RGB] = (36, 39, 46)
 CAMERA_COLOR: Final[RGB] = class_color("Cyclist")
 LIDAR_COLOR: Final[RGB] = class_color("Pedestrian")
 
 Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
 """Which pixels of the camera and of the LiDAR a corruption may have changed."""
 
-_TITLE: RGB = (236, 238, 242)
-_MUTED: RGB = (150, 156, 166)
 _LABEL: RGB = (245, 245, 245)
 _OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
-_TITLE_PX = 24
-_TEXT_PX = 10
-_GAP_PX = 6
 _DRAWN_SCORE = 0.3  # what is less sure is not drawn
 
 
@@ -53,17 +47,17 @@ def answer_row(
         width_px: Of each picture.
     """
     camera_mask, lidar_mask = masks or (None, None)
-    image, sweep = (_scaled(each, width_px) for each in (_image(sample), _sweep(sample)))
+    image, sweep = (scaled(each, width_px) for each in (_image(sample), _sweep(sample)))
     found = _with_boxes(_outlined(image, camera_mask), sample, answer)
-    cells = [_cell(title, "", found)]
+    cells = [titled_cell(title, "", found)]
     for name, gate, backdrop, mask in (
         ("camera gate", answer.camera_gate, image, camera_mask),
         ("LiDAR gate", answer.lidar_gate, sweep, lidar_mask),
     ):
         if gate is not None:
             laid = _outlined(lay_shares(backdrop, gate.numpy()), mask)
-            cell = _cell(name, f"mean {float(gate.mean()):.2f}", laid)
-            put_share_legend(cell, "0", "1", right=width_px, top=9, color=_MUTED)
+            cell = titled_cell(name, f"mean {float(gate.mean()):.2f}", laid)
+            put_share_legend(cell, "0", "1", right=width_px, top=9, color=MUTED)
             cells.append(cell)
     return np.concatenate(cells, axis=1)
 
@@ -87,14 +81,6 @@ def _sweep(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
     if sample.points is None:
         return black
     return draw_points(black, sample.points, sample.calibration)
-
-
-def _scaled(
-    picture: UInt8[np.ndarray, "height width 3"], width_px: int
-) -> UInt8[np.ndarray, "new_height new_width 3"]:
-    height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
-    small = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
-    return small.astype(np.uint8, copy=False)
 
 
 def _with_boxes(
@@ -129,16 +115,3 @@ def _outlined(
     canvas = picture.copy()
     cv2.drawContours(canvas, contours, -1, _OUTLINE, thickness=2)
     return canvas
-
-
-def _cell(
-    title: str, muted: str, picture: UInt8[np.ndarray, "height width 3"]
-) -> UInt8[np.ndarray, "new_height new_width 3"]:
-    """A picture under its title, with the page's gap at its right and bottom."""
-    height, width = picture.shape[:2]
-    page = np.full((_TITLE_PX + height + _GAP_PX, width + _GAP_PX, 3), PAGE, np.uint8)
-    page[_TITLE_PX : _TITLE_PX + height, :width] = picture
-    put_text(page, title, 2, _TITLE_PX - 7, height_px=_TEXT_PX, color=_TITLE)
-    at = 2 + text_width(title, _TEXT_PX) + 12
-    put_text(page, muted, at, _TITLE_PX - 7, height_px=_TEXT_PX, color=_MUTED)
-    return page

@@ -9,10 +9,11 @@ from jaxtyping import UInt8
 
 from sightline.corruptions.suites import Case, Suite
 from sightline.data.image_file import write_rgb
-from sightline.detection2d.answer_picture import CAMERA_COLOR, LIDAR_COLOR, PAGE, answer_row
+from sightline.detection2d.answer_picture import CAMERA_COLOR, LIDAR_COLOR, answer_row
 from sightline.detection2d.gate_statistics import CaseGates
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.cells import PAGE
 from sightline.visualization.shares import ShareSeries, draw_histogram
 
 GATE_MEANS: Final = "gate_means.png"

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
+from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sightline.detection3d.model import Detector3D
@@ -67,14 +68,22 @@ def refine(
     config = detector.config
     with full_precision(sweep):
         kept = suppress_boxes(proposed.boxes, scores, config.suppression, labels=proposed.classes)
-    kept = kept.cpu()
-    answered = proposed.boxes.detach().cpu()[kept]
-    answered[:, 2] -= config.input.height_offset_m
-    kinds = proposed.classes.cpu()[kept].tolist()
+    return as_detections(detector, proposed.boxes[kept], proposed.classes[kept], scores[kept])
+
+
+def as_detections(
+    detector: Detector3D,
+    boxes: Float[Tensor, "num_boxes 7"],
+    classes: Int64[Tensor, " num_boxes"],
+    scores: Float[Tensor, " num_boxes"],
+) -> Detections3D:
+    """Boxes of the sweep's frame in the labels'."""
+    answered = boxes.detach().cpu().clone()
+    answered[:, 2] -= detector.config.input.height_offset_m
     return Detections3D(
-        class_names=tuple(detector.class_names[index] for index in kinds),
+        class_names=tuple(detector.class_names[index] for index in classes.cpu().tolist()),
         boxes=Boxes3D(answered),
-        scores=scores.detach().cpu()[kept],
+        scores=scores.detach().cpu(),
     )
 
 

@@ -89,8 +89,17 @@ class Detection3DPredictor:
         Raises:
             ValueError: The sample has no sweep, or points that are not finite.
         """
+        return self.both_stages(sample)[1]
+
+    def both_stages(self, sample: CameraLidarSample) -> tuple[Detections3D, Detections3D]:
+        """What the first stage proposes, and what is made of it; else as a call.
+
+        Raises:
+            ValueError: As a call does.
+        """
         sweep = network_sweep(sample, self._input)
-        return self._stages.refine(sweep, self._stages.propose(sweep))
+        proposed = self._stages.propose(sweep)
+        return self._stages.proposals(proposed), self._stages.refine(sweep, proposed)
 
 
 def network_sweep(sample: CameraLidarSample, settings: SweepConfig) -> Sweep:

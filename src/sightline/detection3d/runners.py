@@ -5,7 +5,7 @@ from typing import Any
 
 from torch import Tensor
 
-from sightline.detection3d.detect import nothing_proposed, propose, refine
+from sightline.detection3d.detect import as_detections, nothing_proposed, propose, refine
 from sightline.detection3d.export_graph import export_graphs, pad_regions
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.stages import Proposed, Sweep
@@ -54,6 +54,10 @@ class StageRunners:
     def refine(self, sweep: Sweep, proposed: Proposed) -> Detections3D:
         """What is answered of proposals."""
         return refine(self.detector, sweep, proposed, self._second)
+
+    def proposals(self, proposed: Proposed) -> Detections3D:
+        """What was proposed, as it would be answered."""
+        return as_detections(self.detector, *proposed[:3])
 
     def _first(self, inputs: Mapping[str, Tensor]) -> Any:  # noqa: ANN401 - the stage's own
         found = self._engines[0](inputs)

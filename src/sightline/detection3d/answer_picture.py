@@ -1,0 +1,116 @@
+"""A frame with what a detector makes of it: proposals and answers, in the image and from above."""
+
+from dataclasses import replace
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from sightline.data.scene_changes import resize
+from sightline.structures.predictions import Detections3D
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
+from sightline.visualization.cells import GAP_PX, PAGE, TITLE_PX, titled_cell
+from sightline.visualization.colors import RGB
+from sightline.visualization.image import draw_boxes3d
+
+PROPOSED: Final[RGB] = (150, 156, 166)
+LABELLED: Final[RGB] = (245, 245, 245)
+DRAWN_SCORE: Final = 0.3
+"""What is less sure is not drawn."""
+
+_FARTHEST_M = 60.0
+
+
+def answer_picture(
+    title: str,
+    sample: CameraLidarSample,
+    proposed: Detections3D,
+    found: Detections3D,
+    *,
+    width_px: int = 900,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Proposals (grey) over detections in the image, and all of them from above at the right.
+
+    Labels are white, detections of a score of 0.3 or more have the colours of their classes.
+
+    Args:
+        title: Stands over the first picture.
+        sample: As the detector got it, with whatever it has.
+        proposed: What the first stage proposes.
+        found: What is made of it.
+        width_px: Of the image.
+    """
+    height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
+    sample = resize(sample, height_px, width_px)
+    proposed, sure = sure_boxes(proposed), sure_boxes(found)
+    image = _image(sample)
+    first = draw_boxes3d(
+        image,
+        proposed.boxes,
+        proposed.class_names,
+        sample.calibration,
+        color=PROPOSED,
+        tags=False,
+    )
+    second = draw_boxes3d(
+        _with_labels(image, sample),
+        sure.boxes,
+        sure.class_names,
+        sample.calibration,
+        scores=sure.scores,
+    )
+    seen = np.concatenate(
+        (
+            titled_cell(title, f"{len(proposed.scores)} proposals", first),
+            titled_cell("Detections", f"{len(sure.scores)}; labels are white", second),
+        )
+    )
+    above = _from_above(sample, proposed, sure, seen.shape[0] - TITLE_PX - GAP_PX)
+    return np.concatenate((seen, titled_cell("From above", "to 60 m", above)), axis=1)
+
+
+def sure_boxes(found: Detections3D) -> Detections3D:
+    """Those that are drawn, in their order."""
+    kept = (found.scores >= DRAWN_SCORE).nonzero()[:, 0]
+    names = tuple(found.class_names[index] for index in kept.tolist())
+    return Detections3D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
+
+
+def _image(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
+    if sample.image is None:
+        return np.full((*sample.image_size, 3), PAGE, np.uint8)
+    return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
+
+
+def _with_labels(
+    image: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample
+) -> UInt8[np.ndarray, "height width 3"]:
+    if sample.objects is None:
+        return image
+    labels = sample.objects.select(sample.objects.has_box3d)
+    return draw_boxes3d(
+        image, labels.boxes3d, labels.class_names, sample.calibration, color=LABELLED, tags=False
+    )
+
+
+def _from_above(
+    sample: CameraLidarSample, proposed: Detections3D, found: Detections3D, height_px: int
+) -> UInt8[np.ndarray, "height width 3"]:
+    view = BirdsEyeView(x_max_m=_FARTHEST_M)
+    view = replace(view, pixels_per_m=height_px / (view.x_max_m - view.x_min_m))
+    labels = sample.objects
+    picture = draw_birds_eye(
+        sample.points,
+        None if labels is None else labels.boxes3d,
+        () if labels is None else labels.class_names,
+        calibration=sample.calibration,
+        image_size=sample.image_size,
+        view=view,
+        color=LABELLED,
+    )
+    put_boxes_from_above(picture, view, proposed.boxes, proposed.class_names, color=PROPOSED)
+    put_boxes_from_above(picture, view, found.boxes, found.class_names)
+    fitted = cv2.resize(picture, (picture.shape[1], height_px), interpolation=cv2.INTER_AREA)
+    return fitted.astype(np.uint8, copy=False)

@@ -1,0 +1,50 @@
+"""3D detection's part of the demo: frames with boxes in the image and from above."""
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from sightline.data.image_file import write_rgb
+from sightline.data.open import open_dataset
+from sightline.detection3d.answer_picture import answer_picture, sure_boxes
+from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.inference.demo import DemoPart
+from sightline.inference.predict import predict
+from sightline.inference.predictor import AnsweringTask
+
+_HTML = """<h2>3D detection</h2>
+<p>Cars, pedestrians and cyclists in the LiDAR sweep by <b>{name}</b>, in <code>detections3d/</code>
+as KITTI's result files. Below: what its first stage proposes, what its second makes of that, and
+all of it from above; labels are white.</p>
+<img src="{picture}" alt="3D boxes in the image and from above">"""
+
+
+def run_detection3d_demo(
+    task: AnsweringTask, predictor: Detection3DPredictor, frames: Path, out: Path
+) -> DemoPart:
+    """Detects in frames and draws each of them.
+
+    Args:
+        task: 3D detection, whose files are written.
+        predictor: What detects.
+        frames: An object tree.
+        out: Folder for all of it; a second run makes only what is missing of the result files.
+
+    Raises:
+        ValueError: `out` cannot be written to.
+    """
+    detections, picture = out / "detections3d", out / "detections3d.png"
+    predict(task, predictor, frames, detections, workers=1)
+    dataset = open_dataset(frames)
+    pages, counts = [], []
+    for sample in (dataset[index] for index in range(len(dataset))):
+        proposed, found = predictor.both_stages(sample)
+        pages.append(answer_picture(f"Frame {sample.sample_id}", sample, proposed, found))
+        counts.append(f"{len(sure_boxes(found).scores)} in {sample.sample_id}")
+    write_rgb(picture, np.concatenate(pages))
+    return DemoPart(
+        result=f"3D objects by {predictor.name}: {', '.join(counts)}",
+        files=(("3D objects", detections), ("picture", picture)),
+        html=_HTML.format(name=html.escape(predictor.name), picture=picture.name),
+    )

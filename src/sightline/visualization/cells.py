@@ -1,0 +1,48 @@
+"""Pictures on a dark page, each under its title."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from sightline.visualization.colors import RGB
+from sightline.visualization.lettering import put_text, text_width
+
+PAGE: Final[RGB] = (36, 39, 46)
+MUTED: Final[RGB] = (150, 156, 166)
+TITLE_PX: Final = 24
+"""Height of a title's line."""
+GAP_PX: Final = 6
+"""Between cells."""
+
+_TITLE: RGB = (236, 238, 242)
+_TEXT_PX = 10
+
+
+def scaled(
+    picture: UInt8[np.ndarray, "height width 3"], width_px: int
+) -> UInt8[np.ndarray, "new_height new_width 3"]:
+    """The picture at another width, its shape kept."""
+    height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
+    small = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
+    return small.astype(np.uint8, copy=False)
+
+
+def titled_cell(
+    title: str, muted: str, picture: UInt8[np.ndarray, "height width 3"]
+) -> UInt8[np.ndarray, "new_height new_width 3"]:
+    """The picture under its title, with the page's gap at its right and bottom.
+
+    Args:
+        title: In bright letters.
+        muted: After it, in grey ones.
+        picture: Is left as it is.
+    """
+    height, width = picture.shape[:2]
+    page = np.full((TITLE_PX + height + GAP_PX, width + GAP_PX, 3), PAGE, np.uint8)
+    page[TITLE_PX : TITLE_PX + height, :width] = picture
+    put_text(page, title, 2, TITLE_PX - 7, height_px=_TEXT_PX, color=_TITLE)
+    at = 2 + text_width(title, _TEXT_PX) + 12
+    put_text(page, muted, at, TITLE_PX - 7, height_px=_TEXT_PX, color=MUTED)
+    return page
