@@ -1,3 +1,4 @@
+import csv
 import json
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from sightline.evaluation.kitti_object_rules import (
     parse_overlaps,
 )
 from sightline.evaluation.kitti_object_scores import _all_points, score_objects
+from sightline.evaluation.object_rows import write_object_rows
 from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
 from tests.reference import kitti_object as reference
 
@@ -48,7 +50,7 @@ def street(tmp_path):
 
 def test_the_json_report_has_the_stated_shape(street):
     report = json.loads(json.dumps(evaluate_objects(*street).to_json()))
-    assert report.keys() == {"frames", "entries"}
+    assert report.keys() == {"frames", "frames_without_results", "entries"}
     assert report["frames"] == 30
     assert len(report["entries"]) == 27
     for entry in report["entries"]:
@@ -230,3 +232,62 @@ def test_full_frames_score_the_same_whether_they_are_matched_together_or_one_by_
     monkeypatch.setattr(kitti_object, "_MAX_PAIRS", 10_000)
     monkeypatch.setattr(kitti_object, "_FRAMES_AT_A_TIME", 1)
     assert evaluate_objects(*street).to_json() == together
+
+
+def test_rows_for_spreadsheets_hold_what_the_report_says(street, tmp_path):
+    for path in street[0].glob("*.txt"):
+        located = [line for line in path.read_text().splitlines(True) if " -1000.0 " not in line]
+        path.write_text("".join(located))
+    report = evaluate_objects(*street, bootstrap=20, by_distance=(25.0,))
+    table, document = tmp_path / "scores.csv", tmp_path / "scores.md"
+    write_object_rows(report, csv=table, markdown=document)
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert len(rows) == len(report.entries) * 3
+    entries = [*report.entries, *(each for band in report.bands for each in band.entries)]
+    for row, entry in zip(rows, entries, strict=True):
+        assert (row["class"], row["metric"]) == (entry.class_name, entry.metric)
+        assert int(row["objects"]) == entry.n_gt
+        assert float(row["AP_R40"]) == entry.ap_r40
+        assert row["AOS_R40"] == ("" if entry.aos_r40 is None else str(entry.aos_r40))
+        points = entry.all_points
+        assert row["AP_all_points_low"] == ("" if points is None else str(points.low))
+    assert {row["distance"] for row in rows} == {"all", "0-25 m", "25 m on"}
+    lines = document.read_text().splitlines()
+    assert len(lines) == len(rows) + 2
+    assert {line.count("|") for line in lines} == {len(rows[0]) + 1}
+    assert lines[2].split(" | ")[5] == f"{report.entries[0].ap_r40:.2f}"
+
+
+def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
+    results, labels = street
+    (results / "000003.txt").write_text("")
+    expected = evaluate_objects(results, labels)
+    (results / "000003.txt").unlink()
+    with pytest.raises(ValueError, match="missing_as_empty"):
+        evaluate_objects(results, labels)
+    report = evaluate_objects(results, labels, missing_as_empty=True)
+    assert report.frames_without_results == 1
+    assert [e.to_json(with_all_points=False) for e in report.entries] == [
+        e.to_json(with_all_points=False) for e in expected.entries
+    ]
+    assert "1 frames had no result file" in said(report)
+    for path in results.glob("*.txt"):
+        path.unlink()
+    with pytest.raises(ValueError, match="no result file of any of 30 frames"):
+        evaluate_objects(results, labels, missing_as_empty=True)
+
+
+def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_path):
+    cars = [CAR.moved(image=200 * n, ground=10 * n) for n in range(4)]
+    found = [replace(car, score=0.9 - 0.1 * n) for n, car in enumerate(cars)]
+    report = evaluate_objects(*write_frames(tmp_path, [(text_of(cars), text_of(found))]))
+    assert {round(entry.ap_r40, 6) for entry in report.entries} == {7.5}
+    assert "4 of Car" in said(report)
+    assert "give R40 7.5" in said(report)
+
+
+def said(report):
+    console = Console(width=100)
+    with console.capture() as captured:
+        console.print(report.table())
+    return captured.get()

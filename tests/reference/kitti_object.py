@@ -87,8 +87,10 @@ def sizes(a):
 
 
 class Evaluation:
-    def __init__(self, frames, overlaps=STRICT):
+    def __init__(self, frames, overlaps=STRICT, band=(0, math.inf)):
+        """`band`: nearest and farthest distance [m] of what counts; KITTI has none."""
         self.overlaps = overlaps
+        self.band = band
         self.frames = [
             (parse(labels, with_score=False), parse(results, with_score=True))
             for labels, results in frames
@@ -106,6 +108,12 @@ class Evaluation:
         area = sizes(detection)[METRICS.index(metric)]
         other = sizes(truth)[METRICS.index(metric)]
         return shared / area if over_detection else shared / (area + other - shared)
+
+    def is_in_band(self, each):
+        if self.band == (0, math.inf):
+            return True
+        near, far = self.band
+        return -1000 not in (each.x, each.z) and near <= math.hypot(each.x, each.z) < far
 
     def is_ambiguous(self):
         """Whether rounding could decide: an overlap at its threshold, or two all but equal."""
@@ -191,6 +199,9 @@ class Frame:
         self.truths, self.detections = truths, detections
         self.minimum = evaluation.overlaps[name][METRICS.index(metric)]
         self.truth_kinds = [truth_kind(each, name.lower(), level) for each in truths]
+        for i, truth in enumerate(truths):
+            if self.truth_kinds[i] == "valid" and not evaluation.is_in_band(truth):
+                self.truth_kinds[i] = "ignored"
         self.detection_kinds = [detection_kind(each, name.lower(), level) for each in detections]
 
     def overlap(self, j, i):
@@ -243,7 +254,8 @@ class Frame:
         forgiven = [
             j
             for j in false
-            if any(
+            if not self.evaluation.is_in_band(self.detections[j])
+            or any(
                 self.evaluation.overlap(
                     self.detections[j], region, self.metric, over_detection=True
                 )

@@ -18,7 +18,11 @@ def evaluate_objects(
     overlaps: str = "strict",
     bootstrap: int = 0,
     seed: int = 0,
+    by_distance: tuple[float, ...] = (),
+    missing_as_empty: bool = False,
     json: Path | None = None,
+    csv: Path | None = None,
+    markdown: Path | None = None,
 ) -> None:
     """Scores result files exactly as KITTI's official object evaluation does.
 
@@ -30,11 +34,18 @@ def evaluate_objects(
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
         bootstrap: Resamples of the frames for the interval of AP_all_points; 0 leaves it out.
         seed: Of the resamples.
+        by_distance: Distances from the camera [m] at which bands end that are scored by themselves,
+            e.g. 20 40.
+        missing_as_empty: Takes a frame without a result file as one in which nothing was found.
         json: File for the whole report.
+        csv: File for the scores, a line for each class, metric, difficulty and band.
+        markdown: File for the same as a table.
     """
-    check_writable(json)
+    for path in (json, csv, markdown):
+        check_writable(path)
     from sightline.evaluation.kitti_object import evaluate_objects as evaluate
     from sightline.evaluation.kitti_object_rules import parse_overlaps
+    from sightline.evaluation.object_rows import write_object_rows
 
     report = evaluate(
         results,
@@ -43,9 +54,12 @@ def evaluate_objects(
         overlaps=parse_overlaps(overlaps),
         bootstrap=bootstrap,
         seed=seed,
+        by_distance=by_distance,
+        missing_as_empty=missing_as_empty,
         progress=True,
     )
     deliver(report, json)
+    write_object_rows(report, csv=csv, markdown=markdown)
 
 
 def evaluate_proposals(

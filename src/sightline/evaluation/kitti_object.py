@@ -3,14 +3,16 @@
 2D boxes, orientation, bird's-eye view and 3D; Car, Pedestrian, Cyclist; easy, moderate, hard.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from sightline.data.frame_files import require_frame_files
-from sightline.data.kitti_labels import KittiObjects, read_labels, read_results
+from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
 from sightline.data.problem import FileError
 from sightline.data.progress import track
 from sightline.data.sample_list import read_sample_list
+from sightline.evaluation.kitti_object_distance import check_edges, score_by_distance
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
 from sightline.evaluation.kitti_object_scores import score_objects
@@ -29,6 +31,8 @@ def evaluate_objects(
     overlaps: MinimumOverlaps = STRICT,
     bootstrap: int = 0,
     seed: int = 0,
+    by_distance: Sequence[float] = (),
+    missing_as_empty: bool = False,
     progress: bool = False,
 ) -> ObjectReport:
     """Evaluates result files against label files as KITTI's official program does.
@@ -42,12 +46,14 @@ def evaluate_objects(
         overlaps: What a match must exceed, by class and metric.
         bootstrap: Resamples of the frames for `AP_all_points`, up to 100,000; 0 leaves it out.
         seed: Of the resamples.
+        by_distance: Edges of bands of distance [m] that are scored by themselves, too; rising.
+        missing_as_empty: Whether a frame without a result file is taken as one without detections.
         progress: Whether to show how far it is.
 
     Raises:
         ValueError: If a frame lacks its file (KITTI's program would skip it, which flatters the
             recall), a file is at fault, or a frame has far too many objects; the message names it
-            and says what to do.
+            and says what to do. Or as `score_by_distance` has it.
     """
     if bootstrap < 0:
         raise ValueError(f"bootstrap must not be negative, got {bootstrap}: give 0 to leave it out")
@@ -59,12 +65,18 @@ def evaluate_objects(
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     minima = overlaps.as_array()
-    frames = read_frames(results_dir, labels_dir, sample_list, progress=progress)
+    check_edges(by_distance)
+    names = frame_names(labels_dir, sample_list)
+    missing = _missing_results(results_dir, names) if missing_as_empty else set()
+    frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)
     parts: list[MatchingData] = []
     for batch in _batches(frames):
         detections, labels = zip(*batch, strict=True)
         parts.append(find_pairs(detections, labels, minima))
-    return score_objects(concatenate(parts), overlaps, bootstrap=bootstrap, seed=seed)
+    data = concatenate(parts)
+    report = score_objects(data, overlaps, bootstrap=bootstrap, seed=seed)
+    bands = score_by_distance(data, overlaps, by_distance) if by_distance else ()
+    return replace(report, bands=bands, frames_without_results=len(missing))
 
 
 def read_frames(
@@ -72,15 +84,23 @@ def read_frames(
     labels_dir: Path,
     sample_list: Path | str | Sequence[str] | None,
     *,
+    empty: Collection[str] = (),
     progress: bool,
 ) -> Iterator[tuple[KittiObjects, KittiObjects]]:
     """Reads results and labels frame by frame; the missing files are found before the first.
+
+    Args:
+        results_dir: One file a frame.
+        labels_dir: One file a frame.
+        sample_list: The frames; see `read_sample_list`. None: all that have labels.
+        empty: Frames whose result file is not read: they have no detections.
+        progress: Whether to show how far it is.
 
     Raises:
         ValueError: If a frame lacks a file, a file is at fault, or a frame has more results times
             labels than can be matched in reasonable time.
     """
-    names = _frame_names(labels_dir, sample_list)
+    names = frame_names(labels_dir, sample_list)
     require_frame_files(
         labels_dir,
         names,
@@ -89,16 +109,35 @@ def read_frames(
     )
     require_frame_files(
         results_dir,
-        names,
+        [name for name in names if name not in empty],
         "result",
-        "write an empty one where nothing was found, or name a list of the frames to score",
+        "write an empty one where nothing was found, take frames without one as empty "
+        "(missing_as_empty), or name a list of the frames to score",
     )
     shown: Iterable[str] = track(names, description="reading results") if progress else names
-    return (_read_frame(results_dir / f"{name}.txt", labels_dir / f"{name}.txt") for name in shown)
+    return (
+        _read_frame(
+            None if name in empty else results_dir / f"{name}.txt", labels_dir / f"{name}.txt"
+        )
+        for name in shown
+    )
 
 
-def _read_frame(results: Path, labels: Path) -> tuple[KittiObjects, KittiObjects]:
-    found, labelled = read_results(results), read_labels(labels)
+def _missing_results(results_dir: Path, names: Sequence[str]) -> set[str]:
+    missing = {name for name in names if not (results_dir / f"{name}.txt").exists()}
+    if len(missing) == len(names):
+        raise ValueError(
+            f"{results_dir} has no result file of any of {len(names):,} frames; name the folder of "
+            "the results"
+        )
+    return missing
+
+
+def _read_frame(results: Path | None, labels: Path) -> tuple[KittiObjects, KittiObjects]:
+    labelled = read_labels(labels)
+    if results is None:
+        return parse_objects(b"", labels, with_scores=True), labelled
+    found = read_results(results)
     if len(found) * len(labelled) > _MAX_PAIRS:
         raise FileError(
             results,
@@ -109,7 +148,12 @@ def _read_frame(results: Path, labels: Path) -> tuple[KittiObjects, KittiObjects
     return found, labelled
 
 
-def _frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None) -> Sequence[str]:
+def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None) -> Sequence[str]:
+    """The frames that are scored: those of a list, or all that have labels.
+
+    Raises:
+        ValueError: There are none, or the list is at fault.
+    """
     if sample_list is not None:
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))

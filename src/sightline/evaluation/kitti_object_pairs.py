@@ -47,11 +47,15 @@ class MatchingData:
     """Index in CLASSES, that of the neighbour for a neighbour."""
     truth_level: Int8[np.ndarray, " num_truths"]
     """First difficulty at which it counts, or NEVER."""
+    truth_range_m: Float64[np.ndarray, " num_truths"]
+    """Over the ground, from the camera; NaN without a location."""
     pairs_per_truth: Int32[np.ndarray, " num_truths"]
     detection_class: Int8[np.ndarray, " num_detections"]
     """Index in CLASSES, or a negative number."""
     detection_level: Int8[np.ndarray, " num_detections"]
     """First difficulty at which it is not small, or NEVER."""
+    detection_range_m: Float64[np.ndarray, " num_detections"]
+    """As of truths."""
     detection_score: Float64[np.ndarray, " num_detections"]
     detection_forgiven: Bool[np.ndarray, "num_detections 3"]
     """By metric: whether a DontCare region covers it."""
@@ -125,9 +129,11 @@ def find_pairs(
         detections_per_frame=np.diff(found.offsets).astype(np.int32),
         truth_class=truths.code,
         truth_level=truths.level,
+        truth_range_m=_ranges_m(truths.boxes),
         pairs_per_truth=pairs_per_truth,
         detection_class=found.code,
         detection_level=found.level,
+        detection_range_m=_ranges_m(found.boxes),
         detection_score=found.score,
         detection_forgiven=forgiven,
         pair_detection=pair_detection[:num_pairs].copy(),
@@ -227,6 +233,11 @@ def _select_regions(
 ) -> tuple[Float64[np.ndarray, "num_regions 11"], Int64[np.ndarray, " num_offsets"]]:
     kept = np.flatnonzero(_codes(labels) == DONT_CARE)
     return stack_boxes(labels)[kept], _offsets(labels, kept)
+
+
+def _ranges_m(boxes: Float64[np.ndarray, "num_objects 11"]) -> Float64[np.ndarray, " num_objects"]:
+    x, z = boxes[:, 7], boxes[:, 9]
+    return np.where((x == NO_LOCATION) | (z == NO_LOCATION), np.nan, np.hypot(x, z))
 
 
 def _codes(frames: Sequence[KittiObjects]) -> Int8[np.ndarray, " num_objects"]:

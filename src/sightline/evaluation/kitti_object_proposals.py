@@ -23,7 +23,7 @@ from sightline.evaluation.kitti_object_rules import (
     class_code,
     truth_levels,
 )
-from sightline.evaluation.object_report import ProposalEntry, ProposalReport
+from sightline.evaluation.proposal_report import ProposalEntry, ProposalReport
 from sightline.ops.compiled import compiled
 
 

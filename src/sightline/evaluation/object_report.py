@@ -1,15 +1,18 @@
-"""What the evaluations of objects and of proposals report: as JSON and as tables."""
+"""What the evaluation of objects reports: as JSON and as tables."""
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from sightline.evaluation.kitti_object_matching import NUM_SLOTS
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
+from sightline.evaluation.object_tables import add_section, percentage, score_table
 
 if TYPE_CHECKING:
+    from rich.console import Group
     from rich.table import Table
 
 
@@ -83,6 +86,25 @@ class ObjectEntry:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class DistanceBand:
+    """Scores of what is so far away."""
+
+    from_m: float
+    """Over the ground, from the camera."""
+    to_m: float
+    """Without this distance itself; infinity in the last band."""
+    entries: tuple[ObjectEntry, ...]
+    """As those of the report."""
+
+    @property
+    def title(self) -> str:
+        """Its ends, for people."""
+        if math.isinf(self.to_m):
+            return f"{self.from_m:g} m on"
+        return f"{self.from_m:g}-{self.to_m:g} m"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectReport:
     """KITTI's object evaluation of one submission.
 
@@ -94,137 +116,105 @@ class ObjectReport:
     """By class, then metric, then difficulty."""
     num_resamples: int = 0
     """Bootstrap resamples behind `all_points`; 0 where it was not asked for."""
+    frames_without_results: int = 0
+    """Frames that were taken as empty because they had no file."""
+    bands: tuple[DistanceBand, ...] = ()
+    """Nearest first; none where distances were not asked for."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""
-        return {
+        report: dict[str, Any] = {
             "frames": self.frames,
+            "frames_without_results": self.frames_without_results,
             "entries": [
                 entry.to_json(with_all_points=self.num_resamples > 0) for entry in self.entries
             ],
         }
+        if self.bands:
+            report["by_distance"] = [
+                {
+                    "from_m": band.from_m,
+                    "to_m": None if math.isinf(band.to_m) else band.to_m,
+                    "entries": [entry.to_json(with_all_points=False) for entry in band.entries],
+                }
+                for band in self.bands
+            ]
+        return report
 
-    def table(self) -> "Table":
-        """The figures of each class and metric, a column for each difficulty; 80 wide."""
-        table = _table(f"KITTI objects, {self.frames:,} frames, AP and AOS in percent")
+    def table(self) -> "Table | Group":
+        """The figures of each class and metric, a column for each difficulty; 80 wide.
+
+        Below it, where they were asked for, those of each distance.
+        """
+        if not self.bands:
+            return self._scores_table()
+        from rich.console import Group
+
+        return Group(self._scores_table(), self._distance_table())
+
+    def _distance_table(self) -> "Table":
+        table = score_table(
+            "By distance from the camera: AP R40 in percent, and objects", "distance"
+        )
+        for start in range(0, len(self.entries), len(DIFFICULTIES)):
+            for band in self.bands:
+                levels = band.entries[start : start + len(DIFFICULTIES)]
+                rows = [
+                    ("AP R40", [percentage(level.ap_r40) for level in levels]),
+                    ("objects", [f"{level.n_gt:,}" for level in levels]),
+                ]
+                first = levels[0]
+                add_section(table, (first.class_name, first.metric, band.title), rows)
+        return table
+
+    def _scores_table(self) -> "Table":
+        table = score_table(f"KITTI objects, {self.frames:,} frames, AP and AOS in percent")
+        notes = [self._missing_note(), self._slots_note()]
+        table.caption = "\n".join(note for note in notes if note) or None
+        table.caption_justify = "left"
         for start in range(0, len(self.entries), len(DIFFICULTIES)):
             levels = self.entries[start : start + len(DIFFICULTIES)]
             rows: list[tuple[str, list[str]]] = [
-                ("AP R40", [_percentage(level.ap_r40) for level in levels]),
-                ("AP R11", [_percentage(level.ap_r11) for level in levels]),
+                ("AP R40", [percentage(level.ap_r40) for level in levels]),
+                ("AP R11", [percentage(level.ap_r11) for level in levels]),
             ]
             if levels[0].aos_r40 is not None:
-                rows.append(("AOS R40", [_percentage(level.aos_r40) for level in levels]))
-                rows.append(("AOS R11", [_percentage(level.aos_r11) for level in levels]))
+                rows.append(("AOS R40", [percentage(level.aos_r40) for level in levels]))
+                rows.append(("AOS R11", [percentage(level.aos_r11) for level in levels]))
             if self.num_resamples:
                 points = [level.all_points for level in levels]
-                rows.append(("AP all points", [_percentage(p.ap if p else None) for p in points]))
+                rows.append(("AP all points", [percentage(p.ap if p else None) for p in points]))
                 rows.append(("95 % interval", [_interval(p) for p in points]))
-            rows.append(("max recall", [_percentage(100 * level.max_recall) for level in levels]))
+            rows.append(("max recall", [percentage(100 * level.max_recall) for level in levels]))
             if any(level.flipped_share is not None for level in levels):
                 shares = [level.flipped_share for level in levels]
                 rows.append(
                     (
                         "heading flipped",
-                        [_percentage(None if s is None else 100 * s) for s in shares],
+                        [percentage(None if s is None else 100 * s) for s in shares],
                     )
                 )
             rows.append(("objects", [f"{level.n_gt:,}" for level in levels]))
-            _add_section(table, (levels[0].class_name, levels[0].metric), rows)
+            add_section(table, (levels[0].class_name, levels[0].metric), rows)
         return table
 
+    def _missing_note(self) -> str:
+        if not self.frames_without_results:
+            return ""
+        return f"{self.frames_without_results:,} frames had no result file and were taken as empty."
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ProposalEntry:
-    """Recall of the proposals of one class at one overlap."""
-
-    class_name: ClassName
-    metric: Metric
-    difficulty: Difficulty | None
-    """None: all objects of the class, whatever their difficulty."""
-    iou: float
-    """An object is found if some proposal overlaps it by this much, or more."""
-    n_gt: int
-    n_found: int
-    recall: float
-    """Found over all objects, percent; 0 where there are none."""
-    recall_frames_with_objects: float
-    """Mean over the frames that have objects of each one's recall, percent."""
-    recall_all_frames: float
-    """Mean over all frames, those without objects counted as 0, percent."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The entry as the report's file has it."""
-        return {
-            "class": self.class_name,
-            "metric": self.metric,
-            "difficulty": self.difficulty or "all",
-            "iou": self.iou,
-            "n_gt": self.n_gt,
-            "n_found": self.n_found,
-            "recall": self.recall,
-            "recall_frames_with_objects": self.recall_frames_with_objects,
-            "recall_all_frames": self.recall_all_frames,
-        }
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ProposalReport:
-    """Recall of proposals over some frames."""
-
-    frames: int
-    entries: tuple[ProposalEntry, ...]
-    """By class, metric, overlap, then difficulty."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The report as its file has it."""
-        return {"frames": self.frames, "entries": [entry.to_json() for entry in self.entries]}
-
-    def table(self) -> "Table":
-        """The recalls of each class, metric and overlap, a column for each difficulty; 80 wide."""
-        num_levels = len(DIFFICULTIES) + 1
-        table = _table(f"recall of proposals, {self.frames:,} frames, percent", "IoU", "all")
-        for start in range(0, len(self.entries), num_levels):
-            levels = self.entries[start : start + num_levels]
-            rows = [
-                ("recall", [_percentage(level.recall) for level in levels]),
-                (
-                    "by frame",
-                    [_percentage(level.recall_frames_with_objects) for level in levels],
-                ),
-                ("by frame, empty 0", [_percentage(level.recall_all_frames) for level in levels]),
-                ("objects", [f"{level.n_gt:,}" for level in levels]),
-            ]
-            names = (levels[0].class_name, levels[0].metric, f"{levels[0].iou:g}")
-            _add_section(table, names, rows)
-        return table
-
-
-def _table(title: str, extra_name: str | None = None, extra_level: str | None = None) -> "Table":
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("class", "metric", extra_name, ""):
-        if name is not None:
-            table.add_column(name, no_wrap=True)
-    for level in (*DIFFICULTIES, extra_level):
-        if level is not None:
-            table.add_column(level, justify="right", no_wrap=True)
-    return table
-
-
-def _add_section(
-    table: "Table", names: Sequence[str], rows: Sequence[tuple[str, list[str]]]
-) -> None:
-    """Adds the figures of a class and metric, whose names stand on the first line only."""
-    for number, (figure, cells) in enumerate(rows):
-        shown = names if number == 0 else [""] * len(names)
-        table.add_row(*shown, figure, *cells, end_section=number == len(rows) - 1)
-
-
-def _percentage(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+    def _slots_note(self) -> str:
+        """What R40 and R11 can be at most where objects are fewer than recall positions."""
+        few = [entry for entry in self.entries if 0 < entry.n_gt < NUM_SLOTS]
+        if not few:
+            return ""
+        fewest = min(few, key=lambda entry: entry.n_gt)
+        most_r40 = 100 * (fewest.n_gt - 1) / (NUM_SLOTS - 1)
+        return (
+            f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: "
+            f"{fewest.n_gt} of {fewest.class_name},\n{fewest.difficulty}, found without a fault "
+            f"give R40 {most_r40:.1f}. AP of all points (bootstrap) has no such limit."
+        )
 
 
 def _interval(points: BootstrapAP | None) -> str:

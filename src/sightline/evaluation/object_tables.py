@@ -1,0 +1,46 @@
+"""Tables of scores of objects: a section for each class and metric, a column for each level."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from sightline.evaluation.kitti_object_rules import DIFFICULTIES
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def score_table(
+    title: str, extra_name: str | None = None, extra_level: str | None = None
+) -> "Table":
+    """An empty table; columns for names, for what the figure is, and for the levels.
+
+    Args:
+        title: Above it.
+        extra_name: Of a column after class and metric.
+        extra_level: Of a column after the difficulties.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("class", "metric", extra_name, ""):
+        if name is not None:
+            table.add_column(name, no_wrap=True)
+    for level in (*DIFFICULTIES, extra_level):
+        if level is not None:
+            table.add_column(level, justify="right", no_wrap=True)
+    return table
+
+
+def add_section(
+    table: "Table", names: Sequence[str], rows: Sequence[tuple[str, list[str]]]
+) -> None:
+    """Adds the figures of a class and metric, whose names stand on the first line only."""
+    for number, (figure, cells) in enumerate(rows):
+        shown = names if number == 0 else [""] * len(names)
+        table.add_row(*shown, figure, *cells, end_section=number == len(rows) - 1)
+
+
+def percentage(value: float | None) -> str:
+    """A cell; a dash where there is no value."""
+    return "-" if value is None else f"{value:.2f}"
