@@ -14,6 +14,7 @@ REFUSED = 2
 
 _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--beams": (int, None),
+    "--by-distance": (float, None),
     "--ious": (float, None),
     "--image-size": (int, 2),
     "--cases": (str, None),

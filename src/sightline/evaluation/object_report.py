@@ -212,7 +212,7 @@ class ObjectReport:
         most_r40 = 100 * (fewest.n_gt - 1) / (NUM_SLOTS - 1)
         return (
             f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: "
-            f"{fewest.n_gt} of {fewest.class_name},\n{fewest.difficulty}, found without a fault "
+            f"{fewest.n_gt} of {fewest.class_name}, {fewest.difficulty}, found without a fault "
             f"give R40 {most_r40:.1f}. AP of all points (bootstrap) has no such limit."
         )
 
