@@ -65,20 +65,29 @@ def test_background_has_a_class_s_mean_sizes_holds_a_point_and_is_clear_of_all_o
 
 
 def test_what_the_first_stage_found_is_on_an_object_or_off_it_or_left_out():
-    scene = scene_of(BOXES, [0, 1])
-    near, wrong_class, away = list(BOXES[0]), list(BOXES[1]), [4.0, -6, -0.9, 4, 1.6, 1.5, 0.0]
+    near, half_on = list(BOXES[0]), list(BOXES[0])
     near[0] += 0.3
-    found = FoundBoxes(
-        torch.tensor([near, wrong_class, away]), torch.tensor([0, 2, 0]), torch.ones(3)
-    )
+    half_on[0] += 3.2
+    wrong_class, away = list(BOXES[1]), [4.0, -6, -0.9, 4, 1.6, 1.5, 0.0]
+    proposals = torch.tensor([near, half_on, wrong_class, away])
+    found = FoundBoxes(proposals, torch.tensor([0, 0, 2, 0]), torch.ones(4))
     config = RegionExamplesConfig(num_objects=0, num_background=0, proposal_factor=0.0)
-    drawn = draw(scene, config, found)
+    drawn = draw(scene_of(BOXES, [0, 1]), config, found)
     order = drawn.proposals[:, 0].argsort()
-    assert drawn.proposals[order, 0].tolist() == pytest.approx([4.0, 8.3])
-    assert drawn.is_object[order].tolist() == [False, True]
+    assert drawn.proposals[order, 0].tolist() == pytest.approx([4.0, 8.3, 12.0])
+    assert drawn.is_object[order].tolist() == [False, True, False]
     assert drawn.truths[order[1]].tolist() == pytest.approx(BOXES[0])
-    few = draw(scene, RegionExamplesConfig(num_objects=0, num_background=0, num_proposals=1), found)
-    assert len(few.proposals) == 1
+    few = RegionExamplesConfig(num_objects=0, num_background=0, num_proposals=1)
+    assert len(draw(scene_of(BOXES, [0, 1]), few, found).proposals) == 1
+
+
+def test_what_the_first_stage_found_on_ignored_objects_is_left_out():
+    found = FoundBoxes(torch.tensor([BOXES[1]]), torch.tensor([1]), torch.ones(1))
+    config = RegionExamplesConfig(num_objects=0, num_background=0)
+    scene = scene_of(BOXES, [0, 1], ignored=1)
+    assert len(draw(scene, config, found).proposals) == 0
+    scene.ignored_classes[0, 1] = False  # for cars and cyclists alone
+    assert draw(scene, config, found).is_object.tolist() == [False]
 
 
 def test_a_frame_without_objects_gives_background_alone_and_one_without_points_nothing():

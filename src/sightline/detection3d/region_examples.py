@@ -51,7 +51,7 @@ class RegionExamplesConfig:
     min_iou: float = 0.2
     """IoU from above with an object from which a first-stage proposal is on it."""
     max_background_iou: float = 0.02
-    """IoU from above with all objects, ignored ones too, up to which it is off them."""
+    """IoU from above with objects of its class, and those ignored for it, up to which it is off."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -101,7 +101,7 @@ def region_examples(
     A frame without objects gives no moved truths. Background is a box of a random class's mean
     sizes around a random point, wherever it is clear of all objects, ignored ones too: some of the
     wanted number may fall away. So do proposals that are neither on an object of their class nor
-    off everything.
+    off all of them and of those ignored for it; on an object of another class they are background.
 
     Args:
         scene: The sweep's truth.
@@ -146,7 +146,7 @@ def _background(
     rotation = yaw_rotation(yaw[:, 0])
     offset = (rotation @ (inside * sizes)[:, :, None])[:, :, 0]
     boxes = torch.cat((points[chosen].double() - offset, sizes, yaw), dim=1)
-    is_clear = _is_clear(boxes, scene, 0.0)
+    is_clear = _is_clear(boxes, scene)
     boxes = boxes[is_clear]
     return RegionExamples(boxes, kind[is_clear], boxes, torch.zeros(len(boxes), dtype=torch.bool))
 
@@ -160,7 +160,10 @@ def _first_stage(
     # a column of zeros for frames without objects
     best, truth = torch.cat((iou, iou.new_zeros(len(boxes), 1)), dim=1).max(dim=1)
     is_object = best >= max(config.min_iou, 1e-9)
-    usable = (is_object | _is_clear(boxes, scene, config.max_background_iou)).nonzero()[:, 0]
+    ignored_iou = pairwise_iou_bev(Boxes3D(boxes).bev, Boxes3D(scene.ignored_boxes).bev)
+    is_ignored = (ignored_iou > config.max_background_iou) & scene.ignored_classes.T[found.classes]
+    is_off = (best <= config.max_background_iou) & ~is_ignored.any(dim=1)
+    usable = (is_object | is_off).nonzero()[:, 0]
     chosen = usable[torch.from_numpy(rng.permutation(len(usable))[: config.num_proposals])]
     moved = _moved(boxes[chosen], config.proposal_factor, rng, config)
     truths = moved.clone()
@@ -170,10 +173,10 @@ def _first_stage(
 
 
 def _is_clear(
-    boxes: Float64[Tensor, "num_boxes 7"], scene: SweepTruth, max_iou: float
+    boxes: Float64[Tensor, "num_boxes 7"], scene: SweepTruth
 ) -> Bool[Tensor, " num_boxes"]:
     taken = Boxes3D(torch.cat((scene.boxes, scene.ignored_boxes)))
-    return (pairwise_iou_bev(Boxes3D(boxes).bev, taken.bev) <= max_iou).all(dim=1)
+    return (pairwise_iou_bev(Boxes3D(boxes).bev, taken.bev) == 0).all(dim=1)
 
 
 def _moved(
