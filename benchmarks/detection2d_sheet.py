@@ -7,13 +7,12 @@ outlined. The picture takes 600 KB at most.
 
 from pathlib import Path
 
-import cv2
 import jsonargparse
 import numpy as np
 from jaxtyping import UInt8
 
+from benchmarks.sheet_file import write_sheet
 from sightline.corruptions.suites import SUITES
-from sightline.data.atomic import atomic_write_bytes
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.progress import track
 from sightline.detection2d.answer_picture import answer_row
@@ -22,7 +21,6 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 
 _MAX_BYTES = 600_000
-_QUALITIES = range(90, 10, -5)
 
 
 def main(
@@ -53,7 +51,7 @@ def main(
     height = max(len(column) for column in columns)  # KITTI's images differ by a few rows
     filled = [np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in columns]
     sheet = np.concatenate(filled, axis=1)
-    atomic_write_bytes(out, _encoded(sheet))
+    write_sheet(out, sheet, _MAX_BYTES)
     print(out)
 
 
@@ -69,15 +67,6 @@ def _column(
         answer = predictor(corrupted.sample)
         rows.append(answer_row(title, corrupted.sample, answer, masks=masks, width_px=width_px))
     return np.concatenate(rows)
-
-
-def _encoded(sheet: UInt8[np.ndarray, "height width 3"]) -> bytes:
-    """As JPEG of the best quality that fits."""
-    for quality in _QUALITIES:
-        _, encoded = cv2.imencode(".jpg", sheet[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-        if encoded.nbytes <= _MAX_BYTES:
-            return encoded.tobytes()
-    raise ValueError(f"the sheet takes more than {_MAX_BYTES:,} bytes; draw fewer frames")
 
 
 if __name__ == "__main__":
