@@ -100,11 +100,11 @@ def _heat_cell(score: float | None, figure: Figure, clean: float) -> str:
 def heat_legend() -> str:
     """What the colours mean."""
     steps = "".join(
-        f'<span style="background:{heat_color(share)[0]};color:{heat_color(share)[1]}">'
-        f"{100 * share:.0f}</span>"
+        f'<i style="background:{heat_color(share)[0]};color:{heat_color(share)[1]}">'
+        f"{100 * share:.0f}</i>"
         for share in (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)
     )
-    return f'<p class="scale">of the clean performance is left, %: {steps}</p>'
+    return f'<p class="scale">of the clean performance is left, %: <span>{steps}</span></p>'
 
 
 def nice_top(value: float) -> float:

@@ -25,10 +25,10 @@ from sightline.robustness.texts import (
 
 Measured = Sequence[tuple[Figure, Measures | None]]
 
-_READING = """<p class="soft">mPC: mean over the kinds of the mean over their severities. RR: share
-of the clean performance that is left, 1 where nothing is lost; mRR its mean. CE: errors by those of
-the baseline, below 1 is better; mCE its mean. Gap: lead over the best healthy sensor alone,
-negative where fusion does worse than leaving the broken sensor out. Formulas and sources:
+_READING = """<p class="soft reading">mPC: mean over the kinds of the mean over their severities.
+RR: share of the clean performance that is left, 1 where nothing is lost; mRR its mean. CE: errors by
+those of the baseline, below 1 is better; mCE its mean. Gap: lead over the best healthy sensor
+alone, negative where fusion does worse than leaving the broken sensor out. Formulas and sources:
 <code>docs/robustness.md</code>.</p>"""
 
 
@@ -111,7 +111,7 @@ def _tiles(figure: Figure, measures: Measures) -> str:
         ("clean", score_text(measures.clean, figure), figure.unit),
         ("mPC", score_text(measures.mpc, figure), figure.unit),
         ("mRR", ratio_text(measures.mrr), "of clean is left"),
-        ("mCE", ratio_text(measures.mce), "of the baseline's errors"),
+        ("mCE", ratio_text(measures.mce), _baseline_note(measures)),
         ("worst case", score_text(worst.score, figure), worst.case),
         (
             "smallest gap",
@@ -123,6 +123,12 @@ def _tiles(figure: Figure, measures: Measures) -> str:
         f'<div class="tile">{escape(name)}<b>{escape(value)}</b><small>{escape(note)}</small></div>'
         for name, value, note in tiles
     ) + "</div>"  # fmt: skip
+
+
+def _baseline_note(measures: Measures) -> str:
+    return (
+        "no baseline, or one without errors" if measures.mce is None else "of the baseline's errors"
+    )
 
 
 def _charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> str:

@@ -10,7 +10,8 @@ _STYLE: Final = """
 body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); max-width: 1180px; margin: 0 auto;
   padding: 1.2em 1em 4em; }
 h1 { font-size: 1.55em; margin: .2em 0; } h2 { font-size: 1.2em; margin: 2em 0 .5em; }
-p { margin: .4em 0; } .soft, figcaption, .scale { color: var(--soft); }
+p { margin: .4em 0; } .reading { margin-top: 1.6em; }
+.soft, figcaption, .scale { color: var(--soft); }
 code { background: var(--ground); padding: 0 .25em; border-radius: 3px; }
 .pick { margin: 1.2em 0 0; } select { font: inherit; max-width: 100%; padding: .25em; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); gap: .6em;
@@ -20,15 +21,19 @@ code { background: var(--ground); padding: 0 .25em; border-radius: 3px; }
 .tile small { color: var(--soft); overflow-wrap: anywhere; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th { font-weight: 600; text-align: left; } thead th { color: var(--soft); font-size: .87em; }
+th { font-weight: 500; text-align: left; }
+tbody th { position: sticky; left: 0; background: #fff; }
+thead th { color: var(--soft); font-size: .87em; }
 th, td { padding: .28em .6em; } td { text-align: right; white-space: nowrap; }
 thead th:not(:first-child) { text-align: right; }
 .heat th[scope=row] { white-space: nowrap; } .heat td.cell { min-width: 4.2em; }
 .heat td.cell { border: 2px solid #fff; border-radius: 4px; } .heat td.sum { color: var(--soft); }
 .plain tbody tr { border-top: 1px solid var(--line); }
 .plain td { white-space: normal; } .plain tbody th { font-weight: 400; min-width: 15em; }
-.scale span { display: inline-block; min-width: 2.6em; text-align: center; padding: 0 .3em; }
-.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(235px, 1fr)); gap: .8em; }
+.scale { font-size: .87em; } .scale span { display: inline-block; white-space: nowrap; }
+.scale i { display: inline-block; font-style: normal; min-width: 2.5em; text-align: center; }
+.charts { display: grid; gap: .8em;
+  grid-template-columns: repeat(auto-fill, minmax(min(235px, 45%), 1fr)); }
 figure { margin: 0; } figcaption { font-size: .9em; }
 svg { width: 100%; height: auto; display: block; } svg text { font: 9px system-ui, sans-serif;
   fill: #5b6672; } .grid { stroke: #dfe4ea; fill: none; }
@@ -41,8 +46,8 @@ circle.ours { fill: var(--ours); } circle.other { fill: var(--other); }
   border-top: 3px solid; } .key i.ours { color: var(--ours); }
 .key i.other { color: var(--other); border-top-style: dashed; }
 .key i.alone { color: var(--alone); border-top-style: dotted; }
-.bars { display: grid; grid-template-columns: max-content 1fr; gap: .35em .8em; max-width: 760px;
-  align-items: center; }
+.bars { margin-top: 1.2em; display: grid; grid-template-columns: max-content 1fr; gap: .35em .8em;
+  max-width: 760px; align-items: center; }
 .track { display: grid; grid-template-columns: 1fr max-content; gap: 2px .5em;
   align-items: center; } .bar { height: 13px; border-radius: 2px; min-width: 1px; }
 .bar.ours { background: var(--ours); } .bar.other { background: var(--other); }
