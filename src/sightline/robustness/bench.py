@@ -73,8 +73,8 @@ class BenchTask(Protocol):
 class BenchSettings:
     """What a method is put to, and what it is held against."""
 
-    suite: str | None = None
-    """None: dgfn7, or for results that of the data."""
+    suite: str | Suite | None = None
+    """By name or one's own. None: dgfn7, or for results that of the data."""
     seed: int | None = None
     """None: 0, or for results that of the data."""
     cases: tuple[str, ...] | None = None
@@ -128,7 +128,9 @@ def run_bench(
             scoring needs; a record to compare with is of something else; or `out` holds another
             run. All of these before any work. Errors about a frame name it.
     """
-    suite, seed = find_suite(settings.suite or _SUITE), settings.seed or 0
+    suite, seed = settings.suite or _SUITE, settings.seed or 0
+    if isinstance(suite, str):
+        suite = find_suite(suite)
     cases = settings.chosen_cases(suite)
     check_numbers(seed, settings.workers)
     given = read_baseline(settings.baseline)

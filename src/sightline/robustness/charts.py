@@ -155,7 +155,7 @@ def _curve_chart(
     left, above, right, bottom = _PLOT_PX
     last = max(severities(lines[0][0].record), default=1)
 
-    def place(level: float, score: float) -> str:
+    def place(level: int, score: float) -> str:
         x = left + (right - left) * level / last
         y = bottom - (bottom - above) * score / top
         return f"{x:.1f},{y:.1f}"

@@ -26,8 +26,8 @@ from sightline.robustness.texts import (
 Measured = Sequence[tuple[Figure, Measures | None]]
 
 _READING = """<p class="soft reading">mPC: mean over the kinds of the mean over their severities.
-RR: share of the clean performance that is left, 1 where nothing is lost; mRR its mean. CE: errors by
-those of the baseline, below 1 is better; mCE its mean. Gap: lead over the best healthy sensor
+RR: share of the clean performance that is left, 1 where nothing is lost; mRR its mean. CE: errors
+by those of the baseline, below 1 is better; mCE its mean. Gap: lead over the best healthy sensor
 alone, negative where fusion does worse than leaving the broken sensor out. Formulas and sources:
 <code>docs/robustness.md</code>.</p>"""
 
