@@ -81,7 +81,8 @@ class _ValueList(argparse.Action):
                 f"expected numbers, got {' '.join(values)}; write them last or as {option}=1,2",
             ) from None
         if count is not None and len(parsed) != count:
-            raise argparse.ArgumentError(self, f"expected {count} numbers, got {len(parsed)}")
+            what = "names" if value_type is str else "numbers"
+            raise argparse.ArgumentError(self, f"expected {count} {what}, got {len(parsed)}")
         setattr(namespace, self.dest, parsed)
 
 

@@ -72,8 +72,11 @@ def robustness(
     if page is not None:
         raise ValueError("--page draws two runs; name them by --compare, or leave it out")
     if out_folder is None or data is None:
-        lacking = "folder for the run (the last argument)" if data else "data set (--data)"
-        raise ValueError(f"robustness needs a {lacking}; see sightline robustness --help")
+        lacking = "data set (--data)" if data is None else "folder for the run"
+        raise ValueError(
+            f"robustness needs a {lacking}; a folder is named before options of several values, as "
+            "in sightline robustness OUT --data DATA --cases camera_blank lidar_blank"
+        )
     from sightline.robustness.bench import BenchSettings, run_bench
     from sightline.robustness.results import score_results
     from sightline.tasks import choose_task
