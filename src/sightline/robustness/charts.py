@@ -145,6 +145,42 @@ def _points(record: Record, shown: Record, kind: str, figure: Figure) -> list[tu
     return [(level, score) for level, score in scores if score is not None]
 
 
+class _Plot(NamedTuple):
+    """Where severities and scores lie in a chart."""
+
+    last: int
+    """The highest severity, at the right end."""
+    top: float
+    """The score at the upper end; 0 is at the lower one."""
+
+    def place(self, level: int, score: float) -> str:
+        """Column and row [px]."""
+        left, above, right, bottom = _PLOT_PX
+        x = left + (right - left) * level / self.last
+        y = bottom - (bottom - above) * score / self.top
+        return f"{x:.1f},{y:.1f}"
+
+    def axes(self, figure: Figure) -> str:
+        """Lines at the end, the middle and the start of the scores, and the severities' names."""
+        left, _, _, bottom = _PLOT_PX
+        parts = []
+        for share in (0.0, 0.5, 1.0):
+            score = share * self.top
+            start, end = self.place(0, score), self.place(self.last, score)
+            text, y = score_text(score, figure) if share else "0", float(start.split(",")[1]) + 3
+            parts.append(
+                f'<path class="grid" d="M{start}L{end}"/><text class="tick" x="{left - 4}" '
+                f'y="{y:.1f}" text-anchor="end">{text}</text>'
+            )
+        for level in range(self.last + 1):
+            x = self.place(level, 0.0).split(",")[0]
+            parts.append(
+                f'<text class="tick" x="{x}" y="{bottom + 13}" text-anchor="middle">'
+                f"{level or 'clean'}</text>"
+            )
+        return "".join(parts)
+
+
 def _curve_chart(
     kind: str,
     lines: Sequence[tuple[Line, Sequence[tuple[int, float]]]],
@@ -152,33 +188,16 @@ def _curve_chart(
     top: float,
     alone: float | None,
 ) -> str:
-    left, above, right, bottom = _PLOT_PX
-    last = max(severities(lines[0][0].record), default=1)
-
-    def place(level: int, score: float) -> str:
-        x = left + (right - left) * level / last
-        y = bottom - (bottom - above) * score / top
-        return f"{x:.1f},{y:.1f}"
-
-    parts = []
-    for share in (0.0, 0.5, 1.0):
-        (x, y), end = place(0, share * top).split(","), place(last, share * top)
-        parts.append(f'<path class="grid" d="M{x},{y}L{end}"/>')
-        text = score_text(share * top, figure) if share else "0"
-        parts.append(f'<text class="tick" x="{left - 4}" y="{float(y) + 3:.1f}" '
-                     f'text-anchor="end">{text}</text>')  # fmt: skip
-    for level in range(last + 1):
-        x = place(level, 0).split(",")[0]
-        text = str(level) if level else "clean"
-        parts.append(f'<text class="tick" x="{x}" y="{bottom + 13}" text-anchor="middle">'
-                     f"{text}</text>")  # fmt: skip
+    plot = _Plot(max(severities(lines[0][0].record), default=1), top)
+    parts = [plot.axes(figure)]
     if alone is not None:
-        parts.append(f'<path class="alone" d="M{place(0, alone)}L{place(last, alone)}"/>')
+        ends = f"M{plot.place(0, alone)}L{plot.place(plot.last, alone)}"
+        parts.append(f'<path class="alone" d="{ends}"/>')
     for line, points in reversed(lines):
-        path = "L".join(place(level, score) for level, score in points)
+        path = "L".join(plot.place(level, score) for level, score in points)
         parts.append(f'<path class="{line.style}" d="M{path}"/>')
         for level, score in points:
-            x, y = place(level, score).split(",")
+            x, y = plot.place(level, score).split(",")
             parts.append(
                 f'<circle class="{line.style}" cx="{x}" cy="{y}" r="2.4"><title>'
                 f"{escape(line.name)}: {score_text(score, figure)}</title></circle>"

@@ -48,20 +48,17 @@ class Comparison:
     def to_json(self) -> dict[str, object]:
         """Both runs' measures."""
         return {
-            record.method: {
-                figure.name: None if each is None else each.to_json()
-                for figure, each in (
-                    (figure, measure(record, figure)) for figure in record.setting.figures
-                )
-            }
-            for record in (self.first, self.second)
+            "methods": [self.first.method, self.second.method],
+            "measures": {
+                figure.name: [None if each is None else each.to_json() for each in both]
+                for figure, *both in self.measured()
+            },
         }
 
     def write(self, path: Path) -> None:
         """Draws both on a page."""
         measured = self.measured()
-        pairs = [(figure, ours) for figure, ours, _ in measured]
-        page = compare_page(self.first, self.second, self._figures_table(measured), pairs)
+        page = compare_page(self.first, self.second, self._figures_table(measured), measured)
         atomic_write_text(path, page)
 
     def _cases_table(self, figure: Figure) -> TextTable:

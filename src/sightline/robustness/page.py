@@ -24,6 +24,9 @@ from sightline.robustness.texts import (
 )
 
 Measured = Sequence[tuple[Figure, Measures | None]]
+Compared = Sequence[tuple[Figure, Measures | None, Measures | None]]
+
+_NOTHING_TO_SHOW = "<p>There is nothing to score by this figure, or nothing is broken.</p>"
 
 _READING = """<p class="soft reading">mPC: mean over the kinds of the mean over their severities.
 RR: share of the clean performance that is left, 1 where nothing is lost; mRR its mean. CE: errors
@@ -51,10 +54,13 @@ def run_page(
     lines = [Line(record.method, "ours", record)]
     if baseline is not None:
         lines.append(Line(f"{baseline.method} (baseline)", "other", baseline))
-    parts = [f'<p class="soft">{escape(setting_text(record))}.</p>', _picker(measured)]
+    parts = [
+        f'<p class="soft">{escape(setting_text(record))}.</p>',
+        _picker([figure for figure, _ in measured]),
+    ]
     for figure, measures in measured:
         if measures is None:
-            content = "<p>There is nothing to score by this figure, or nothing is broken.</p>"
+            content = _NOTHING_TO_SHOW
         else:
             content = _figure_part(lines, figure, measures, healthy)
         parts.append(of_figure(figure.name, content))
@@ -63,34 +69,36 @@ def run_page(
     return whole_page(f"Robustness of {record.method}", "\n".join(parts))
 
 
-def compare_page(first: Record, second: Record, table: TextTable, measured: Measured) -> str:
+def compare_page(first: Record, second: Record, table: TextTable, measured: Compared) -> str:
     """The page of two runs.
 
     Args:
         first: One of them.
         second: The other, of the same cases.
         table: All figures of both.
-        measured: Those of the first, held against the second.
+        measured: Every figure with the measures of both.
     """
     lines = [Line(first.method, "ours", first), Line(second.method, "other", second)]
     parts = [
         f'<p class="soft">{escape(setting_text(first))}; and by {escape(second.method)}.</p>',
-        _picker(measured),
+        _picker([figure for figure, _, _ in measured]),
     ]
-    for figure, measures in measured:
-        content = "<p>There is nothing to score by this figure, or nothing is broken.</p>"
-        if measures is not None:
-            content = f"<h2>Scores of {escape(first.method)}</h2>"
-            content += _tiles(figure, measures)
-            content += heat_map(first, figure, measures) + heat_legend()
-            content += _charts(lines, figure, None)
+    for figure, ours, theirs in measured:
+        content = _NOTHING_TO_SHOW
+        if ours is not None and theirs is not None:
+            content = "".join(
+                f"<h2>{escape(record.method)}</h2>{_tiles(figure, measures)}"
+                f"{heat_map(record, figure, measures)}"
+                for record, measures in ((first, ours), (second, theirs))
+            )
+            content += heat_legend() + _charts(lines, figure, None)
         parts.append(of_figure(figure.name, content))
     parts += [_READING, f"<h2>All figures</h2>{plain_table(table)}"]
     return whole_page(f"{first.method} and {second.method}", "\n".join(parts))
 
 
-def _picker(measured: Measured) -> str:
-    return figure_picker({figure.name: f"{figure.title}, {figure.unit}" for figure, _ in measured})
+def _picker(figures: Sequence[Figure]) -> str:
+    return figure_picker({figure.name: f"{figure.title}, {figure.unit}" for figure in figures})
 
 
 def _figure_part(
