@@ -87,7 +87,7 @@ def compare_page(first: Record, second: Record, table: TextTable, measured: Comp
         content = _NOTHING_TO_SHOW
         if ours is not None and theirs is not None:
             content = "".join(
-                f"<h2>{escape(record.method)}</h2>{_tiles(figure, measures)}"
+                f"<h2>{escape(record.method)}</h2>{_tiles(record, figure, measures)}"
                 f"{heat_map(record, figure, measures)}"
                 for record, measures in ((first, ours), (second, theirs))
             )
@@ -108,29 +108,33 @@ def _figure_part(
     alone = [score for each in healthy.values() if (score := each.score(CLEAN, figure)) is not None]
     best = (min(alone) if figure.highest is None else max(alone)) if alone else None
     return (
-        f"{_tiles(figure, measures)}<h2>Kinds and severities</h2>"
+        f"{_tiles(record, figure, measures)}<h2>Kinds and severities</h2>"
         f"{heat_map(record, figure, measures)}{heat_legend()}{_charts(lines, figure, best)}"
     )
 
 
-def _tiles(figure: Figure, measures: Measures) -> str:
+def _tiles(record: Record, figure: Figure, measures: Measures) -> str:
     worst, gap = measures.worst, measures.gap
     tiles = [
         ("clean", score_text(measures.clean, figure), figure.unit),
         ("mPC", score_text(measures.mpc, figure), figure.unit),
         ("mRR", ratio_text(measures.mrr), "of clean is left"),
         ("mCE", ratio_text(measures.mce), _baseline_note(measures)),
-        ("worst case", score_text(worst.score, figure), worst.case),
+        ("worst case", score_text(worst.score, figure), _case(record, worst.case)),
         (
             "smallest gap",
             NOTHING if gap is None else score_text(gap.score, figure, signed=True),
-            "no healthy sensor given" if gap is None else gap.case,
+            "no healthy sensor given" if gap is None else _case(record, gap.case),
         ),
     ]
     return '<div class="tiles">' + "".join(
         f'<div class="tile">{escape(name)}<b>{escape(value)}</b><small>{escape(note)}</small></div>'
         for name, value, note in tiles
     ) + "</div>"  # fmt: skip
+
+
+def _case(record: Record, name: str) -> str:
+    return case_text(name, record.cases[name])
 
 
 def _baseline_note(measures: Measures) -> str:
@@ -160,7 +164,7 @@ def _examples(record: Record, out: Path) -> str:
             for example in examples_of(out, name)
         )
         if pictures:
-            title = escape(case_text(name, record.cases[name]))
+            title = escape(_case(record, name))
             parts.append(
                 f'<div class="example"><b>{title}</b><div class="pictures">{pictures}</div></div>'
             )

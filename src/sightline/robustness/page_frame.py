@@ -29,7 +29,7 @@ thead th:not(:first-child) { text-align: right; }
 .heat th[scope=row] { white-space: nowrap; } .heat td.cell { min-width: 4.2em; }
 .heat td.cell { border: 2px solid #fff; border-radius: 4px; } .heat td.sum { color: var(--soft); }
 .plain tbody tr { border-top: 1px solid var(--line); }
-.plain td { white-space: normal; } .plain tbody th { font-weight: 400; min-width: 15em; }
+.plain td { white-space: normal; } .plain tbody th { font-weight: 400; white-space: nowrap; }
 .scale { font-size: .87em; } .scale span { display: inline-block; white-space: nowrap; }
 .scale i { display: inline-block; font-style: normal; min-width: 2.5em; text-align: center; }
 .charts { display: grid; gap: .8em;
@@ -58,7 +58,8 @@ circle.ours { fill: var(--ours); } circle.other { fill: var(--other); }
 .pictures img { width: 100%; border-radius: 4px; display: block; background: #111; }
 @media (max-width: 560px) { body { padding: .8em .7em 3em; } h1 { font-size: 1.3em; }
   th, td { padding: .25em .4em; font-size: .88em; } .heat td.cell { min-width: 3.1em; }
-  .plain tbody th { min-width: 10em; } .bars { grid-template-columns: 1fr; gap: .1em; }
+  .plain tbody th { white-space: normal; min-width: 10em; }
+  .bars { grid-template-columns: 1fr; gap: .1em; }
   .label { margin-top: .5em; } }
 """
 
