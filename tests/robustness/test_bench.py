@@ -21,6 +21,7 @@ from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.robustness import bench
 from sightline.robustness.answers import Asked, answer_in_cases
 from sightline.robustness.bench import BenchSettings, run_bench
+from sightline.robustness.frames import open_frames
 from sightline.robustness.record import read_record
 from sightline.robustness.scoring import PosedFrame, Scoring
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -267,6 +268,15 @@ def test_data_without_the_part_that_a_case_breaks_are_refused_by_the_case(tmp_pa
     settings = replace(ADAPTIVE, cases=("lidar_blank",))
     report = run_bench(DEPTH, tmp_path / "data", tmp_path / "out", settings, method="adaptive")
     assert set(report.record.scores) == {"clean", "lidar_blank"}
+
+
+def test_what_a_frame_meets_does_not_hang_on_what_a_method_looks_at():
+    """Fog on an image, say, thickens with the depth that the sweep tells."""
+    settings = {"sample_list": None, "velodyne": "velodyne"}
+    for parts in ({"image"}, {"points"}):
+        sample = open_frames(PACKAGED_FRAMES, parts, LEVELS.cases[:1], **settings)[0]
+        assert None not in (sample.image, sample.points, sample.objects)
+        assert sample.depth is None  # `sightline corrupt` does not look at it either
 
 
 def test_data_without_labels_cannot_be_scored(tmp_path):

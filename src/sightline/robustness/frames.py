@@ -13,6 +13,7 @@ from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 
 _DELIVERED: Final[dict[Sensor, Part]] = {"camera": "image", "lidar": "points"}
+_SEEN_BY_KINDS: Final[tuple[Part, ...]] = ("image", "points", "objects")
 _WORDS: Final[dict[Part, str]] = {"image": "images", "points": "sweeps"}
 
 
@@ -26,7 +27,9 @@ def open_frames(
 ) -> SampleDataset:
     """The data set with the parts asked for, and with those of the sensors that cases break.
 
-    Labels are read where they are, since some kinds of corruption strike objects.
+    Images, sweeps and labels are read wherever they are, since what a kind does may hang on any of
+    them: occlusions strike objects, and fog on an image thickens with the depth that a sweep tells.
+    So every method meets the same faults, whatever it looks at.
 
     Args:
         data: See `open_dataset`.
@@ -61,8 +64,10 @@ def open_frames(
                 f"set, or {remedy}"
             )
         needed.add(part)
-    with contextlib.suppress(ValueError):
-        dataset = opened(needed | {"objects"})
+    for part in _SEEN_BY_KINDS:
+        with contextlib.suppress(ValueError):
+            dataset = opened(needed | {part})
+            needed.add(part)
     return dataset
 
 
