@@ -4,10 +4,11 @@ Every measure flatters somebody, so they are told together:
 
 * mPC, the mean performance under corruption: Michaelis et al. 2019, Eq. 1. Mean over the kinds of
   the mean over their severities.
-* RR, the resilience rate: Kong et al. 2023 (Robo3D, metrics). What of the clean performance is left
-  under a kind; mRR is its mean over the kinds.
+* RR, the resilience rate: Kong et al. 2023 (Robo3D, metrics). What of the clean performance is
+  left under a kind; mRR is its mean over the kinds.
 * CE, the corruption error: Hendrycks and Dietterich 2019 (ImageNet-C, metric); for average
-  precision as Kong et al. 2023. A kind's errors against a baseline's; mCE is its mean over the kinds.
+  precision as Kong et al. 2023. A kind's errors against a baseline's; mCE is its mean over the
+  kinds.
 * The worst case.
 * The gap to the best healthy sensor alone: fusion must not be worse than that.
 
