@@ -1,24 +1,28 @@
 """Breaks sensors and scores depth completion: `python -m benchmarks.depth_robustness --data KITTI`.
 
-The held-out-rings protocol (`sightline.evaluation.held_out`): the truth is the same for all, what a
-method is given gets worse. Its last line is kept in benchmarks/results/depth_robustness.json.
+The bench (`sightline.robustness`) with a suite of its own: misalignments by a known yaw, and faults
+that training draws, too. Its last line is kept in benchmarks/results/depth_robustness.json.
 """
 
 import json
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 
 import jsonargparse
+import numpy as np
 import torch
 
 from benchmarks.machine import describe_machine
-from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar, fault_rng
+from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption, Record
+from sightline.corruptions.suites import CLEAN, Case, Suite
+from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.data.open import open_dataset
-from sightline.depth_completion.predictor import Completer, choose_completer
+from sightline.depth_completion.registration import TASK
 from sightline.evaluation.held_out import evaluate_held_out
 from sightline.evaluation.held_out_frame import BEAMS
 from sightline.export.names import EngineName
-from sightline.structures.predictions import DepthMap
+from sightline.robustness.bench import BenchSettings, run_bench
+from sightline.robustness.report import RobustnessReport
 from sightline.structures.sample import CameraLidarSample
 
 _FAULTS: tuple[Fault, ...] = (  # with all 64 beams
@@ -28,54 +32,98 @@ _FAULTS: tuple[Fault, ...] = (  # with all 64 beams
 )
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Faulty(Corruption):
+    """A fault as the bench takes it; where it changes something is not told."""
+
+    kind = "fault"
+    sensors = ("camera", "lidar")
+
+    fault: Fault
+
+    def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
+        """See `Corruption.corrupt`."""
+        everywhere = torch.ones(sample.image_size, dtype=torch.bool)
+        return Corrupted(
+            sample=self.fault(sample, rng),
+            record=Record(kind=self.kind, sensors=self.sensors, parameters={}),
+            camera_mask=everywhere,
+            lidar_mask=everywhere,
+        )
+
+
 def main(
     data: Path,
+    out: Path = Path("depth-robustness"),
     methods: tuple[str, ...] = ("linear", "adaptive"),
     weights: tuple[str, ...] = ("depth-best", "depth-fast-cpu"),
     sample_list: str = "sample_val",
     engine: EngineName = "torch",
+    workers: int = 2,
 ) -> None:
     """Prints a table, then one line of JSON.
 
     Args:
         data: KITTI object tree with calibration, images and sweeps.
+        out: Folder for a run of each method; a benchmark that was stopped goes on where it was.
         methods: Methods without training.
         weights: Names or files of trained weights.
         sample_list: Which frames: a list in ImageSets, or a text file with one name a line.
         engine: What runs the networks.
+        workers: Processes, each of one thread.
     """
     torch.set_num_threads(2)
-    dataset = open_dataset(data, sample_list=sample_list, parts={"image", "points"})
-    samples = [dataset[index] for index in range(len(dataset))]
-    completers = [choose_completer(method=name) for name in methods]
-    completers += [choose_completer(weights=name, engine=engine) for name in weights]
+    settings = BenchSettings(suite=_suite(), sample_list=sample_list, workers=workers)
     columns = [f"{beams} beams" for beams in BEAMS] + [str(fault) for fault in _FAULTS]
-    print(f"{len(samples)} frames, RMSE / MAE in mm")
+    print(f"{sample_list} of {data}, RMSE / MAE in mm")
     print(" " * 16 + "".join(f"{name:>16}" for name in columns))
     results = []
-    for completer in completers:
-        row = _score(completer, samples)
+    chosen = [(name, None) for name in methods] + [(None, name) for name in weights]
+    for method, named in chosen:
+        completer = TASK.predictor(method=method, weights=named, engine=engine)
+        report = run_bench(
+            TASK,
+            data,
+            out / completer.name,
+            settings,
+            method=method,
+            weights=named,
+            engine=engine,
+        )
+        dataset = open_dataset(data, sample_list=sample_list, parts={"image", "points"})
+        samples = (dataset[index] for index in range(len(dataset)))
+        by_beams = evaluate_held_out(samples, completer, total=len(dataset)).scores
+        row = {f"{each.beams} beams": [each.rmse_mm, each.mae_mm] for each in by_beams}
+        row = {name: [round(x, 1) for x in pair] for name, pair in (row | _row(report)).items()}
         print(f"{completer.name:<16}" + "".join(f"{r:9.0f} /{m:5.0f}" for r, m in row.values()))
         results.append({"method": completer.name, "rmse_mae_mm": row})
-    setting = {"frames": len(samples), "engine": engine}
+    setting = {"frames": len(dataset), "engine": engine}
     print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
 
 
-def _score(completer: Completer, samples: list[CameraLidarSample]) -> dict[str, list[float]]:
-    row = {}
-    for score in evaluate_held_out(samples, completer).scores:
-        row[f"{score.beams} beams"] = [round(score.rmse_mm, 1), round(score.mae_mm, 1)]
-    for fault in _FAULTS:
-        (score,) = evaluate_held_out(
-            samples, partial(_complete, completer, fault), beams=[64]
-        ).scores
-        row[str(fault)] = [round(score.rmse_mm, 1), round(score.mae_mm, 1)]
-    return row
+def _suite() -> Suite:
+    clean = Case(name=CLEAN, title="sound sensors", corruption=NoCorruption(), probability=1.0)
+    cases = (
+        Case(
+            name=str(fault).replace(" ", "_"),
+            title=str(fault),
+            corruption=_Faulty(fault=fault),
+            probability=0.0,
+        )
+        for fault in _FAULTS
+    )
+    return Suite(name="depth-faults", cases=(clean, *cases))
 
 
-def _complete(completer: Completer, fault: Fault, sample: CameraLidarSample) -> DepthMap:
-    """Each method meets the same faults."""
-    return completer(fault(sample, fault_rng(sample)))
+def _row(report: RobustnessReport) -> dict[str, list[float]]:
+    """RMSE and MAE of each fault."""
+    record = report.record
+    rmse, mae = record.setting.figures[:2]
+    return {
+        case.title: [record.score(name, rmse) or 0.0, record.score(name, mae) or 0.0]
+        for name, case in record.cases.items()
+        if name != CLEAN
+    }
 
 
 if __name__ == "__main__":

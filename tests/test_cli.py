@@ -37,6 +37,7 @@ def run(capsys, *arguments):
         ["evaluate", "proposals"],
         ["evaluate", "depth"],
         ["evaluate", "held-out"],
+        ["robustness"],
         ["reproduce"],
         ["reproduce", "shiftconv"],
         ["reproduce", "dgfn"],

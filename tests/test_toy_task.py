@@ -137,6 +137,17 @@ def test_its_answers_do_not_depend_on_the_engine(frames, trained):
         torch.testing.assert_close(other, likely[0], rtol=0, atol=1e-5)
 
 
+def test_the_bench_scores_it_with_broken_sensors(frames, trained, tmp_path):
+    out = tmp_path / "run"
+    command = ["robustness", "--task", "toy-finder", "--data", str(frames), str(out)]
+    command += ["--weights", str(trained / "weights.safetensors"), "--workers", "1"]
+    assert main([*command, "--cases", "camera_blank", "lidar_blank"]) == 0
+    told = json.loads((out / "robustness.json").read_text())
+    assert list(told["scores"]) == ["clean", "camera_blank", "lidar_blank"]
+    assert told["scores"]["clean"].keys() == {each["name"] for each in told["figures"]}
+    assert sorted(path.stem for path in (out / "answers" / "clean").iterdir()) == list(NAMES)
+
+
 def test_it_is_exported_as_two_graphs(trained, tmp_path, capsys):
     out = tmp_path / "out" / "finder.onnx"
     weights = str(trained / "weights.safetensors")

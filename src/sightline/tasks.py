@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.inference.predictor import Output, Predictor
+    from sightline.robustness.scoring import Scoring
     from sightline.structures.sample import CameraLidarSample
 
 REGISTRY: Final[dict[str, str]] = {
@@ -101,6 +102,10 @@ class Task(Protocol):
         Raises:
             ValueError: Both are named, or there is no such one, or the engine cannot run it.
         """
+        ...
+
+    def scoring(self) -> "Scoring":
+        """How its answers are scored where sensors are broken."""
         ...
 
     def picture(

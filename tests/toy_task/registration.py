@@ -94,6 +94,11 @@ class FinderTask:
             raise ValueError("toy-finder answers by a network: name its weights")
         return FinderPredictor(self, weights, engine, device, threads)
 
+    def scoring(self):
+        from tests.toy_task.robustness import SCORING
+
+        return SCORING
+
     def picture(self, sample, predictor):
         from sightline.visualization.sheet import frame_sheet
 

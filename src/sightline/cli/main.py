@@ -26,6 +26,7 @@ from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
 from sightline.cli.report import deliver
 from sightline.cli.reproduce import reproduce_dgfn, reproduce_shiftconv
+from sightline.cli.robustness import robustness
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
 from sightline.data.object_tree import Velodyne
@@ -170,6 +171,7 @@ def _commands() -> dict[str, Any]:
             "held-out": evaluate_held_out,
             "realism": evaluate_realism,
         },
+        "robustness": robustness,
         "reproduce": {
             "_help": "Print a paper's tables beside our own figures.",
             "shiftconv": reproduce_shiftconv,

@@ -18,8 +18,14 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--ious": (float, None),
     "--image-size": (int, 2),
     "--cases": (str, None),
+    "--healthy": (str, None),
+    "--compare": (str, 2),
 }
 """Options that take several values: of which type, and how many where that is fixed."""
+
+_MAY_BE_LEFT_OUT = ("--out-folder",)
+"""Arguments without dashes that are not always needed: the command refuses where they are."""
+_SHORT = {"--page": "-o"}
 
 
 class OneLineParser(jsonargparse.ArgumentParser):
@@ -36,6 +42,10 @@ class OneLineParser(jsonargparse.ArgumentParser):
             settings["action"] = jsonargparse.ActionYesNo(no_prefix="no-")
         if dashed[0] in _LISTS:
             settings["action"] = _ValueList
+        if dashed[0] in _MAY_BE_LEFT_OUT:
+            dashed, settings["nargs"] = ["out_folder"], "?"
+        if dashed[0] in _SHORT:
+            dashed.append(_SHORT[dashed[0]])
         return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
@@ -72,7 +82,8 @@ class _ValueList(argparse.Action):
                 f"expected numbers, got {' '.join(values)}; write them last or as {option}=1,2",
             ) from None
         if count is not None and len(parsed) != count:
-            raise argparse.ArgumentError(self, f"expected {count} numbers, got {len(parsed)}")
+            what = "names" if value_type is str else "numbers"
+            raise argparse.ArgumentError(self, f"expected {count} {what}, got {len(parsed)}")
         setattr(namespace, self.dest, parsed)
 
 

@@ -31,6 +31,8 @@ class Case:
     corruption: Corruption
     probability: float
     """Of being drawn for training, as the source draws."""
+    severity: int | None = None
+    """From 1 to 5; None where a suite has no levels."""
 
     def corrupt(self, sample: CameraLidarSample, seed: int = 0) -> Corrupted:
         """The sample of a test: seed, sample's name and kind decide what is drawn, nothing else."""

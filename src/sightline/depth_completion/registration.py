@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from sightline.depth_completion.model import DepthCompletionNet
     from sightline.depth_completion.predictor import Completer
+    from sightline.depth_completion.robustness import HeldOutScoring
     from sightline.export.graph import ExportGraph
     from sightline.export.names import EngineName
     from sightline.inference.demo import DemoPart
@@ -78,6 +79,12 @@ class DepthCompletionTask(DepthNetworkTask):
         return choose_completer(
             method=method, weights=weights, engine=engine, device=device, threads=threads
         )
+
+    def scoring(self) -> "HeldOutScoring":
+        """On LiDAR rings that no method sees."""
+        from sightline.depth_completion.robustness import HeldOutScoring
+
+        return HeldOutScoring()
 
     def picture(
         self, sample: "CameraLidarSample", predictor: "Completer"

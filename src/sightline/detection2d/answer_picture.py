@@ -1,6 +1,6 @@
 """A frame with what a detector makes of it, in one row: detections, camera gate, LiDAR gate."""
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -10,9 +10,10 @@ from torch import Tensor
 from sightline.detection2d.predictor import DetectorAnswer
 from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
-from sightline.visualization.cells import MUTED, scaled, titled_cell
+from sightline.visualization.canvas import scaled_to_width
+from sightline.visualization.cells import MUTED, titled_cell
 from sightline.visualization.colors import RGB, class_color
-from sightline.visualization.image import draw_boxes2d, draw_points
+from sightline.visualization.image import camera_picture, draw_boxes2d, sweep_picture
 from sightline.visualization.shares import lay_shares, put_share_legend
 
 CAMERA_COLOR: Final[RGB] = class_color("Cyclist")
@@ -46,20 +47,47 @@ def answer_row(
         masks: What a corruption may have changed is outlined, where it is one part of the image.
         width_px: Of each picture.
     """
+    cells = []
+    for panel in answer_panels(sample, answer, masks=masks, width_px=width_px):
+        is_gate = bool(panel.note)
+        cell = titled_cell(panel.name if is_gate else title, panel.note, panel.picture)
+        if is_gate:
+            put_share_legend(cell, "0", "1", right=width_px, top=9, color=MUTED)
+        cells.append(cell)
+    return np.concatenate(cells, axis=1)
+
+
+class AnswerPanel(NamedTuple):
+    """One of the pictures of an answer."""
+
+    name: str
+    note: str
+    """What a gate is on average; empty for detections."""
+    picture: UInt8[np.ndarray, "height width 3"]
+
+
+def answer_panels(
+    sample: CameraLidarSample,
+    answer: DetectorAnswer,
+    *,
+    masks: Masks | None = None,
+    width_px: int = 600,
+) -> list[AnswerPanel]:
+    """The pictures of `answer_row`, one by one."""
     camera_mask, lidar_mask = masks or (None, None)
-    image, sweep = (scaled(each, width_px) for each in (_image(sample), _sweep(sample)))
+    image, sweep = (
+        scaled_to_width(each, width_px) for each in (camera_picture(sample), sweep_picture(sample))
+    )
     found = _with_boxes(_outlined(image, camera_mask), sample, answer)
-    cells = [titled_cell(title, "", found)]
+    panels = [AnswerPanel("detections", "", found)]
     for name, gate, backdrop, mask in (
         ("camera gate", answer.camera_gate, image, camera_mask),
         ("LiDAR gate", answer.lidar_gate, sweep, lidar_mask),
     ):
         if gate is not None:
             laid = _outlined(lay_shares(backdrop, gate.numpy()), mask)
-            cell = titled_cell(name, f"mean {float(gate.mean()):.2f}", laid)
-            put_share_legend(cell, "0", "1", right=width_px, top=9, color=MUTED)
-            cells.append(cell)
-    return np.concatenate(cells, axis=1)
+            panels.append(AnswerPanel(name, f"mean {float(gate.mean()):.2f}", laid))
+    return panels
 
 
 def sure_detections(found: Detections2D, min_score: float = _DRAWN_SCORE) -> Detections2D:
@@ -67,20 +95,6 @@ def sure_detections(found: Detections2D, min_score: float = _DRAWN_SCORE) -> Det
     kept = (found.scores >= min_score).nonzero()[:, 0]
     names = tuple(found.class_names[index] for index in kept.tolist())
     return Detections2D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
-
-
-def _image(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
-    if sample.image is None:
-        return np.zeros((*sample.image_size, 3), np.uint8)
-    return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
-
-
-def _sweep(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
-    """The points by their range on black."""
-    black = np.zeros((*sample.image_size, 3), np.uint8)
-    if sample.points is None:
-        return black
-    return draw_points(black, sample.points, sample.calibration)
 
 
 def _with_boxes(

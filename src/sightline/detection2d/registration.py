@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sightline.export.names import EngineName
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
+    from sightline.robustness.object_scoring import ObjectScoring
     from sightline.structures.sample import CameraLidarSample
 
 
@@ -97,6 +98,12 @@ class Detection2DTask(DetectionNetworkTask):
         return DetectionPredictor.load(
             weights or self.default_weights, engine=engine, device=device, threads=threads
         )
+
+    def scoring(self) -> "ObjectScoring":
+        """By KITTI's evaluation of 2D boxes."""
+        from sightline.detection2d.robustness import SCORING
+
+        return SCORING
 
     def picture(
         self, sample: "CameraLidarSample", predictor: "DetectionPredictor"

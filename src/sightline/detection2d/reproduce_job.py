@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import Case, Suite
-from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job
+from sightline.data.jobs import JobResult, claim_folder
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.detection2d.config import Fusion
 from sightline.detection2d.files import write_results
@@ -17,6 +17,9 @@ from sightline.detection2d.gate_record import (
     write_gate_record,
 )
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
+from sightline.robustness.scoring import Answered, PosedFrame
+from sightline.structures.sample import CameraLidarSample
 
 _GATES = "gates"
 
@@ -39,14 +42,6 @@ class CaseFolder:
     """
 
     path: Path
-
-    def finished(self) -> set[str]:
-        """Names of the frames that are done."""
-        return {file.stem for file in self.path.glob("*.txt")}
-
-    def results_file(self, name: str) -> Path:
-        """Of a frame."""
-        return self.path / f"{name}.txt"
 
     def gates_file(self, name: str) -> Path:
         """Of a frame."""
@@ -77,8 +72,7 @@ def detect_in_cases(
 ) -> JobResult:
     """Lets every detector answer to every frame as each of its cases has it.
 
-    A file appears whole or not at all, and what is there is skipped: a job that was stopped goes on
-    where it was. Each detector's folder says what made it; see `claim_folder`.
+    Each detector's folder says what made it, see `claim_folder`; otherwise as `answer_in_cases`.
 
     Args:
         dataset: Frames with image, sweep and labels; these are only read.
@@ -95,64 +89,36 @@ def detect_in_cases(
         ValueError: A frame cannot be read, or a folder holds what something else made or cannot be
             written to. Errors about a frame name it; frames done before stay done.
     """
-    check_workers(workers)
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
-    pending: list[tuple[Case, System, CaseFolder, set[str]]] = []
+    check_numbers(seed, workers)
+    asked = []
     for system in systems:
         made_by = {"method": system.predictor.name, **system.predictor.made_by}
-        settings = case_settings(dataset, suite, seed) | made_by
-        claim_folder(out / system.fusion, settings, results=("*/*.txt",))
-        for case in system.cases:
-            folder = case_folder(out, system.fusion, case)
-            pending.append((case, system, folder, folder.finished()))
-    works = []
-    for index, name in enumerate(dataset.sample_ids):
-        answers = tuple(
-            _Answer(case, system.predictor, folder)
-            for case, system, folder, finished in pending
-            if name not in finished
-        )
-        works.append(_FrameWork(dataset, index, name, seed, answers))
-    run_job(
-        [work for work in works if work.answers], workers, description=f"detecting in {suite.name}"
+        folder = out / system.fusion
+        claim_folder(folder, case_settings(dataset, suite, seed) | made_by, results=("*/*.txt",))
+        asked.append(Asked(predictor=system.predictor, cases=system.cases, folder=folder))
+    return answer_in_cases(
+        dataset,
+        asked,
+        _ResultsAndGates(),
+        seed=seed,
+        workers=workers,
+        description=f"detecting in {suite.name}",
     )
-    written = sum(len(work.answers) for work in works)
-    return JobResult(written=written, skipped=len(works) * len(pending) - written)
 
 
-@dataclass(frozen=True, slots=True)
-class _Answer:
-    """One that is wanted of a frame."""
+class _ResultsAndGates:
+    """Keeps KITTI's result files, and what gates say beside them: a `Keeper`."""
 
-    case: Case
-    predictor: DetectionPredictor
-    folder: CaseFolder
+    suffix = ".txt"
 
+    def pose(self, sample: CameraLidarSample) -> PosedFrame:
+        """As it is."""
+        return PosedFrame(sample, None)
 
-@dataclass(frozen=True, slots=True)
-class _FrameWork:
-    """Reads a frame once, breaks it once for each case, and lets the detectors answer."""
-
-    dataset: KittiObjectDataset
-    index: int
-    name: str
-    seed: int
-    answers: tuple[_Answer, ...]
-
-    def __str__(self) -> str:
-        return f"frame {self.name}"
-
-    def run(self) -> None:
-        sample = self.dataset[self.index]
-        by_case = {wanted.case.name: wanted.case for wanted in self.answers}
-        for name, case in by_case.items():
-            corrupted = case.corrupt(sample, self.seed)
-            for wanted in self.answers:
-                if wanted.case.name != name:
-                    continue
-                answer = wanted.predictor(corrupted.sample)
-                if answer.camera_gate is not None:
-                    record = measure_gates(answer, sample, corrupted)
-                    write_gate_record(wanted.folder.gates_file(self.name), record)
-                write_results(wanted.folder.results_file(self.name), sample, answer)
+    def keep(self, path: Path, answered: Answered) -> None:
+        """Writes the gates first: a frame with a result file is done."""
+        sample, answer = answered.posed.sample, answered.answer
+        if answer.camera_gate is not None:
+            record = measure_gates(answer, sample, answered.corrupted)
+            write_gate_record(CaseFolder(path=path.parent).gates_file(path.stem), record)
+        write_results(path, sample, answer)

@@ -11,9 +11,9 @@ from sightline.data.scene_changes import resize
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
-from sightline.visualization.cells import GAP_PX, PAGE, TITLE_PX, titled_cell
+from sightline.visualization.cells import GAP_PX, TITLE_PX, titled_cell
 from sightline.visualization.colors import RGB
-from sightline.visualization.image import draw_boxes3d
+from sightline.visualization.image import camera_picture, draw_boxes3d
 
 PROPOSED: Final[RGB] = (150, 156, 166)
 LABELLED: Final[RGB] = (245, 245, 245)
@@ -45,7 +45,7 @@ def answer_picture(
     height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
     sample = resize(sample, height_px, width_px)
     proposed, sure = sure_boxes(proposed), sure_boxes(found)
-    image = _image(sample)
+    image = camera_picture(sample)
     first = draw_boxes3d(
         image,
         proposed.boxes,
@@ -76,12 +76,6 @@ def sure_boxes(found: Detections3D) -> Detections3D:
     kept = (found.scores >= DRAWN_SCORE).nonzero()[:, 0]
     names = tuple(found.class_names[index] for index in kept.tolist())
     return Detections3D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
-
-
-def _image(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
-    if sample.image is None:
-        return np.full((*sample.image_size, 3), PAGE, np.uint8)
-    return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
 
 
 def _with_labels(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sightline.export.graph import ExportGraph
     from sightline.export.names import EngineName
     from sightline.inference.network import LoadedNetwork
+    from sightline.robustness.object_scoring import ObjectScoring
     from sightline.structures.predictions import Detections3D
     from sightline.structures.sample import CameraLidarSample
 
@@ -82,6 +83,12 @@ class Detection3DTask(DetectionNetworkTask):
                 "one by `sightline fit` and name its weights"
             )
         return Detection3DPredictor.load(weights, engine=engine, device=device, threads=threads)
+
+    def scoring(self) -> "ObjectScoring":
+        """By KITTI's evaluation of 3D boxes."""
+        from sightline.detection3d.robustness import SCORING
+
+        return SCORING
 
     def picture(
         self, sample: "CameraLidarSample", predictor: "Detection3DPredictor"

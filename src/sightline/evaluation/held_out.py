@@ -10,15 +10,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-from scipy import ndimage
-
 from sightline.data.progress import track
-from sightline.data.rings import NUM_RINGS, check_spacing
+from sightline.data.rings import NUM_RINGS
+from sightline.evaluation.held_out_errors import held_out_errors
 from sightline.evaluation.held_out_frame import (
     CROP_SIZE,
     HeldOutFrame,
     TruthChoice,
+    check_rings,
     densities,
     split_rings,
 )
@@ -160,59 +159,30 @@ def evaluate_held_out(
 
 
 def _check_sensor(frame: HeldOutFrame, expected_beams: int) -> None:
-    place = f"sample {frame.sample.sample_id}"
     if frame.sensor_beams != expected_beams:
         raise ValueError(
-            f"{place} was taken by a sensor of {frame.sensor_beams} beams, the frames before it "
-            f"by one of {expected_beams}; score the sensors one by one"
+            f"sample {frame.sample.sample_id} was taken by a sensor of {frame.sensor_beams} beams, "
+            f"the frames before it by one of {expected_beams}; score the sensors one by one"
         )
-    if frame.sensor_beams == NUM_RINGS:
-        points = frame.sample.points
-        assert points is not None, "split_rings leaves points"
-        try:
-            check_spacing(points.numpy(), frame.rings.numpy())
-        except ValueError as error:
-            raise ValueError(f"{place}: {error}") from error
+    check_rings(frame)
 
 
 def _score_frame(frame: HeldOutFrame, complete: Complete, beams: int) -> HeldOutScore:
     given = frame.with_beams(beams)
     start = time.perf_counter()
-    prediction = complete(given).depth_m.cpu()  # fetched inside, so that a GPU has really finished
+    prediction = complete(given)
+    prediction.depth_m.cpu()  # fetched inside, so that a GPU has really finished
     milliseconds = (time.perf_counter() - start) * 1e3
-    depth_m = prediction.numpy().astype(np.float64)
     place = f"sample {given.sample_id} with {beams} beams"
-    if depth_m.shape != given.image_size:
-        raise ValueError(
-            f"the method gave a depth map of {depth_m.shape[0]}x{depth_m.shape[1]} for {place}, "
-            f"expected {given.image_size[0]}x{given.image_size[1]} (height x width)"
-        )
-    if not np.isfinite(depth_m).all():
-        raise ValueError(f"the method gave depths that are not finite for {place}; use 0 for none")
-    is_predicted = depth_m > 0
-    if not is_predicted.any():
-        raise ValueError(f"the method gave no depth at all for {place}; leave the sample out")
-    truth = frame.truth_m.numpy().astype(np.float64)
-    scored = truth > 0
-    if not is_predicted[scored].all():
-        depth_m = _fill_by_nearest(depth_m)
-    error_mm = 1e3 * (depth_m - truth)[scored]
+    errors = held_out_errors(frame, prediction, place)
     return HeldOutScore(
         beams=beams,
-        rmse_mm=float(np.sqrt(np.mean(error_mm**2))),
-        mae_mm=float(np.mean(np.abs(error_mm))),
-        median_mm=float(np.median(np.abs(error_mm))),
-        coverage=float(is_predicted[scored].mean()),
+        rmse_mm=errors.rmse_mm,
+        mae_mm=errors.mae_mm,
+        median_mm=errors.median_mm,
+        coverage=errors.coverage,
         milliseconds=milliseconds,
     )
-
-
-def _fill_by_nearest(depth_m: np.ndarray) -> np.ndarray:
-    rows, columns = ndimage.distance_transform_edt(
-        depth_m <= 0, return_distances=False, return_indices=True
-    )
-    filled: np.ndarray = depth_m[rows, columns]
-    return filled
 
 
 def _mean_score(scores: Sequence[HeldOutScore]) -> HeldOutScore:

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float32, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.data.augmentation import crop, keep_rings, points_in_view
-from sightline.data.rings import NUM_RINGS, count_beams, ring_numbers
+from sightline.data.rings import NUM_RINGS, check_spacing, count_beams, ring_numbers
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample
 
@@ -151,6 +151,22 @@ def split_rings(
         first_held_out=first_held_out,
         sensor_beams=sensor_beams,
     )
+
+
+def check_rings(frame: HeldOutFrame) -> None:
+    """Refuses a frame of KITTI's sensor whose points are not in its order.
+
+    Raises:
+        ValueError: Its rings do not lie as that sensor's do.
+    """
+    if frame.sensor_beams != NUM_RINGS:
+        return
+    points = frame.sample.points
+    assert points is not None, "split_rings leaves points"
+    try:
+        check_spacing(points.numpy(), frame.rings.numpy())
+    except ValueError as error:
+        raise ValueError(f"sample {frame.sample.sample_id}: {error}") from error
 
 
 def _is_held_out(rings: Int64[Tensor, " count"], first: int) -> Bool[Tensor, " count"]:

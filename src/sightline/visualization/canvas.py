@@ -22,6 +22,15 @@ def scale_of(canvas: UInt8[np.ndarray, "height width 3"]) -> float:
     return min(max(width / 1242, 0.75), 4.0)
 
 
+def scaled_to_width(
+    picture: UInt8[np.ndarray, "height width 3"], width_px: int
+) -> UInt8[np.ndarray, "new_height new_width 3"]:
+    """The picture of so many columns, and as many rows as its proportions want."""
+    height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
+    scaled = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
+    return scaled.astype(np.uint8, copy=False)
+
+
 def put_lines(
     canvas: UInt8[np.ndarray, "height width 3"],
     segments: Float[np.ndarray, "num_segments 2 2"],

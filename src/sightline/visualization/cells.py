@@ -2,7 +2,6 @@
 
 from typing import Final
 
-import cv2
 import numpy as np
 from jaxtyping import UInt8
 
@@ -18,15 +17,6 @@ GAP_PX: Final = 6
 
 _TITLE: RGB = (236, 238, 242)
 _TEXT_PX = 10
-
-
-def scaled(
-    picture: UInt8[np.ndarray, "height width 3"], width_px: int
-) -> UInt8[np.ndarray, "new_height new_width 3"]:
-    """The picture at another width, its shape kept."""
-    height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
-    small = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
-    return small.astype(np.uint8, copy=False)
 
 
 def titled_cell(

@@ -11,6 +11,7 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
 from sightline.geometry.transforms import transform_points
+from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.canvas import put_lines, put_points, put_polygon, scale_of
 from sightline.visualization.clipping import clip_polygon, clip_segments, view_planes
 from sightline.visualization.colors import DEPTH_SCALE, RGB, ColorScale, class_color
@@ -22,6 +23,21 @@ _EDGES = np.array(
 )
 _FRONT = np.array([0, 1, 5, 4])
 _TAG_HEIGHT_PX = 9
+
+
+def camera_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
+    """The sample's image; black where there is none."""
+    if sample.image is None:
+        return np.zeros((*sample.image_size, 3), np.uint8)
+    return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
+
+
+def sweep_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
+    """The sample's points by their range, on black."""
+    black = np.zeros((*sample.image_size, 3), np.uint8)
+    if sample.points is None:
+        return black
+    return draw_points(black, sample.points, sample.calibration)
 
 
 def draw_boxes2d(

@@ -1,0 +1,140 @@
+"""`sightline robustness`: what broken sensors cost a method, on any task."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+from sightline.cli.parser import Device
+from sightline.cli.report import check_writable, deliver
+from sightline.data.object_tree import Velodyne
+from sightline.export.names import EngineName
+
+if TYPE_CHECKING:
+    from sightline.corruptions.corruption import Sensor
+
+
+def robustness(
+    *,
+    out_folder: Path | None = None,
+    task: str | None = None,
+    method: str | None = None,
+    weights: str | None = None,
+    data: Path | None = None,
+    suite: str | None = None,
+    cases: tuple[str, ...] | None = None,
+    seed: int | None = None,
+    baseline: str | None = None,
+    healthy: tuple[str, ...] | None = None,
+    results: Path | None = None,
+    show: str | None = None,
+    engine: EngineName = "torch",
+    device: Device = "cpu",
+    sample_list: str | None = None,
+    velodyne: Velodyne = "velodyne",
+    workers: int = 2,
+    compare: tuple[str, ...] | None = None,
+    page: Path | None = None,
+) -> None:
+    """Tells what broken sensors cost: scores in every case of a suite, and measures of them.
+
+    OUT_FOLDER gets robustness.json, .csv and .md, and report.html, a page in one file. An
+    interrupted run is finished by running it again. With --compare two runs are held against each
+    other instead; with --results, results of any other method are scored.
+
+    Args:
+        out_folder: Folder of the run; not needed with --compare.
+        task: What is to be done; `sightline tasks` lists them. Default: that of the weights, or
+            depth-completion.
+        method: What answers without a network.
+        weights: The network: name of weights that come with Sightline (`sightline tasks` lists
+            them) or a file (.safetensors, .ckpt). Default: the task's own.
+        data: A data set; with --results, the folder that `sightline corrupt` wrote.
+        suite: Which cases there are; see docs/corruptions.md. Default: dgfn7.
+        cases: Which of the suite's cases, beside the clean one. Default: all.
+        seed: Another seed draws other boxes, discs and noise. Default: 0.
+        baseline: For the corruption error: robustness.json of another run, or weights or a method
+            of the task, which run as well.
+        healthy: Methods of one sensor each, for the gap to the best healthy sensor:
+            camera=A.json lidar=B.json, of the same frames.
+        results: Folder with a folder of result files for each case, by any method.
+        show: The frame of the example pictures. Default: the first.
+        engine: What runs networks.
+        device: Where PyTorch runs networks.
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name a line. Default: all.
+        velodyne: Folder of the sweeps in an object tree.
+        workers: Processes, each of one thread. Any number gives the same files.
+        compare: Two robustness.json to hold against each other.
+        page: With --compare: a page (.html) that draws both.
+    """
+    if compare is not None:
+        _compare(compare, page)
+        return
+    if page is not None:
+        raise ValueError("--page draws two runs; name them by --compare, or leave it out")
+    if out_folder is None or data is None:
+        lacking = "data set (--data)" if data is None else "folder for the run"
+        raise ValueError(
+            f"robustness needs a {lacking}; a folder is named before options of several values, as "
+            "in sightline robustness OUT --data DATA --cases camera_blank lidar_blank"
+        )
+    from sightline.robustness.bench import BenchSettings, run_bench
+    from sightline.robustness.results import score_results
+    from sightline.tasks import choose_task
+
+    chosen = choose_task(task, weights)
+    settings = BenchSettings(
+        suite=suite,
+        seed=seed,
+        cases=cases,
+        sample_list=sample_list,
+        velodyne=velodyne,
+        baseline=baseline,
+        healthy=_by_sensor(healthy or ()),
+        shown=show,
+        workers=workers,
+    )
+    if results is None:
+        report = run_bench(
+            chosen,
+            data,
+            out_folder,
+            settings,
+            method=method,
+            weights=weights,
+            engine=engine,
+            device=device,
+        )
+    else:
+        if method is not None or weights is not None:
+            raise ValueError("--results are scored as they are; leave method and weights out")
+        report = score_results(chosen, data, results, out_folder, settings)
+    deliver(report, None)
+    print(*(out_folder / name for name in report.files), sep="\n")
+
+
+def _compare(paths: tuple[str, ...], page: Path | None) -> None:
+    from sightline.robustness.compare import compare_runs
+
+    check_writable(page)
+    comparison = compare_runs([Path(path) for path in paths])
+    deliver(comparison, None)
+    if page is not None:
+        comparison.write(page)
+        print(page)
+
+
+def _by_sensor(given: tuple[str, ...]) -> "dict[Sensor, Path]":
+    """What `camera=A.json lidar=B.json` says."""
+    from sightline.corruptions.corruption import Sensor
+
+    found: dict[Sensor, Path] = {}
+    for word in given:
+        name, _, path = word.partition("=")
+        sensor = next((each for each in get_args(Sensor) if each == name), None)
+        if sensor is None or not path:
+            raise ValueError(
+                f"--healthy {word} is not understood: write camera=FILE or lidar=FILE, with the "
+                "robustness.json of a method that looks at that sensor alone"
+            )
+        found[sensor] = Path(path)
+    return found

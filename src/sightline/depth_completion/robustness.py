@@ -1,0 +1,85 @@
+"""How depth completion is scored where sensors are broken: on LiDAR rings that no method sees.
+
+The truth is the same for all; only what a method is given gets worse. Rings are held out first and
+then what is left is corrupted, so that nothing of the truth is given, and nothing broken is truth.
+"""
+
+import json
+import statistics
+from dataclasses import asdict
+from pathlib import Path
+from typing import Final
+
+from sightline.data.atomic import atomic_write_text
+from sightline.data.object_tree import Part
+from sightline.data.open import SampleDataset
+from sightline.data.plain_text import read_text
+from sightline.data.problem import FileError
+from sightline.evaluation.held_out_errors import held_out_errors
+from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings
+from sightline.geometry.projection import sparse_depth_map
+from sightline.robustness.scoring import Answered, Figure, Panel, PosedFrame, Scores
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.canvas import scaled_to_width
+from sightline.visualization.depth import colorize_depth
+from sightline.visualization.image import camera_picture
+
+_FIGURES: Final = {"rmse_mm": "RMSE", "mae_mm": "MAE", "median_mm": "median absolute error"}
+_REMEDY = "remove it and run the same command again"
+
+
+class HeldOutScoring:
+    """`Scoring` by the held-out-rings protocol, with all of the sensor's beams.
+
+    A method that gives no depth at all, as where the LiDAR is dead, is scored as if it had said
+    0 m everywhere.
+    """
+
+    name = "held-out rings"
+    suffix = ".json"
+    parts: tuple[Part, ...] = ("points",)
+    takes_results = False
+    figures = tuple(Figure(name=name, title=title, unit="mm") for name, title in _FIGURES.items())
+
+    def check(self, dataset: SampleDataset) -> None:
+        """Every data set with sweeps will do."""
+        del dataset
+
+    def pose(self, sample: CameraLidarSample) -> PosedFrame:
+        """The rings that a method may see, cropped as the protocol says; the truth apart."""
+        frame = split_rings(sample)
+        check_rings(frame)
+        return PosedFrame(frame.with_beams(frame.sensor_beams), frame)
+
+    def keep(self, path: Path, answered: Answered) -> None:
+        """Writes the frame's errors."""
+        frame: HeldOutFrame = answered.posed.truth
+        place = f"sample {frame.sample.sample_id}"
+        errors = held_out_errors(frame, answered.answer, place, zero_where_nothing=True)
+        atomic_write_text(path, json.dumps(asdict(errors)) + "\n")
+
+    def score(self, folder: Path, dataset: SampleDataset) -> Scores:
+        """Means over the frames."""
+        rows = [_read(folder / f"{name}{self.suffix}") for name in dataset.sample_ids]
+        return {name: statistics.fmean(row[at] for row in rows) for at, name in enumerate(_FIGURES)}
+
+    def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
+        """The image and the sweep that were given, and the completed depth."""
+        given, answer = answered.corrupted.sample, answered.answer
+        panels = [Panel("image", camera_picture(given))]
+        if given.points is not None:
+            sparse = sparse_depth_map(given.points, given.calibration, given.image_size)
+            panels.append(Panel("sweep", colorize_depth(sparse, point_size_px=5)))
+        panels.append(Panel("completed depth", colorize_depth(answer.depth_m * answer.valid)))
+        return tuple(Panel(name, scaled_to_width(picture, width_px)) for name, picture in panels)
+
+
+def _read(path: Path) -> tuple[float, ...]:
+    """A frame's figures; a tuple takes less room than what the file holds."""
+    try:
+        row = json.loads(read_text(path))
+        return tuple(float(row[name]) for name in _FIGURES)
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(path, "does not hold a frame's errors", _REMEDY) from error

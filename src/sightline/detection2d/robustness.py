@@ -1,0 +1,27 @@
+"""How 2D detection is scored where sensors are broken: by KITTI's evaluation of 2D boxes."""
+
+from typing import Final
+
+from sightline.detection2d.answer_picture import answer_panels
+from sightline.detection2d.files import write_results
+from sightline.robustness.object_scoring import ObjectScoring, Target
+from sightline.robustness.scoring import Answered, Panel
+
+
+def _panels(answered: Answered, width_px: int) -> tuple[Panel, ...]:
+    corrupted = answered.corrupted
+    masks = (corrupted.camera_mask, corrupted.lidar_mask)
+    panels = answer_panels(corrupted.sample, answered.answer, masks=masks, width_px=width_px)
+    return tuple(Panel(f"{each.name} {each.note}".strip(), each.picture) for each in panels)
+
+
+SCORING: Final = ObjectScoring(
+    targets=(
+        Target("Car", "bbox", 0.7),
+        Target("Car", "bbox", 0.5),
+        Target("Pedestrian", "bbox", 0.5),
+        Target("Cyclist", "bbox", 0.5),
+    ),
+    write=write_results,
+    panels=_panels,
+)

@@ -1,0 +1,256 @@
+"""The bench: a method's answers in every case of a suite, scored and measured.
+
+Everything that is asked for is checked first. Then answers are made and kept frame by frame, scored
+case by case, and measured and told in one go; each step skips what an earlier run has done.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, Protocol, runtime_checkable
+
+from sightline.corruptions.corruption import Sensor
+from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
+from sightline.data.jobs import claim_folder
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import SampleDataset
+from sightline.export.names import EngineName
+from sightline.inference.predictor import Predictor
+from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
+from sightline.robustness.comparable import check_baseline, check_healthy
+from sightline.robustness.examples import ExampleDrawer
+from sightline.robustness.frames import name_of, open_frames
+from sightline.robustness.record import (
+    CaseInfo,
+    Record,
+    Setting,
+    describe_case,
+    digest_names,
+    read_record,
+)
+from sightline.robustness.report import RobustnessReport
+from sightline.robustness.score_job import score_cases
+from sightline.robustness.scoring import Scoring
+
+_ANSWERS: Final = "answers"
+_SUITE: Final = "dgfn7"
+_BASELINE: Final = "baseline"
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class BenchTask(Protocol):
+    """A task, as far as the bench goes; see `sightline.tasks.Task`."""
+
+    @property
+    def name(self) -> str:
+        """Stands in records."""
+        ...
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """What answers without a network."""
+        ...
+
+    def scoring(self) -> Scoring:
+        """How answers are scored."""
+        ...
+
+    def predictor(
+        self,
+        *,
+        method: str | None = None,
+        weights: str | Path | None = None,
+        engine: EngineName = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> Predictor:
+        """What answers."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BenchSettings:
+    """What a method is put to, and what it is held against."""
+
+    suite: str | Suite | None = None
+    """By name or one's own. None: dgfn7, or for results that of the data."""
+    seed: int | None = None
+    """None: 0, or for results that of the data."""
+    cases: tuple[str, ...] | None = None
+    """Of the suite; the clean one is always among them. None: all."""
+    sample_list: str | Path | Sequence[str] | None = None
+    velodyne: Velodyne = "velodyne"
+    baseline: str | None = None
+    """For CE: a record (.json) of another run, or weights or a method, which run as well."""
+    healthy: Mapping[Sensor, Path] | None = None
+    """Records of methods that look at one sensor each, by that sensor."""
+    shown: str | None = None
+    """The frame of the example pictures. None: the first."""
+    workers: int = 2
+
+    def chosen_cases(self, suite: Suite) -> tuple[Case, ...]:
+        """Those that are asked for.
+
+        Raises:
+            ValueError: The suite has no such case.
+        """
+        return suite.cases if self.cases is None else suite.select([CLEAN, *self.cases])
+
+
+def run_bench(
+    task: BenchTask,
+    data: Path,
+    out: Path,
+    settings: BenchSettings,
+    *,
+    method: str | None = None,
+    weights: str | Path | None = None,
+    engine: EngineName = "torch",
+    device: str = "cpu",
+) -> RobustnessReport:
+    """Lets a method answer in every case, and tells what each costs.
+
+    A run that was stopped goes on where it was, to the same bytes of robustness.json.
+
+    Args:
+        task: Whose method it is.
+        data: Folder of the data set; see `open_dataset`.
+        out: Folder of the run; its sightline.json says what made it.
+        settings: The cases and what to compare with.
+        method: What answers without a network.
+        weights: The network. Neither: the task's default.
+        engine: What runs networks.
+        device: Where they run.
+
+    Raises:
+        ValueError: There is no such suite, case, method or frame; the data lack what a case or the
+            scoring needs; a record to compare with is of something else; or `out` holds another
+            run. All of these before any work. Errors about a frame name it.
+    """
+    suite, seed = settings.suite or _SUITE, settings.seed or 0
+    if isinstance(suite, str):
+        suite = find_suite(suite)
+    cases = settings.chosen_cases(suite)
+    check_numbers(seed, settings.workers)
+    given = read_baseline(settings.baseline)
+    healthy = read_healthy(settings.healthy)
+    scoring = task.scoring()
+
+    def load(chosen_method: str | None, chosen_weights: str | Path | None) -> Predictor:
+        return task.predictor(  # of several threads PyTorch gives other last digits
+            method=chosen_method, weights=chosen_weights, engine=engine, device=device, threads=1
+        )
+
+    predictors = [load(method, weights)]
+    if given is None and settings.baseline is not None:
+        is_method = settings.baseline in task.methods
+        predictors.append(
+            load(settings.baseline, None) if is_method else load(None, settings.baseline)
+        )
+    dataset = open_frames(
+        data,
+        {*scoring.parts, *(part for each in predictors for part in each.parts)},
+        cases,
+        sample_list=settings.sample_list,
+        velodyne=settings.velodyne,
+    )
+    scoring.check(dataset)
+    setting = Setting(
+        task=task.name,
+        scoring=scoring.name,
+        data=name_of(dataset, data),
+        velodyne=settings.velodyne,
+        frames=len(dataset),
+        frames_sha256=digest_names(dataset.sample_ids),
+        figures=scoring.figures,
+        suite=suite.name,
+        seed=seed,
+    )
+    infos = {case.name: describe_case(case) for case in cases}
+    check_compared(given, healthy, setting, infos)
+    shown = _shown(dataset, settings.shown)
+    folders = [out, out / _BASELINE][: len(predictors)]
+    for folder, predictor in zip(folders, predictors, strict=True):
+        claim = claim_of(setting, suite, predictor.name, predictor.made_by) | {"shown": shown}
+        claim_folder(folder, claim, results=(f"{_ANSWERS}/*",))
+    drawer = ExampleDrawer(out=out, frame=shown, cases=infos, scoring=scoring)
+    asked = [
+        Asked(
+            predictor=predictor,
+            cases=cases,
+            folder=folder / _ANSWERS,
+            also=drawer if folder == out else None,
+        )
+        for folder, predictor in zip(folders, predictors, strict=True)
+    ]
+    answer_in_cases(
+        dataset,
+        asked,
+        scoring,
+        seed=seed,
+        workers=settings.workers,
+        description=f"{task.name} in {suite.name}",
+    )
+    records = [
+        Record(
+            method=predictor.name,
+            made_by=predictor.made_by,
+            setting=setting,
+            cases=infos,
+            scores=score_cases(
+                scoring, dataset, folder / _ANSWERS, tuple(infos), folder, settings.workers
+            ),
+        )
+        for folder, predictor in zip(folders, predictors, strict=True)
+    ]
+    report = RobustnessReport(
+        record=records[0], baseline=given or (records[1] if records[1:] else None), healthy=healthy
+    )
+    report.write(out)
+    return report
+
+
+def read_baseline(baseline: str | None) -> Record | None:
+    """The record that is named; None where weights, a method or nothing is."""
+    is_record = baseline is not None and baseline.endswith(".json")
+    return read_record(Path(baseline)) if baseline is not None and is_record else None
+
+
+def read_healthy(healthy: Mapping[Sensor, Path] | None) -> dict[Sensor, Record]:
+    """The records by the sensor that their methods look at."""
+    return {sensor: read_record(path) for sensor, path in (healthy or {}).items()}
+
+
+def check_compared(
+    baseline: Record | None,
+    healthy: Mapping[Sensor, Record],
+    setting: Setting,
+    cases: Mapping[str, CaseInfo],
+) -> None:
+    """Refuses records that do not compare; see `check_baseline` and `check_healthy`."""
+    if baseline is not None:
+        check_baseline(baseline, setting, cases)
+    for sensor, record in healthy.items():
+        check_healthy(sensor, record, setting)
+
+
+def claim_of(
+    setting: Setting, suite: Suite, method: str, made_by: Mapping[str, str]
+) -> dict[str, Any]:
+    """All that the files of a run depend on, but for which of the suite's cases are asked for."""
+    plain = asdict(setting)
+    del plain["figures"]
+    cases = {case.name: asdict(describe_case(case)) for case in suite.cases}
+    return {"sightline": version("sightline"), "method": method, **made_by, **plain, "cases": cases}
+
+
+def _shown(dataset: SampleDataset, name: str | None) -> str:
+    if name is None:
+        return dataset.sample_ids[0]
+    if name not in dataset.sample_ids:
+        raise ValueError(
+            f"frame {name} to show is not among the {len(dataset)} frames of the run; name one of "
+            "them"
+        )
+    return name

@@ -1,0 +1,237 @@
+"""Charts of a run as HTML and SVG: heat map of kinds and severities, curves, bars."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import Final, NamedTuple
+
+from sightline.corruptions.suites import CLEAN
+from sightline.robustness.measured import Measures
+from sightline.robustness.record import Record
+from sightline.robustness.scoring import Figure
+from sightline.robustness.texts import (
+    cells_of_kind,
+    ratio_text,
+    score_columns,
+    score_text,
+    severities,
+)
+
+_HEAT: Final = (  # share of the clean performance that is left, and its colour
+    (0.0, (122, 28, 48)),
+    (0.25, (190, 60, 60)),
+    (0.5, (230, 126, 84)),
+    (0.75, (248, 200, 140)),
+    (0.9, (252, 236, 200)),
+    (1.0, (222, 240, 230)),
+)
+_DARK: Final = 0.55  # below it letters are white
+_CHART_PX: Final = (260, 150)
+_PLOT_PX: Final = (38, 10, 250, 124)  # left, top, right, bottom of what curves are drawn in
+
+
+class Line(NamedTuple):
+    """A method in the charts."""
+
+    name: str
+    style: str
+    """CSS class: ours, other or alone."""
+    record: Record
+
+
+def kept_share(score: float | None, clean: float | None, figure: Figure) -> float | None:
+    """The share of the clean performance that is left, from 0 to 1: what colours tell."""
+    if score is None or clean is None:
+        return None
+    above, below = (clean, score) if figure.highest is None else (score, clean)
+    return min(max(above / below, 0.0), 1.0) if below > 0 else None
+
+
+def heat_color(share: float) -> tuple[str, str]:
+    """Background and letters of a cell, as CSS colours."""
+    for (low, first), (high, second) in itertools.pairwise(_HEAT):
+        if share <= high:
+            part = (share - low) / (high - low)
+            mixed = [round(a + part * (b - a)) for a, b in zip(first, second, strict=True)]
+            return f"#{mixed[0]:02x}{mixed[1]:02x}{mixed[2]:02x}", (
+                "#ffffff" if share < _DARK else "#1c2530"
+            )
+    raise AssertionError(f"shares are at most 1, got {share}")
+
+
+def heat_map(record: Record, figure: Figure, measures: Measures) -> str:
+    """Kinds by severities; colours tell how much of the clean score is left."""
+    head = "".join(
+        f'<th scope="col">{escape(name)}</th>'
+        for name in (*score_columns(record), "mean", "RR", "CE", "gap")
+    )
+    rows = []
+    for kind, each in measures.kinds.items():
+        cells = "".join(
+            _heat_cell(None if name is None else record.score(name, figure), figure, measures.clean)
+            for name in cells_of_kind(record, kind)
+        )
+        sums = (
+            score_text(each.mean, figure),
+            ratio_text(each.rr),
+            ratio_text(each.ce),
+            score_text(each.gap, figure, signed=True),
+        )
+        cells += "".join(f'<td class="sum">{escape(text)}</td>' for text in sums)
+        rows.append(f'<tr><th scope="row">{escape(kind.replace("_", " "))}</th>{cells}</tr>')
+    return (
+        f'<div class="scroll"><table class="heat"><thead><tr><th scope="col">kind</th>{head}</tr>'
+        f"</thead><tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _heat_cell(score: float | None, figure: Figure, clean: float) -> str:
+    share = kept_share(score, clean, figure)
+    if score is None or share is None:
+        return "<td></td>"
+    background, letters = heat_color(share)
+    return (
+        f'<td class="cell" style="background:{background};color:{letters}" '
+        f'title="{100 * share:.0f} % left">{score_text(score, figure)}</td>'
+    )
+
+
+def heat_legend() -> str:
+    """What the colours mean."""
+    steps = "".join(
+        f'<i style="background:{heat_color(share)[0]};color:{heat_color(share)[1]}">'
+        f"{100 * share:.0f}</i>"
+        for share in (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)
+    )
+    return f'<p class="scale">of the clean performance is left, %: <span>{steps}</span></p>'
+
+
+def nice_top(value: float) -> float:
+    """The end of an axis: 1, 2, 2.5 or 5 times a power of 10 at least as large as the value."""
+    if value <= 0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1, 2, 2.5, 5, 10) if step * power >= value * (1 - 1e-9))
+
+
+def curve_charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> str:
+    """A small chart for each kind that has several severities; empty where none has.
+
+    Args:
+        lines: The methods; kinds and severities are the first one's.
+        figure: What is drawn.
+        alone: The best clean score of a single sensor's method, or None.
+    """
+    record = lines[0].record
+    kinds = [kind for kind, names in record.kinds.items() if len(names) > 1]
+    points = {kind: [_points(line.record, record, kind, figure) for line in lines]
+              for kind in kinds}  # fmt: skip
+    values = {kind: [score for each in points[kind] for _, score in each] for kind in kinds}
+    highest = max((max(each) for each in values.values() if each), default=0.0)
+    charts = []
+    for kind in kinds:
+        # Scores share an axis; of errors one kind can be a hundred times another.
+        top = highest if figure.highest is not None else max(values[kind], default=0.0)
+        drawn = [(line, some) for line, some in zip(lines, points[kind], strict=True)]
+        charts.append(_curve_chart(kind, drawn, figure, nice_top(max(top, alone or 0.0)), alone))
+    return f'<div class="charts">{"".join(charts)}</div>' if charts else ""
+
+
+def _points(record: Record, shown: Record, kind: str, figure: Figure) -> list[tuple[int, float]]:
+    """Severity and score, 0 for sound sensors."""
+    names = [(0, CLEAN), *((shown.cases[name].severity or 0, name) for name in shown.kinds[kind])]
+    scores = [(level, record.score(name, figure)) for level, name in names if name in record.cases]
+    return [(level, score) for level, score in scores if score is not None]
+
+
+class _Plot(NamedTuple):
+    """Where severities and scores lie in a chart."""
+
+    last: int
+    """The highest severity, at the right end."""
+    top: float
+    """The score at the upper end; 0 is at the lower one."""
+
+    def place(self, level: int, score: float) -> str:
+        """Column and row [px]."""
+        left, above, right, bottom = _PLOT_PX
+        x = left + (right - left) * level / self.last
+        y = bottom - (bottom - above) * score / self.top
+        return f"{x:.1f},{y:.1f}"
+
+    def axes(self, figure: Figure) -> str:
+        """Lines at the end, the middle and the start of the scores, and the severities' names."""
+        left, _, _, bottom = _PLOT_PX
+        parts = []
+        for share in (0.0, 0.5, 1.0):
+            score = share * self.top
+            start, end = self.place(0, score), self.place(self.last, score)
+            text, y = score_text(score, figure) if share else "0", float(start.split(",")[1]) + 3
+            parts.append(
+                f'<path class="grid" d="M{start}L{end}"/><text class="tick" x="{left - 4}" '
+                f'y="{y:.1f}" text-anchor="end">{text}</text>'
+            )
+        for level in range(self.last + 1):
+            x = self.place(level, 0.0).split(",")[0]
+            parts.append(
+                f'<text class="tick" x="{x}" y="{bottom + 13}" text-anchor="middle">'
+                f"{level or 'clean'}</text>"
+            )
+        return "".join(parts)
+
+
+def _curve_chart(
+    kind: str,
+    lines: Sequence[tuple[Line, Sequence[tuple[int, float]]]],
+    figure: Figure,
+    top: float,
+    alone: float | None,
+) -> str:
+    plot = _Plot(max(severities(lines[0][0].record), default=1), top)
+    parts = [plot.axes(figure)]
+    if alone is not None:
+        ends = f"M{plot.place(0, alone)}L{plot.place(plot.last, alone)}"
+        parts.append(f'<path class="alone" d="{ends}"/>')
+    for line, points in reversed(lines):
+        path = "L".join(plot.place(level, score) for level, score in points)
+        parts.append(f'<path class="{line.style}" d="M{path}"/>')
+        for level, score in points:
+            x, y = plot.place(level, score).split(",")
+            parts.append(
+                f'<circle class="{line.style}" cx="{x}" cy="{y}" r="2.4"><title>'
+                f"{escape(line.name)}: {score_text(score, figure)}</title></circle>"
+            )
+    title = escape(kind.replace("_", " "))
+    width, height = _CHART_PX
+    return (
+        f'<figure><figcaption>{title}</figcaption><svg viewBox="0 0 {width} {height}" role="img" '
+        f'aria-label="{title}">{"".join(parts)}</svg></figure>'
+    )
+
+
+def bar_chart(lines: Sequence[Line], figure: Figure) -> str:
+    """One bar for each kind that has a single level, and for sound sensors; empty without any."""
+    record = lines[0].record
+    names = [names[0] for names in record.kinds.values() if len(names) == 1]
+    if not names:
+        return ""
+    shown = [CLEAN, *names]
+    scores = {
+        name: [
+            (line, line.record.score(name, figure)) for line in lines if name in line.record.cases
+        ]
+        for name in shown
+    }
+    known = [score for row in scores.values() for _, score in row if score is not None]
+    top = nice_top(max(known, default=0.0))
+    rows = []
+    for name in shown:
+        label = "sound sensors" if name == CLEAN else record.cases[name].kind.replace("_", " ")
+        bars = "".join(
+            f'<div class="bar {line.style}" style="width:{100 * (score or 0.0) / top:.2f}%" '
+            f'title="{escape(line.name)}"></div><span>{score_text(score, figure)}</span>'
+            for line, score in scores[name]
+        )
+        rows.append(f'<div class="label">{escape(label)}</div><div class="track">{bars}</div>')
+    return f'<div class="bars">{"".join(rows)}</div>'

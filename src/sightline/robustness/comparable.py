@@ -1,0 +1,56 @@
+"""Which runs may be held against each other: refused before any work is done for them."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+from sightline.corruptions.suites import CLEAN
+from sightline.data.plain_text import shortened
+from sightline.robustness.record import CaseInfo, Record, Setting
+
+
+def check_baseline(baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo]) -> None:
+    """Refuses a baseline of another task, suite or data set, or without some of the cases.
+
+    Raises:
+        ValueError: It is one.
+    """
+    who = f"the baseline {shortened(baseline.method)}"
+    _check(who, asdict(baseline.setting), asdict(setting))
+    for name, case in cases.items():
+        if name not in baseline.cases:
+            raise ValueError(
+                f"{who} has no scores of case {name}; run it again with that case, or name the "
+                "cases that it has (--cases)"
+            )
+        if baseline.cases[name] != case:
+            raise ValueError(
+                f"{who} was scored with another case {name}, of {baseline.cases[name].parameters} "
+                f"instead of {case.parameters}; run it again with this version"
+            )
+
+
+def check_healthy(sensor: str, healthy: Record, setting: Setting) -> None:
+    """Refuses a method of one sensor whose clean scores are of something else.
+
+    Raises:
+        ValueError: They are, or there are none.
+    """
+    who = f"the healthy {sensor}'s {shortened(healthy.method)}"
+    _check(who, healthy.setting.of_clean_frames, setting.of_clean_frames)
+    if CLEAN not in healthy.scores:
+        raise ValueError(f"{who} has no scores of case {CLEAN}; run it again with that case")
+
+
+def _check(who: str, there: Mapping[str, object], here: Mapping[str, object]) -> None:
+    for name, value in here.items():
+        if there[name] != value:
+            told = "other figures" if name == "figures" else f"{name} {_shown(there[name])}"
+            wanted = "" if name == "figures" else f" instead of {_shown(value)}"
+            raise ValueError(
+                f"{who} is of {told}{wanted}, so scores do not compare; give one of the same task, "
+                "data, frames, suite and seed"
+            )
+
+
+def _shown(value: object) -> str:
+    return shortened(str(value), 24)

@@ -1,0 +1,58 @@
+"""Pictures of one frame, clean and under each kind of corruption, with the answers to it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from sightline.corruptions.suites import CLEAN, Case
+from sightline.data.image_file import write_rgb
+from sightline.data.object_tree import list_files
+from sightline.robustness.record import CaseInfo
+from sightline.robustness.scoring import Answered, Scoring
+
+_PICTURES: Final = "pictures"
+_WIDTH_PX: Final = 480
+
+
+class Example(NamedTuple):
+    """A picture of a run."""
+
+    caption: str
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleDrawer:
+    """Draws the answers to one frame: without a fault, and at the middle severity of each kind."""
+
+    out: Path
+    """Folder of the run."""
+    frame: str
+    cases: Mapping[str, CaseInfo]
+    scoring: Scoring
+
+    def __call__(self, case: Case, answered: Answered) -> None:
+        """Draws, where it is the frame and a case to show."""
+        if answered.posed.sample.sample_id != self.frame or case.name not in shown_cases(
+            self.cases
+        ):
+            return
+        for number, panel in enumerate(self.scoring.draw(answered, _WIDTH_PX)):
+            name = f"{number}_{panel.caption.replace(' ', '_')}.jpg"
+            write_rgb(self.out / _PICTURES / case.name / name, panel.picture)
+
+
+def shown_cases(cases: Mapping[str, CaseInfo]) -> tuple[str, ...]:
+    """The clean case, and of each kind that of the middle severity."""
+    by_kind: dict[str, list[str]] = {}
+    for name, case in cases.items():
+        by_kind.setdefault(case.kind, []).append(name)
+    middle = {names[len(names) // 2] for names in by_kind.values()}
+    return tuple(name for name in cases if name == CLEAN or name in middle)
+
+
+def examples_of(out: Path, case: str) -> list[Example]:
+    """The pictures of a case, in order; none where none were drawn."""
+    files = list_files(out / _PICTURES / case, (".jpg",))
+    return [Example(stem.partition("_")[2].replace("_", " "), path) for stem, path in files.items()]

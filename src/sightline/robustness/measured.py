@@ -1,0 +1,129 @@
+"""All measures of a run, figure by figure."""
+
+import statistics
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sightline.corruptions.corruption import Sensor
+from sightline.corruptions.suites import CLEAN
+from sightline.robustness.measures import (
+    WorstCase,
+    corruption_error,
+    healthy_gap,
+    mean_corrupted,
+    mean_of_kinds,
+    resilience,
+    worst_case,
+)
+from sightline.robustness.record import Record
+from sightline.robustness.scoring import Figure
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class KindMeasures:
+    """What a kind of corruption costs."""
+
+    mean: float
+    """Over its severities."""
+    rr: float | None
+    ce: float | None
+    """None without a baseline, or where that makes no error."""
+    gap: float | None
+    """The smallest of its severities; None where no healthy sensor is known."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Measures:
+    """What corruptions cost, by one figure."""
+
+    clean: float
+    mpc: float
+    mrr: float | None
+    mce: float | None
+    worst: WorstCase
+    gap: WorstCase | None
+    """The smallest lead over the best healthy sensor, and where; None where none is known."""
+    gaps: Mapping[str, float | None]
+    """By case."""
+    kinds: Mapping[str, KindMeasures]
+
+    def to_json(self) -> dict[str, object]:
+        """What a run's file holds."""
+        return {
+            "clean": self.clean,
+            "mPC": self.mpc,
+            "mRR": self.mrr,
+            "mCE": self.mce,
+            "worst": self.worst._asdict(),
+            "gap": None if self.gap is None else self.gap._asdict(),
+            "gaps": dict(self.gaps),
+            "kinds": {
+                kind: {"mean": each.mean, "RR": each.rr, "CE": each.ce, "gap": each.gap}
+                for kind, each in self.kinds.items()
+            },
+        }
+
+
+def measure(
+    record: Record,
+    figure: Figure,
+    baseline: Record | None = None,
+    healthy: Mapping[Sensor, Record] | None = None,
+) -> Measures | None:
+    """The measures by one figure; None where there is nothing to score or nothing is broken.
+
+    Args:
+        record: Of the method.
+        figure: One of its figures.
+        baseline: For CE: has all cases of the record.
+        healthy: Methods that look at one sensor each, by that sensor. A case that leaves the
+            sensor alone leaves its method's clean score.
+    """
+    clean, table = record.score(CLEAN, figure), record.by_kind(figure)
+    if clean is None or not table:
+        return None
+    theirs = None if baseline is None else baseline.by_kind(figure, record.kinds)
+    gaps = _gaps(record, figure, healthy or {})
+    known = {case: gap for case, gap in gaps.items() if gap is not None}
+    smallest = min(known, key=known.__getitem__) if known else None
+    kinds = {
+        kind: KindMeasures(
+            mean=statistics.fmean(levels),
+            rr=resilience(levels, clean, figure),
+            ce=None if theirs is None else corruption_error(levels, theirs[kind], figure),
+            gap=min((known[case] for case in record.kinds[kind] if case in known), default=None),
+        )
+        for kind, levels in table.items()
+    }
+    scores = {
+        case: score
+        for kind, levels in table.items()
+        for case, score in zip(record.kinds[kind], levels, strict=True)
+    }
+    return Measures(
+        clean=clean,
+        mpc=mean_corrupted(table),
+        mrr=mean_of_kinds({kind: each.rr for kind, each in kinds.items()}),
+        mce=mean_of_kinds({kind: each.ce for kind, each in kinds.items()}),
+        worst=worst_case(scores, figure),
+        gap=None if smallest is None else WorstCase(smallest, known[smallest]),
+        gaps=gaps,
+        kinds=kinds,
+    )
+
+
+def _gaps(
+    record: Record, figure: Figure, healthy: Mapping[Sensor, Record]
+) -> dict[str, float | None]:
+    """The lead over the best healthy sensor alone in each case, sound sensors included."""
+    alone = {sensor: each.score(CLEAN, figure) for sensor, each in healthy.items()}
+    gaps: dict[str, float | None] = {}
+    for name, case in record.cases.items():
+        score = record.score(name, figure)
+        left = [
+            clean
+            for sensor, clean in alone.items()
+            if clean is not None and sensor not in case.sensors
+        ]
+        gaps[name] = None if score is None else healthy_gap(score, left, figure)
+    return gaps

@@ -1,0 +1,192 @@
+"""Object detection scored by KITTI's own evaluation: for tasks that write KITTI's result files."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from sightline.evaluation.kitti_object_rules import (
+    CLASSES,
+    DIFFICULTIES,
+    ClassName,
+    ClassOverlaps,
+    Difficulty,
+    Metric,
+    MinimumOverlaps,
+)
+from sightline.robustness.scoring import Answered, Figure, Panel, PosedFrame, Scores
+
+if TYPE_CHECKING:
+    from sightline.data.object_tree import Part
+    from sightline.data.open import SampleDataset
+    from sightline.evaluation.object_report import ObjectEntry, ObjectReport
+    from sightline.structures.sample import CameraLidarSample
+
+_LEVELS: Final[tuple[Difficulty, ...]] = ("moderate", "easy", "hard")
+_METRIC_TITLES: Final[dict[Metric, str]] = {"bbox": "2D", "bev": "bird's eye", "3d": "3D"}
+_AVERAGES: Final = {"R40": "AP R40", "all_points": "AP, all points"}
+"""Of precision over recall: KITTI's own, and over all scores, for samples too small for it."""
+
+
+class Target(NamedTuple):
+    """What detections of a class are scored by."""
+
+    class_name: ClassName
+    metric: Metric
+    iou: float
+    """What a match must exceed."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectScoring:
+    """`Scoring` by average precision, percent, as `sightline evaluate objects` gives it."""
+
+    targets: tuple[Target, ...]
+    """The one that everybody looks at first."""
+    write: "Callable[[Path, CameraLidarSample, Any], None]"
+    """Writes the task's answer as a result file."""
+    panels: Callable[[Answered, int], tuple[Panel, ...]]
+    """See `Scoring.draw`."""
+    name: str = field(default="KITTI objects", init=False)
+    suffix: str = field(default=".txt", init=False)
+    parts: "tuple[Part, ...]" = field(default=("objects",), init=False)
+    takes_results: bool = field(default=True, init=False)
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Of each target both averages, moderate first."""
+        return tuple(
+            Figure(
+                name=_figure_name(target, difficulty, average),
+                title=(
+                    f"{target.class_name}, {_METRIC_TITLES[target.metric]} IoU {target.iou:g}, "
+                    f"{difficulty}, {title}"
+                ),
+                unit="%",
+                highest=100.0,
+            )
+            for target in self.targets
+            for average, title in _AVERAGES.items()
+            for difficulty in _LEVELS
+        )
+
+    def check(self, dataset: "SampleDataset") -> None:
+        """See `Scoring.check`."""
+        _labels_folder(dataset)
+
+    def pose(self, sample: "CameraLidarSample") -> PosedFrame:
+        """The frame as it is."""
+        return PosedFrame(sample, None)
+
+    def keep(self, path: Path, answered: Answered) -> None:
+        """Writes KITTI's result file."""
+        self.write(path, answered.posed.sample, answered.answer)
+
+    def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
+        """See `Scoring.draw`."""
+        return self.panels(answered, width_px)
+
+    def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
+        """See `Scoring.score`; None where no object of the class counts at the difficulty."""
+        from sightline.evaluation.kitti_object import evaluate_objects
+
+        labels, names = _labels_folder(dataset), dataset.sample_ids
+        scores: dict[str, float | None] = {}
+        for chosen in _apart(self.targets):
+            report = evaluate_objects(
+                folder, labels, sample_list=names, overlaps=_overlaps(chosen), bootstrap=1
+            )
+            for target in chosen:
+                scores |= _scores(target, report, labels, names)
+        return {figure.name: scores[figure.name] for figure in self.figures}
+
+
+def _figure_name(target: Target, difficulty: Difficulty, average: str) -> str:
+    return f"{target.class_name}_{target.metric}_{target.iou:g}_{difficulty}_{average}"
+
+
+def _labels_folder(dataset: "SampleDataset") -> Path:
+    from sightline.data.kitti_object import KittiObjectDataset
+    from sightline.data.object_tree import part_folder
+
+    if not isinstance(dataset, KittiObjectDataset) or "objects" not in dataset.parts:
+        raise ValueError(
+            "the data have no labels to score detections against, expected KITTI's object tree; "
+            "name a folder that holds training/{image_2,velodyne,calib,label_2}"
+        )
+    return dataset.root / dataset.split / part_folder("objects")
+
+
+def _apart(targets: Sequence[Target]) -> list[list[Target]]:
+    """Targets that one evaluation can score: of a class and metric, one overlap."""
+    groups: list[list[Target]] = []
+    for target in targets:
+        for group in groups:
+            if all(each[:2] != target[:2] for each in group):
+                group.append(target)
+                break
+        else:
+            groups.append([target])
+    return groups
+
+
+def _overlaps(targets: Sequence[Target]) -> MinimumOverlaps:
+    """Those of the targets; of all else, which nobody looks at, KITTI's own."""
+    strict = MinimumOverlaps()
+    wanted = {(target.class_name, target.metric): target.iou for target in targets}
+
+    def of_class(name: ClassName) -> ClassOverlaps:
+        own: ClassOverlaps = getattr(strict, name.lower())
+        return ClassOverlaps(
+            bbox=wanted.get((name, "bbox"), own.bbox),
+            bev=wanted.get((name, "bev"), own.bev),
+            box3d=wanted.get((name, "3d"), own.box3d),
+        )
+
+    return MinimumOverlaps(
+        car=of_class("Car"), pedestrian=of_class("Pedestrian"), cyclist=of_class("Cyclist")
+    )
+
+
+def _scores(
+    target: Target, report: "ObjectReport", labels: Path, names: Sequence[str]
+) -> dict[str, float | None]:
+    entries = {
+        entry.difficulty: entry
+        for entry in report.entries
+        if (entry.class_name, entry.metric) == (target.class_name, target.metric)
+    }
+    found: dict[str, float | None] = {}
+    for difficulty in _LEVELS:
+        if entries:
+            values = _of_entry(entries[difficulty])
+        else:  # nothing of the class was detected, which the report leaves out
+            counts = _counts(labels, names, target.class_name, difficulty)
+            values = dict.fromkeys(_AVERAGES, 0.0 if counts else None)
+        for average, value in values.items():
+            found[_figure_name(target, difficulty, average)] = value
+    return found
+
+
+def _of_entry(entry: "ObjectEntry") -> dict[str, float | None]:
+    if entry.n_gt == 0:
+        return dict.fromkeys(_AVERAGES)
+    assert entry.all_points is not None, "it was asked for, and objects count"
+    return {"R40": entry.ap_r40, "all_points": entry.all_points.ap}
+
+
+def _counts(
+    labels: Path, names: Sequence[str], class_name: ClassName, difficulty: Difficulty
+) -> bool:
+    """Whether some labelled object of the class counts at the difficulty."""
+    from sightline.data.kitti_labels import read_labels
+    from sightline.evaluation.kitti_object_rules import class_code, truth_levels
+
+    code, level = CLASSES.index(class_name), DIFFICULTIES.index(difficulty)
+    for name in names:
+        objects = read_labels(labels / f"{name}.txt")
+        levels = truth_levels(objects.truncation, objects.occlusion, objects.boxes2d)
+        codes = [class_code(each) for each in objects.class_names]
+        if any(c == code and at <= level for c, at in zip(codes, levels.tolist(), strict=True)):
+            return True
+    return False

@@ -1,0 +1,190 @@
+"""A run as a page: one HTML file with heat map, curves, example pictures and tables."""
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+from sightline.corruptions.corruption import Sensor
+from sightline.corruptions.suites import CLEAN
+from sightline.robustness.charts import Line, bar_chart, curve_charts, heat_legend, heat_map
+from sightline.robustness.examples import examples_of, shown_cases
+from sightline.robustness.measured import Measures
+from sightline.robustness.page_frame import figure_picker, of_figure, whole_page
+from sightline.robustness.record import Record
+from sightline.robustness.scoring import Figure
+from sightline.robustness.texts import (
+    NOTHING,
+    TextTable,
+    case_text,
+    figures_table,
+    ratio_text,
+    score_text,
+    setting_text,
+)
+
+Measured = Sequence[tuple[Figure, Measures | None]]
+Compared = Sequence[tuple[Figure, Measures | None, Measures | None]]
+
+_NOTHING_TO_SHOW = "<p>There is nothing to score by this figure, or nothing is broken.</p>"
+
+_READING = """<p class="soft reading">mPC: mean over the kinds of the mean over their severities.
+RR: share of the clean performance that is left, 1 where nothing is lost; mRR its mean. CE: errors
+by those of the baseline, below 1 is better; mCE its mean. Gap: lead over the best healthy sensor
+alone, negative where fusion does worse than leaving the broken sensor out. Formulas and sources:
+<code>docs/robustness.md</code>.</p>"""
+
+
+def run_page(
+    record: Record,
+    measured: Measured,
+    baseline: Record | None,
+    healthy: Mapping[Sensor, Record],
+    out: Path,
+) -> str:
+    """The page of a run.
+
+    Args:
+        record: Of the run.
+        measured: All of its figures.
+        baseline: Drawn beside it.
+        healthy: Methods of one sensor each; the best is drawn beside it.
+        out: Folder of the run, where its pictures are.
+    """
+    lines = [Line(record.method, "ours", record)]
+    if baseline is not None:
+        lines.append(Line(f"{baseline.method} (baseline)", "other", baseline))
+    parts = [
+        f'<p class="soft">{escape(setting_text(record))}.</p>',
+        _picker([figure for figure, _ in measured]),
+    ]
+    for figure, measures in measured:
+        if measures is None:
+            content = _NOTHING_TO_SHOW
+        else:
+            content = _figure_part(lines, figure, measures, healthy)
+        parts.append(of_figure(figure.name, content))
+    parts += [_READING, _examples(record, out)]
+    parts.append(f"<h2>All figures</h2>{plain_table(figures_table(record, measured))}")
+    return whole_page(f"Robustness of {record.method}", "\n".join(parts))
+
+
+def compare_page(first: Record, second: Record, table: TextTable, measured: Compared) -> str:
+    """The page of two runs.
+
+    Args:
+        first: One of them.
+        second: The other, of the same cases.
+        table: All figures of both.
+        measured: Every figure with the measures of both.
+    """
+    lines = [Line(first.method, "ours", first), Line(second.method, "other", second)]
+    parts = [
+        f'<p class="soft">{escape(setting_text(first))}; and by {escape(second.method)}.</p>',
+        _picker([figure for figure, _, _ in measured]),
+    ]
+    for figure, ours, theirs in measured:
+        content = _NOTHING_TO_SHOW
+        if ours is not None and theirs is not None:
+            content = "".join(
+                f"<h2>{escape(record.method)}</h2>{_tiles(record, figure, measures)}"
+                f"{heat_map(record, figure, measures)}"
+                for record, measures in ((first, ours), (second, theirs))
+            )
+            content += heat_legend() + _charts(lines, figure, None)
+        parts.append(of_figure(figure.name, content))
+    parts += [_READING, f"<h2>All figures</h2>{plain_table(table)}"]
+    return whole_page(f"{first.method} and {second.method}", "\n".join(parts))
+
+
+def _picker(figures: Sequence[Figure]) -> str:
+    return figure_picker({figure.name: f"{figure.title}, {figure.unit}" for figure in figures})
+
+
+def _figure_part(
+    lines: Sequence[Line], figure: Figure, measures: Measures, healthy: Mapping[Sensor, Record]
+) -> str:
+    record = lines[0].record
+    alone = [score for each in healthy.values() if (score := each.score(CLEAN, figure)) is not None]
+    best = (min(alone) if figure.highest is None else max(alone)) if alone else None
+    return (
+        f"{_tiles(record, figure, measures)}<h2>Kinds and severities</h2>"
+        f"{heat_map(record, figure, measures)}{heat_legend()}{_charts(lines, figure, best)}"
+    )
+
+
+def _tiles(record: Record, figure: Figure, measures: Measures) -> str:
+    worst, gap = measures.worst, measures.gap
+    tiles = [
+        ("clean", score_text(measures.clean, figure), figure.unit),
+        ("mPC", score_text(measures.mpc, figure), figure.unit),
+        ("mRR", ratio_text(measures.mrr), "of clean is left"),
+        ("mCE", ratio_text(measures.mce), _baseline_note(measures)),
+        ("worst case", score_text(worst.score, figure), _case(record, worst.case)),
+        (
+            "smallest gap",
+            NOTHING if gap is None else score_text(gap.score, figure, signed=True),
+            "no healthy sensor given" if gap is None else _case(record, gap.case),
+        ),
+    ]
+    return '<div class="tiles">' + "".join(
+        f'<div class="tile">{escape(name)}<b>{escape(value)}</b><small>{escape(note)}</small></div>'
+        for name, value, note in tiles
+    ) + "</div>"  # fmt: skip
+
+
+def _case(record: Record, name: str) -> str:
+    return case_text(name, record.cases[name])
+
+
+def _baseline_note(measures: Measures) -> str:
+    return (
+        "no baseline, or one without errors" if measures.mce is None else "of the baseline's errors"
+    )
+
+
+def _charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> str:
+    curves, bars = curve_charts(lines, figure, alone), bar_chart(lines, figure)
+    names = [(line.style, line.name) for line in lines]
+    if alone is not None and curves:
+        names.append(("alone", "best healthy sensor alone, clean"))
+    key = "".join(f'<span><i class="{style}"></i>{escape(name)}</span>' for style, name in names)
+    unit = f"{escape(figure.title)}, {escape(figure.unit)}"
+    better = "lower" if figure.highest is None else "higher"
+    heading = f'<h2>{unit}; {better} is better</h2><div class="key">{key}</div>'
+    return heading + curves + bars
+
+
+def _examples(record: Record, out: Path) -> str:
+    parts = []
+    for name in shown_cases(record.cases):
+        pictures = "".join(
+            f'<figure><img alt="{escape(example.caption)}" src="{_embedded(example.path)}">'
+            f"<figcaption>{escape(example.caption)}</figcaption></figure>"
+            for example in examples_of(out, name)
+        )
+        if pictures:
+            title = escape(_case(record, name))
+            parts.append(
+                f'<div class="example"><b>{title}</b><div class="pictures">{pictures}</div></div>'
+            )
+    return "<h2>One frame, and the answers to it</h2>" + "".join(parts) if parts else ""
+
+
+def _embedded(path: Path) -> str:
+    return f"data:image/jpeg;base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def plain_table(table: TextTable) -> str:
+    """A table of words."""
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in table.header)
+    rows = "".join(
+        f'<tr><th scope="row">{escape(row[0])}</th>'
+        + "".join(f"<td>{escape(text)}</td>" for text in row[1:])
+        + "</tr>"
+        for row in table.rows
+    )
+    return (
+        f'<div class="scroll"><table class="plain"><thead><tr>{head}</tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>"
+    )

@@ -1,0 +1,183 @@
+"""What a method scored in the cases of a suite, as the file of its run holds it."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from sightline.corruptions.corruption import Sensor
+from sightline.corruptions.suites import CLEAN, Case
+from sightline.data.plain_text import read_text, shortened
+from sightline.data.problem import FileError
+from sightline.robustness.measures import ByKind
+from sightline.robustness.scoring import Figure, Scores
+
+RECORD_NAME: Final = "robustness.json"
+"""File of a run's folder."""
+
+_REMEDY = f"give the {RECORD_NAME} of a run of `sightline robustness`"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CaseInfo:
+    """What a case is."""
+
+    title: str
+    kind: str
+    """Of corruption: cases of one kind differ in severity."""
+    severity: int | None
+    """From 1 to 5; None where the suite has no levels."""
+    sensors: tuple[Sensor, ...]
+    """Those that are broken."""
+    parameters: Mapping[str, object]
+    """What the corruption draws from; plain values, as JSON has them."""
+
+
+def describe_case(case: Case) -> CaseInfo:
+    """What reports say of a suite's case."""
+    drawn_from = {"kind": case.corruption.kind, **asdict(case.corruption)}
+    suffix = "" if case.severity is None else f"-{case.severity}"
+    return CaseInfo(
+        title=case.title,
+        kind=case.name.removesuffix(suffix),
+        severity=case.severity,
+        sensors=case.corruption.sensors,
+        parameters=json.loads(json.dumps(drawn_from)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Setting:
+    """What two runs must have in common to be held against each other."""
+
+    task: str
+    scoring: str
+    """The protocol by which answers are scored."""
+    data: str
+    """See `data_name`."""
+    velodyne: str
+    """The sweeps' folder."""
+    frames: int
+    frames_sha256: str
+    """Of the frames' names, in order."""
+    figures: tuple[Figure, ...]
+    suite: str
+    seed: int
+
+    @property
+    def of_clean_frames(self) -> dict[str, object]:
+        """As far as clean scores hang on it."""
+        plain = asdict(self)
+        return {name: plain[name] for name in plain if name not in ("suite", "seed")}
+
+
+def digest_names(names: Sequence[str]) -> str:
+    """Of the frames of a run."""
+    return hashlib.sha256("\n".join(names).encode()).hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Record:
+    """What a method scored."""
+
+    method: str
+    """Its name, or that of its weights."""
+    made_by: Mapping[str, str]
+    """What else tells which it was: the weights' hash and the engine, say."""
+    setting: Setting
+    cases: Mapping[str, CaseInfo]
+    """By name, sound sensors first."""
+    scores: Mapping[str, Scores]
+    """By case."""
+
+    @property
+    def kinds(self) -> dict[str, tuple[str, ...]]:
+        """The cases of each kind of corruption, in the suite's order."""
+        found: dict[str, tuple[str, ...]] = {}
+        for name, case in self.cases.items():
+            if name != CLEAN:
+                found[case.kind] = (*found.get(case.kind, ()), name)
+        return found
+
+    def score(self, case: str, figure: Figure) -> float | None:
+        """One score; None where there is nothing to score."""
+        return self.scores[case][figure.name]
+
+    def by_kind(
+        self, figure: Figure, kinds: Mapping[str, Sequence[str]] | None = None
+    ) -> ByKind | None:
+        """A figure's scores by kind; None where there is nothing to score.
+
+        Args:
+            figure: One of the setting's.
+            kinds: Names of cases by kind. None: the record's own.
+        """
+        table = {
+            kind: [self.scores[name][figure.name] for name in names]
+            for kind, names in (kinds or self.kinds).items()
+        }
+        known = {
+            kind: [score for score in levels if score is not None] for kind, levels in table.items()
+        }
+        return known if known == table else None
+
+    def to_json(self) -> dict[str, object]:
+        """What its file holds of it."""
+        return {
+            "method": self.method,
+            "made_by": dict(self.made_by),
+            **asdict(self.setting),
+            "cases": {name: asdict(case) for name, case in self.cases.items()},
+            "scores": {name: dict(scores) for name, scores in self.scores.items()},
+        }
+
+
+def read_record(path: Path) -> Record:
+    """What a run's file holds.
+
+    Raises:
+        FileError: It is no such file.
+    """
+    try:
+        content = json.loads(read_text(path))
+        record = _parse(content)
+    except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
+        reason = shortened(" ".join(str(error).split())) or type(error).__name__
+        raise FileError(path, f"is no record of a robustness run ({reason})", _REMEDY) from error
+    for name in record.cases:
+        lacking = [each.name for each in record.setting.figures if each.name not in
+                   record.scores.get(name, {})]  # fmt: skip
+        if lacking:
+            raise FileError(path, f"has no {lacking[0]} of case {shortened(name)}", _REMEDY)
+    return record
+
+
+def _parse(content: dict[str, Any]) -> Record:
+    setting = Setting(
+        task=str(content["task"]),
+        scoring=str(content["scoring"]),
+        data=str(content["data"]),
+        velodyne=str(content["velodyne"]),
+        frames=int(content["frames"]),
+        frames_sha256=str(content["frames_sha256"]),
+        figures=tuple(Figure(**each) for each in content["figures"]),
+        suite=str(content["suite"]),
+        seed=int(content["seed"]),
+    )
+    cases = {
+        name: CaseInfo(**{**case, "sensors": tuple(case["sensors"])})
+        for name, case in content["cases"].items()
+    }
+    scores = {
+        case: {name: None if score is None else float(score) for name, score in row.items()}
+        for case, row in content["scores"].items()
+    }
+    return Record(
+        method=str(content["method"]),
+        made_by=dict(content["made_by"]),
+        setting=setting,
+        cases=cases,
+        scores=scores,
+    )

@@ -1,0 +1,119 @@
+"""What a run of the bench tells: measures of all figures, as tables and files."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from sightline.corruptions.corruption import Sensor
+from sightline.data.atomic import atomic_write_text
+from sightline.robustness.measured import Measures, measure
+from sightline.robustness.page import run_page
+from sightline.robustness.record import RECORD_NAME, Record
+from sightline.robustness.scoring import Figure
+from sightline.robustness.texts import TextTable, figures_table, kinds_table, setting_text
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.table import Table
+
+CSV_NAME: Final = "robustness.csv"
+MARKDOWN_NAME: Final = "robustness.md"
+PAGE_NAME: Final = "report.html"
+
+_COLUMNS = ("case", "kind", "severity", "figure", "unit", "score", "baseline", "gap")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RobustnessReport:
+    """A run, and what it is held against."""
+
+    record: Record
+    baseline: Record | None = None
+    healthy: Mapping[Sensor, Record] = field(default_factory=dict)
+
+    @property
+    def measured(self) -> list[tuple[Figure, Measures | None]]:
+        """Every figure with its measures; None where there is nothing to score."""
+        return [
+            (figure, measure(self.record, figure, self.baseline, self.healthy))
+            for figure in self.record.setting.figures
+        ]
+
+    def to_json(self) -> dict[str, object]:
+        """What robustness.json holds."""
+        return {
+            "sightline": version("sightline"),
+            **self.record.to_json(),
+            "baseline": None if self.baseline is None else _named(self.baseline),
+            "healthy": {sensor: _named(record) for sensor, record in self.healthy.items()},
+            "measures": {
+                figure.name: None if measures is None else measures.to_json()
+                for figure, measures in self.measured
+            },
+        }
+
+    def tables(self) -> list[TextTable]:
+        """Of the first figure by kind, and of all figures."""
+        measured = self.measured
+        figure, measures = measured[0]
+        by_kind = [] if measures is None else [kinds_table(self.record, figure, measures)]
+        return [*by_kind, figures_table(self.record, measured)]
+
+    def table(self) -> "Group":
+        """The tables for a terminal."""
+        from rich.console import Group
+
+        return Group(setting_text(self.record), *(rich_table(each) for each in self.tables()))
+
+    def markdown(self) -> str:
+        """The tables as Markdown."""
+        return "\n".join(
+            [f"{setting_text(self.record)}.\n", *(table.markdown() for table in self.tables())]
+        )
+
+    def csv(self) -> str:
+        """One row for each case and figure."""
+        file = io.StringIO()
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for figure, measures in self.measured:
+            for name, case in self.record.cases.items():
+                theirs = None if self.baseline is None else self.baseline.score(name, figure)
+                gap = None if measures is None else measures.gaps[name]
+                score = self.record.score(name, figure)
+                row = (name, case.kind, case.severity, figure.name, figure.unit, score, theirs, gap)
+                writer.writerow("" if value is None else value for value in row)
+        return file.getvalue()
+
+    files: ClassVar[tuple[str, ...]] = (RECORD_NAME, CSV_NAME, MARKDOWN_NAME, PAGE_NAME)
+    """What `write` writes."""
+
+    def write(self, out: Path) -> None:
+        """Writes all files of the report into the folder of the run."""
+        atomic_write_text(out / CSV_NAME, self.csv())
+        atomic_write_text(out / MARKDOWN_NAME, self.markdown())
+        page = run_page(self.record, self.measured, self.baseline, self.healthy, out)
+        atomic_write_text(out / PAGE_NAME, page)
+        atomic_write_text(out / RECORD_NAME, json.dumps(self.to_json(), indent=2) + "\n")
+
+
+def _named(record: Record) -> dict[str, object]:
+    return {"method": record.method, "made_by": dict(record.made_by)}
+
+
+def rich_table(table: TextTable) -> "Table":
+    """A table for a terminal."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    drawn = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for number, name in enumerate(table.header):
+        drawn.add_column(name, justify="right" if number else "left", no_wrap=True)
+    for row in table.rows:
+        drawn.add_row(*row)
+    return drawn

@@ -1,0 +1,156 @@
+"""Scores what any other method made of the cases that `sightline corrupt` wrote."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from sightline.corruptions.suites import Case, Suite, find_suite
+from sightline.data.jobs import MANIFEST_NAME, check_workers, claim_folder, data_name
+from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.plain_text import read_text, shortened
+from sightline.robustness.bench import (
+    BenchSettings,
+    BenchTask,
+    check_compared,
+    claim_of,
+    read_baseline,
+    read_healthy,
+)
+from sightline.robustness.record import Record, Setting, describe_case, digest_names
+from sightline.robustness.report import RobustnessReport
+from sightline.robustness.score_job import score_cases
+from sightline.robustness.scoring import Scoring
+
+_HOW: Final = "give the folder that `sightline corrupt` wrote, which holds a folder for each case"
+
+
+def score_results(
+    task: BenchTask, cases: Path, results: Path, out: Path, settings: BenchSettings
+) -> RobustnessReport:
+    """Scores folders of result files, one for each case, and tells what each case costs.
+
+    Args:
+        task: By whose scoring.
+        cases: What `sightline corrupt` wrote: a data set for each case, and what made them, which
+            tells suite and seed.
+        results: Folder with a folder for each case, which holds a result file for each frame.
+        out: Folder of the run.
+        settings: The sweeps' folder is that of `cases`, and so are suite and seed.
+
+    Raises:
+        ValueError: The task is not scored by such files; `cases` is something else, or made with
+            another version's cases; results lack a case or a frame; or as `run_bench`.
+    """
+    check_workers(settings.workers)
+    scoring = task.scoring()
+    if not scoring.takes_results:
+        raise ValueError(
+            f"{task.name} is scored on {scoring.name}, which whole data sets give away: results of "
+            "other methods cannot be scored; add the method to Sightline, and leave --results out"
+        )
+    made_with = _made_with(cases)
+    suite = find_suite(str(made_with["suite"]))
+    for name, wanted in (("suite", settings.suite), ("seed", settings.seed)):
+        if wanted not in (None, made_with[name]):
+            raise ValueError(
+                f"{cases} was written with {name} {made_with[name]}, not {wanted}; leave --{name} "
+                "out, or name other data"
+            )
+    chosen = settings.chosen_cases(suite)
+    _check_cases(suite, made_with["cases"], cases)
+    given, healthy = read_baseline(settings.baseline), read_healthy(settings.healthy)
+    if given is None and settings.baseline is not None:
+        raise ValueError(
+            f"the baseline of results is the robustness.json of a run, got "
+            f"{shortened(settings.baseline)}; run that first"
+        )
+    dataset = open_dataset(
+        _first_tree(cases, chosen),
+        sample_list=settings.sample_list,
+        velodyne=made_with["velodyne"],
+        parts=scoring.parts,
+    )
+    scoring.check(dataset)
+    _check_complete(results, chosen, dataset, scoring)
+    setting = Setting(
+        task=task.name,
+        scoring=scoring.name,
+        data=made_with["data"],
+        velodyne=made_with["velodyne"],
+        frames=len(dataset),
+        frames_sha256=digest_names(dataset.sample_ids),
+        figures=scoring.figures,
+        suite=suite.name,
+        seed=made_with["seed"],
+    )
+    infos = {case.name: describe_case(case) for case in chosen}
+    check_compared(given, healthy, setting, infos)
+    made_by = {"results": data_name(results)}
+    name = results.resolve().name
+    claim_folder(out, claim_of(setting, suite, name, made_by), results=("scores/*",))
+    record = Record(
+        method=name,
+        made_by=made_by,
+        setting=setting,
+        cases=infos,
+        scores=score_cases(
+            scoring, dataset, results, tuple(infos), out, settings.workers, anew=True
+        ),
+    )
+    report = RobustnessReport(record=record, baseline=given, healthy=healthy)
+    report.write(out)
+    return report
+
+
+def _made_with(cases: Path) -> dict[str, Any]:
+    path = cases / MANIFEST_NAME
+    found: object = None
+    if path.is_file():
+        try:
+            found = json.loads(read_text(path))
+        except (ValueError, RecursionError):
+            found = None
+    match found:
+        case {"suite": str(), "seed": int(), "velodyne": str(), "data": str(), "cases": dict()}:
+            assert isinstance(found, dict), "it is a mapping out of JSON"
+            return found
+    raise ValueError(f"{cases} is not what `sightline corrupt` writes; {_HOW}")
+
+
+def _check_cases(suite: Suite, written: Mapping[str, object], cases: Path) -> None:
+    for case in suite.cases:
+        if written.get(case.name) != describe_case(case).parameters:
+            raise ValueError(
+                f"{cases} was written with another case {case.name} than this version's; write the "
+                "cases again"
+            )
+
+
+def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:
+    """Where labels are: every case has the same."""
+    for case in chosen:
+        if (cases / case.name).is_dir():
+            return cases / case.name
+    raise ValueError(f"{cases} holds none of the cases {', '.join(c.name for c in chosen)}; {_HOW}")
+
+
+def _check_complete(
+    results: Path, cases: Sequence[Case], dataset: SampleDataset, scoring: Scoring
+) -> None:
+    """Before any is scored."""
+    for case in cases:
+        folder = results / case.name
+        if not folder.is_dir():
+            raise ValueError(
+                f"{results} has no folder {case.name} for the results of that case; add it, or "
+                "name the cases that there are (--cases)"
+            )
+        present = {path.name for path in folder.iterdir()}
+        lacking = [name for name in dataset.sample_ids if f"{name}{scoring.suffix}" not in present]
+        if lacking:
+            raise ValueError(
+                f"{folder} has no result for {len(lacking):,} of {len(dataset):,} frames, the "
+                f"first of them {lacking[0]}{scoring.suffix}: write an empty one where nothing was "
+                "found, or name a list of the frames to score"
+            )

@@ -1,0 +1,156 @@
+"""A run in words and numbers: the tables that the terminal, Markdown and the page share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from sightline.corruptions.suites import CLEAN
+from sightline.robustness.measured import Measures
+from sightline.robustness.record import CaseInfo, Record
+from sightline.robustness.scoring import Figure
+
+NOTHING: Final = "-"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TextTable:
+    """A table of words; the first column names the rows."""
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """As Markdown has it, under its title."""
+        lines = [
+            f"| {' | '.join(self.header)} |",
+            f"|{'---|' * len(self.header)}",
+            *(f"| {' | '.join(row)} |" for row in self.rows),
+        ]
+        return f"**{self.title}**\n\n" + "\n".join(lines) + "\n"
+
+
+def score_text(value: float | None, figure: Figure, *, signed: bool = False) -> str:
+    """A score, or a difference of two, without its unit."""
+    if value is None:
+        return NOTHING
+    digits = 0 if figure.highest is None and abs(value) >= 100 else 1
+    return f"{value:+.{digits}f}" if signed else f"{value:.{digits}f}"
+
+
+def ratio_text(value: float | None) -> str:
+    """RR or CE."""
+    return NOTHING if value is None else f"{value:.2f}"
+
+
+def case_text(name: str, case: CaseInfo) -> str:
+    """What people call a case."""
+    if name == CLEAN:
+        return "sound sensors"
+    words = case.kind.replace("_", " ")
+    return words if case.severity is None else f"{words}, severity {case.severity}"
+
+
+def setting_text(record: Record) -> str:
+    """What the scores are of, in one line."""
+    setting = record.setting
+    frames = f"{setting.frames:,} frame{'' if setting.frames == 1 else 's'}"
+    return (
+        f"{setting.task} by {record.method}, {frames} of {setting.data}, suite {setting.suite}, "
+        f"seed {setting.seed}, scored by {setting.scoring}"
+    )
+
+
+def severities(record: Record) -> tuple[int, ...]:
+    """Those that some kind has, in order."""
+    return tuple(sorted({case.severity for case in record.cases.values() if case.severity}))
+
+
+def cells_of_kind(record: Record, kind: str) -> tuple[str | None, ...]:
+    """The case in each column of scores, one for each severity; None where there is none.
+
+    A kind without levels stands in the last column, which is the only one where no kind has any.
+    """
+    levels = severities(record)
+    by_level = {record.cases[name].severity: name for name in record.kinds[kind]}
+    columns: list[str | None] = [by_level.get(level) for level in levels]
+    if any(record.cases[name].severity is None for name in record.cases if name != CLEAN):
+        columns.append(by_level.get(None))
+    return tuple(columns)
+
+
+def score_columns(record: Record) -> tuple[str, ...]:
+    """What stands above the columns of `cells_of_kind`."""
+    levels = tuple(map(str, severities(record)))
+    is_plain = any(record.cases[name].severity is None for name in record.cases if name != CLEAN)
+    only = "one level" if levels else "score"
+    return (*levels, only) if is_plain else levels
+
+
+def kinds_table(record: Record, figure: Figure, measures: Measures) -> TextTable:
+    """One row a kind: the scores of its severities, and what they come to."""
+    clean = score_text(measures.clean, figure)
+    columns = score_columns(record)
+    rows = [("sound sensors", *(("",) * len(columns)), clean, "", "",
+             score_text(measures.gaps[CLEAN], figure, signed=True))]  # fmt: skip
+    for kind, each in measures.kinds.items():
+        scores = (
+            "" if name is None else score_text(record.score(name, figure), figure)
+            for name in cells_of_kind(record, kind)
+        )
+        rows.append(
+            (
+                kind.replace("_", " "),
+                *scores,
+                score_text(each.mean, figure),
+                ratio_text(each.rr),
+                ratio_text(each.ce),
+                score_text(each.gap, figure, signed=True),
+            )
+        )
+    rows.append(
+        (
+            "mean of kinds",
+            *(("",) * len(columns)),
+            score_text(measures.mpc, figure),
+            ratio_text(measures.mrr),
+            ratio_text(measures.mce),
+            "",
+        )
+    )
+    return TextTable(
+        title=f"{figure.title}, {figure.unit}, by kind and severity",
+        header=("kind", *columns, "mean", "RR", "CE", "gap"),
+        rows=tuple(rows),
+    )
+
+
+def figures_table(record: Record, measured: Sequence[tuple[Figure, Measures | None]]) -> TextTable:
+    """One row a figure: what all kinds come to."""
+    rows = []
+    for figure, measures in measured:
+        name = f"{figure.title}, {figure.unit}"
+        if measures is None:
+            clean = score_text(record.score(CLEAN, figure), figure)
+            rows.append((name, clean, *((NOTHING,) * 5)))
+            continue
+        gap = measures.gap
+        worst = measures.worst
+        rows.append(
+            (
+                name,
+                score_text(measures.clean, figure),
+                score_text(measures.mpc, figure),
+                ratio_text(measures.mrr),
+                ratio_text(measures.mce),
+                f"{score_text(worst.score, figure)} {worst.case}",
+                NOTHING
+                if gap is None
+                else f"{score_text(gap.score, figure, signed=True)} {gap.case}",
+            )
+        )
+    return TextTable(
+        title="All figures",
+        header=("figure", "clean", "mPC", "mRR", "mCE", "worst case", "smallest gap"),
+        rows=tuple(rows),
+    )

@@ -1,0 +1,294 @@
+"""The bench as a whole, on the embedded frames."""
+
+import gc
+import json
+import re
+import shutil
+import weakref
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from sightline.corruptions import suites
+from sightline.data.open import open_dataset
+from sightline.depth_completion.predictor import DepthCompleter
+from sightline.depth_completion.registration import TASK as DEPTH
+from sightline.evaluation.held_out import evaluate_held_out
+from sightline.evaluation.held_out_frame import split_rings
+from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.robustness import bench
+from sightline.robustness.answers import Asked, answer_in_cases
+from sightline.robustness.bench import BenchSettings, run_bench
+from sightline.robustness.frames import open_frames
+from sightline.robustness.record import read_record
+from sightline.robustness.scoring import PosedFrame, Scoring
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.tasks import find_task, task_names
+from tests.robustness.runs import LEVELS
+from tests.robustness.tasks import LABELS, SCORING, Oracle, OracleTask
+
+ADAPTIVE = BenchSettings(suite="levels", seed=3, workers=1)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _with_levels():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(suites.SUITES, "levels", LEVELS)
+        yield
+
+
+def run(out, **settings):
+    method = settings.pop("method", "adaptive")
+    return run_bench(DEPTH, PACKAGED_FRAMES, out, replace(ADAPTIVE, **settings), method=method)
+
+
+def detect(out, **settings):
+    method = settings.pop("method", None)
+    data = settings.pop("data", PACKAGED_FRAMES)
+    return run_bench(OracleTask(), data, out, replace(ADAPTIVE, **settings), method=method)
+
+
+def contents(folder):
+    return {
+        path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def depth_run(tmp_path_factory, _with_levels):
+    out = tmp_path_factory.mktemp("runs") / "adaptive"
+    return run(out, baseline="nearest"), out
+
+
+@pytest.fixture(scope="module")
+def oracle_run(tmp_path_factory, _with_levels):
+    out = tmp_path_factory.mktemp("runs") / "oracle"
+    return detect(out), out
+
+
+def test_depth_is_scored_on_rings_that_stay_while_what_is_given_gets_worse(depth_run):
+    scores = depth_run[0].record.scores
+    dataset = open_dataset(PACKAGED_FRAMES)
+    samples = [dataset[index] for index in range(len(dataset))]
+    completer = DepthCompleter("adaptive")
+
+    def complete(case, given):
+        return completer(case.corrupt(given, 3).sample)
+
+    for case in LEVELS.select(["clean", "camera_dead_pixels-2"]):
+        (expected,) = evaluate_held_out(samples, partial(complete, case), beams=[64]).scores
+        assert scores[case.name]["rmse_mm"] == pytest.approx(expected.rmse_mm, rel=1e-12)
+        assert scores[case.name]["median_mm"] == pytest.approx(expected.median_mm, rel=1e-12)
+    truths = [split_rings(sample).truth_m.double().numpy() for sample in samples]
+    blind = np.mean([np.sqrt(np.mean((1e3 * truth[truth > 0]) ** 2)) for truth in truths])
+    assert scores["lidar_blank"]["rmse_mm"] == pytest.approx(blind, rel=1e-12)
+
+
+def test_a_method_named_as_baseline_runs_as_it_would_alone(depth_run, tmp_path):
+    report, _ = depth_run
+    alone = run(tmp_path / "nearest", method="nearest")
+    assert alone.record == report.baseline
+    again = run(tmp_path / "adaptive", baseline=str(tmp_path / "nearest" / "robustness.json"))
+    assert again.to_json() == report.to_json()
+    assert report.measured[0][1].mce < 1  # our completion against the plainest
+
+
+def test_detections_are_scored_as_evaluate_objects_scores_them(oracle_run):
+    report, out = oracle_run
+    for case in LEVELS.cases:
+        folder = out / "answers" / case.name
+        scored = evaluate_objects(folder, LABELS, bootstrap=1)
+        scores = report.record.scores[case.name]
+        for entry in scored.entries:
+            if (entry.class_name, entry.metric) == ("Car", "bbox"):
+                assert scores[f"Car_bbox_0.7_{entry.difficulty}_R40"] == entry.ap_r40
+                assert scores[f"Car_bbox_0.7_{entry.difficulty}_all_points"] == entry.all_points.ap
+    assert scores["Car_bbox_0.5_hard_all_points"] == 100
+    blank = report.record.scores["camera_blank"]["Car_bbox_0.7_hard_all_points"]
+    assert 0 < blank < report.record.scores["clean"]["Car_bbox_0.7_hard_all_points"]
+
+
+def test_what_is_not_found_scores_0_and_what_is_not_there_is_not_scored(tmp_path):
+    dataset = open_dataset(PACKAGED_FRAMES)
+    for name in dataset.sample_ids:
+        (tmp_path / f"{name}.txt").write_text("")
+    scores = SCORING.score(tmp_path, dataset)
+    labels = [(LABELS / f"{name}.txt").read_text() for name in dataset.sample_ids]
+    assert scores["Car_bbox_0.7_hard_R40"] == 0
+    expected = 0 if any("Cyclist" in text for text in labels) else None
+    assert scores["Cyclist_3d_0.5_hard_R40"] == expected
+    assert list(scores) == [figure.name for figure in SCORING.figures]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_run_that_was_killed_resumes_to_the_same_files(
+    oracle_run, tmp_path, monkeypatch, workers
+):
+    _, whole = oracle_run
+    out = tmp_path / "oracle"
+    original = type(SCORING).keep
+    with monkeypatch.context() as patch:
+        patch.setattr(type(SCORING), "keep", _stops_after(4, original))
+        with pytest.raises(KeyboardInterrupt):
+            detect(out)
+    assert 0 < len(list(out.glob("answers/*/*.txt"))) < 12
+    assert not (out / "robustness.json").exists()
+    detect(out, workers=workers)
+    assert contents(out) == contents(whole)
+
+
+def _stops_after(count, original):
+    done = []
+
+    def keep(self, path, answered):
+        if len(done) == count:
+            raise KeyboardInterrupt
+        done.append(path)
+        original(self, path, answered)
+
+    return keep
+
+
+def test_a_second_call_makes_nothing_anew_and_more_cases_extend_a_run(oracle_run, tmp_path):
+    _, whole = oracle_run
+    out = tmp_path / "oracle"
+    detect(out, cases=("camera_blank",))
+    few = read_record(out / "robustness.json")
+    assert list(few.cases) == ["clean", "camera_blank"]
+    detect(out)
+    assert contents(out) == contents(whole)
+
+
+def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):
+    """Memory is flat: of many samples only the one at work is alive."""
+    alive = weakref.WeakSet()
+    most = []
+
+    class Keeper:
+        suffix = ".txt"
+
+        def pose(self, sample):
+            return PosedFrame(sample, None)
+
+        def keep(self, path, answered):
+            del answered
+            gc.collect()
+            most.append(len(alive))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("")
+
+    dataset = open_dataset(PACKAGED_FRAMES)
+    frame = dataset[0]
+
+    class Many:
+        sample_ids = tuple(f"{number:06}" for number in range(60))
+
+        def __len__(self):
+            return len(self.sample_ids)
+
+        def __getitem__(self, index):
+            points = frame.points[:50].clone()
+            alive.add(points)
+            return replace(frame, sample_id=self.sample_ids[index], points=points)
+
+    class Blind(Oracle):
+        def __call__(self, sample):
+            return sample.sample_id
+
+    asked = Asked(predictor=Blind(), cases=LEVELS.cases[:1], folder=tmp_path)
+    done = answer_in_cases(Many(), [asked], Keeper(), seed=0, workers=1, description="")
+    assert (done.written, done.skipped) == (60, 0)
+    assert max(most) <= 2
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"suite": "dgfn8"}, "perhaps dgfn7"),
+        ({"cases": ("camera_blan",)}, "perhaps camera_blank is meant"),
+        ({"seed": -1}, "seed must not be negative"),
+        ({"workers": 0}, "workers must be at least 1"),
+        ({"shown": "000009"}, "frame 000009 to show is not among the 2 frames"),
+        ({"sample_list": ("000007",)}, "has no frame 000007"),
+        ({"baseline": "nothing.json"}, "nothing.json"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_done(tmp_path, settings, said):
+    with pytest.raises((ValueError, OSError), match=re.escape(said)):
+        detect(tmp_path / "out", **settings)
+    assert not (tmp_path / "out").exists()
+
+
+def test_records_that_do_not_compare_are_refused_before_anything_is_done(
+    depth_run, oracle_run, tmp_path
+):
+    other = str(depth_run[1] / "robustness.json")
+    record = oracle_run[1] / "robustness.json"
+    with pytest.raises(ValueError, match="the baseline adaptive is of task depth-completion"):
+        detect(tmp_path / "out", baseline=other)
+    with pytest.raises(ValueError, match="the baseline oracle is of suite levels instead of dgfn7"):
+        detect(tmp_path / "out", suite="dgfn7", baseline=str(record))
+    with pytest.raises(ValueError, match="of seed 3 instead of 4"):
+        detect(tmp_path / "out", seed=4, baseline=str(record))
+    with pytest.raises(ValueError, match="of frames 2 instead of 1"):
+        detect(tmp_path / "out", sample_list=("000001",), baseline=str(record))
+    with pytest.raises(ValueError, match="the healthy camera's adaptive is of task depth"):
+        detect(tmp_path / "out", healthy={"camera": depth_run[1] / "robustness.json"})
+    few = json.loads(record.read_text())
+    del few["cases"]["camera_blank"], few["scores"]["camera_blank"]
+    (tmp_path / "few.json").write_text(json.dumps(few))
+    with pytest.raises(ValueError, match="has no scores of case camera_blank"):
+        detect(tmp_path / "out", baseline=str(tmp_path / "few.json"))
+    few["scores"]["clean"] = {}
+    (tmp_path / "few.json").write_text(json.dumps(few))
+    with pytest.raises(ValueError, match=r"has no Car_bbox_0\.7_moderate_R40 of case clean"):
+        detect(tmp_path / "out", baseline=str(tmp_path / "few.json"))
+    (tmp_path / "few.json").write_text('{"task": 1}')
+    with pytest.raises(ValueError, match="is no record of a robustness run"):
+        detect(tmp_path / "out", baseline=str(tmp_path / "few.json"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_another_run_is_refused(oracle_run):
+    _, out = oracle_run
+    with pytest.raises(ValueError, match="made with method oracle instead of other"):
+        detect(out, method="other")
+    with pytest.raises(ValueError, match="made with seed 3 instead of 4"):
+        detect(out, seed=4)
+
+
+def test_data_without_the_part_that_a_case_breaks_are_refused_by_the_case(tmp_path):
+    shutil.copytree(PACKAGED_FRAMES / "training", tmp_path / "data" / "training")
+    shutil.rmtree(tmp_path / "data" / "training" / "image_2")
+    with pytest.raises(ValueError, match=r"case camera_dead_pixels-1 needs images: .* image_2 "):
+        run_bench(DEPTH, tmp_path / "data", tmp_path / "out", ADAPTIVE, method="adaptive")
+    assert not (tmp_path / "out").exists()
+    settings = replace(ADAPTIVE, cases=("lidar_blank",))
+    report = run_bench(DEPTH, tmp_path / "data", tmp_path / "out", settings, method="adaptive")
+    assert set(report.record.scores) == {"clean", "lidar_blank"}
+
+
+def test_what_a_frame_meets_does_not_hang_on_what_a_method_looks_at():
+    """Fog on an image, say, thickens with the depth that the sweep tells."""
+    settings = {"sample_list": None, "velodyne": "velodyne"}
+    for parts in ({"image"}, {"points"}):
+        sample = open_frames(PACKAGED_FRAMES, parts, LEVELS.cases[:1], **settings)[0]
+        assert None not in (sample.image, sample.points, sample.objects)
+        assert sample.depth is None  # `sightline corrupt` does not look at it either
+
+
+def test_data_without_labels_cannot_be_scored(tmp_path):
+    (tmp_path / "testing").symlink_to(PACKAGED_FRAMES / "training")
+    with pytest.raises(ValueError, match="no labels to score detections against"):
+        detect(tmp_path / "out", data=tmp_path)
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_every_task_says_how_it_is_scored(name):
+    scoring = find_task(name).scoring()
+    assert isinstance(scoring, Scoring)
+    assert isinstance(find_task(name), bench.BenchTask)
+    names = [figure.name for figure in scoring.figures]
+    assert len(set(names)) == len(names) > 0

@@ -1,0 +1,157 @@
+"""What a run leaves behind: tables, files, pages; and two runs held against each other."""
+
+import csv
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from sightline.cli.main import main
+from sightline.robustness.charts import heat_color, kept_share, nice_top
+from sightline.robustness.compare import compare_runs
+from sightline.robustness.record import read_record
+from sightline.robustness.report import RobustnessReport
+from tests.robustness.runs import AP, RMSE, record_of
+
+TABLE = {"camera_fog": {1: 70.0, 3: 40.0}, "lidar_rain": {2: 77.0}}
+
+
+def report_of(**other):
+    record = record_of(AP, 80.0, TABLE)
+    baseline = record_of(AP, 60.0, {"camera_fog": {1: 40.0, 3: 20.0}, "lidar_rain": {2: 54.0}})
+    return RobustnessReport(record=record, baseline=baseline, **other)
+
+
+def text(report):
+    console = Console(width=200)
+    with console.capture() as captured:
+        console.print(report.table())
+    return captured.get()
+
+
+class Page(HTMLParser):
+    """What of a page matters here; refuses tags that are not closed in their order."""
+
+    VOID = ("meta", "img", "br", "link")
+
+    def __init__(self, content):
+        super().__init__()
+        self.open, self.links, self.words, self.tags = [], [], [], []
+        self.feed(content)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href")]
+        if tag not in self.VOID and not self.get_starttag_text().endswith("/>"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if self.get_starttag_text() and self.open and self.open[-1] == tag:
+            self.open.pop()
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.words.append(data)
+
+
+def test_the_tables_say_what_was_measured_by_hand():
+    said = text(report_of())
+    # mPC: ((70 + 40) / 2 + 77) / 2; RR of fog 55 / 80; CE of fog (30 + 60) / (60 + 80)
+    assert re.search(r"camera fog +70\.0 +40\.0 +55\.0 +0\.69 +0\.64", said)
+    assert re.search(r"lidar rain +77\.0 +77\.0 +0\.96 +0\.50", said)
+    assert re.search(r"mean of kinds +66\.0 +0\.82 +0\.57", said)
+    assert re.search(r"average precision, % +80\.0 +66\.0 +0\.82 +0\.57 +40\.0 camera_fog-3", said)
+
+
+def test_a_run_leaves_a_record_that_reads_back_a_table_and_a_page(tmp_path):
+    healthy = {"lidar": record_of(AP, 50.0, {})}
+    report = report_of(healthy=healthy)
+    report.write(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(report.files)
+    assert read_record(tmp_path / "robustness.json") == report.record
+    told = json.loads((tmp_path / "robustness.json").read_text())["measures"]["ap"]
+    assert told["mPC"] == 66.0
+    assert told["gap"] == {"case": "camera_fog-3", "score": -10.0}
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "robustness.csv").read_text())))
+    assert [row["case"] for row in rows] == list(report.record.cases)
+    assert rows[1]["severity"] == "1"
+    assert (rows[2]["score"], rows[2]["baseline"], rows[2]["gap"]) == ("40.0", "20.0", "-10.0")
+    markdown = (tmp_path / "robustness.md").read_text()
+    assert "| camera fog | 70.0 |  | 40.0 | 55.0 | 0.69 | 0.64 | -10.0 |" in markdown
+    page = Page((tmp_path / "report.html").read_text())
+    assert page.links == []  # nothing is fetched
+    assert "svg" in page.tags
+    assert {"70.0", "40.0", "camera fog", "66.0"} <= set(page.words)
+
+
+@given(share=st.floats(0, 1))
+def test_every_share_has_a_colour(share):
+    assert all(re.fullmatch("#[0-9a-f]{6}", color) for color in heat_color(share))
+
+
+@given(value=st.floats(1e-6, 1e9))
+def test_an_axis_ends_little_above_what_it_shows(value):
+    assert value * (1 - 1e-6) <= nice_top(value) <= 2.5 * value * (1 + 1e-6)
+
+
+def test_colours_tell_what_is_left_of_scores_and_of_errors_alike():
+    assert kept_share(40.0, 80.0, AP) == kept_share(1600.0, 800.0, RMSE) == 0.5
+    assert kept_share(90.0, 80.0, AP) == 1
+    assert kept_share(0.0, 0.0, AP) is None
+    assert kept_share(None, 80.0, AP) is None
+
+
+@pytest.fixture
+def two(tmp_path):
+    report = report_of()
+    paths = [tmp_path / "first" / "robustness.json", tmp_path / "second" / "robustness.json"]
+    for path, record in zip(paths, (report.record, report.baseline), strict=True):
+        RobustnessReport(record=record).write(path.parent)
+    return paths
+
+
+def test_two_runs_are_printed_and_drawn_side_by_side(two, tmp_path, capsys):
+    page = tmp_path / "both.html"
+    assert main(["robustness", "--compare", *map(str, two), "-o", str(page)]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"camera_fog-1 +70\.0 +40\.0 +\+30\.0", said)
+    assert re.search(r"average precision, % +80\.0 +66\.0 +0\.82 +60\.0 +42\.0 +0\.70 +0\.57", said)
+    drawn = Page(page.read_text())
+    assert drawn.links == []
+    assert drawn.tags.count("svg") == 1  # of the kind that has several severities
+
+
+def test_runs_of_different_cases_are_compared_in_those_that_both_have(two, tmp_path):
+    few = record_of(AP, 61.0, {"camera_fog": {1: 41.0}})
+    RobustnessReport(record=few).write(tmp_path / "few")
+    both = compare_runs([two[0], tmp_path / "few" / "robustness.json"])
+    assert list(both.first.cases) == list(both.second.cases) == ["clean", "camera_fog-1"]
+
+
+def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys):
+    other = record_of(AP, 61.0, TABLE, suite="others")
+    RobustnessReport(record=other).write(tmp_path / "other")
+    path = str(tmp_path / "other" / "robustness.json")
+    assert main(["robustness", "--compare", str(two[0]), path]) == 2
+    err = capsys.readouterr().err
+    assert "is of suite others instead of levels" in err
+    assert err.count("\n") == 1
+    for arguments, said in (
+        (["--compare", str(two[0])], "expected 2"),
+        (["out"], "robustness needs a data set"),
+        (["--data", "x"], "robustness needs a folder for the run"),
+        (["--data", "x", "out", "-o", "page.html"], "--page draws two runs"),
+        (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is not"),
+    ):
+        try:
+            status = main(["robustness", *arguments])
+        except SystemExit as exit_:
+            status = exit_.code
+        assert status == 2
+        assert said in capsys.readouterr().err

@@ -1,0 +1,89 @@
+"""Result files of any other detector, on what `sightline corrupt` wrote."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from sightline.corruptions import suites
+from sightline.corruptions.generate import corrupt_dataset
+from sightline.depth_completion.registration import TASK as DEPTH
+from sightline.robustness.bench import BenchSettings, run_bench
+from sightline.robustness.results import score_results
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.robustness.runs import LEVELS
+from tests.robustness.tasks import OracleTask
+
+SETTINGS = BenchSettings(workers=1)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """What `corrupt` wrote, what a method found in it, and what the bench says of that method."""
+    folder = tmp_path_factory.mktemp("results")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(suites.SUITES, "levels", LEVELS)
+        cases = folder / "cases"
+        corrupt_dataset(PACKAGED_FRAMES, cases, suite="levels", seed=3, workers=1)
+        out = folder / "run"
+        settings = replace(SETTINGS, suite="levels", seed=3)
+        report = run_bench(OracleTask(), PACKAGED_FRAMES, out, settings, method="oracle")
+        yield cases, out / "answers", report
+
+
+def test_the_same_files_have_the_same_scores_wherever_they_come_from(written, tmp_path):
+    cases, found, report = written
+    settings = replace(SETTINGS, baseline=str(found.parent / "robustness.json"))
+    theirs = score_results(OracleTask(), cases, found, tmp_path / "out", settings)
+    assert theirs.record.scores == report.record.scores
+    assert theirs.record.setting == report.record.setting
+    assert theirs.record.method == "answers"
+    errors = [each.ce for _, measures in theirs.measured if measures
+              for each in measures.kinds.values()]  # fmt: skip
+    assert {round(error, 9) for error in errors if error is not None} == {1.0}
+
+
+def test_results_that_changed_are_scored_again(written, tmp_path):
+    cases, found, _ = written
+    mine = tmp_path / "mine"
+    shutil.copytree(found, mine)
+    before = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    (mine / "camera_blank" / "000001.txt").write_text("")
+    after = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    name = "Car_bbox_0.7_hard_all_points"
+    assert after.record.scores["camera_blank"][name] < before.record.scores["camera_blank"][name]
+    assert after.record.scores["clean"] == before.record.scores["clean"]
+
+
+def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_path):
+    cases, found, _ = written
+    out, mine, other = (tmp_path / name for name in ("out", "mine", "other"))
+    shutil.copytree(found, mine)
+    (mine / "camera_blank" / "000001.txt").unlink()
+    shutil.copytree(cases, other)
+    manifest = json.loads((cases / "sightline.json").read_text())
+    manifest["cases"]["camera_dead_pixels-1"]["share"] = [0.2, 0.2]
+    (other / "sightline.json").write_text(json.dumps(manifest))
+    task = OracleTask()
+    for given, said in (
+        ((task, cases, mine, SETTINGS), "no result for 1 of 2 frames, the first of them 000001"),
+        ((task, PACKAGED_FRAMES, found, SETTINGS), "is not what `sightline corrupt` writes"),
+        ((task, other, found, SETTINGS), "written with another case camera_dead_pixels-1"),
+        ((task, cases, cases, SETTINGS), "has no result for 2 of 2 frames"),
+        ((task, cases, found, replace(SETTINGS, suite="dgfn7")), "with suite levels, not dgfn7"),
+        ((task, cases, found, replace(SETTINGS, seed=4)), "with seed 3, not 4"),
+        ((task, cases, found, replace(SETTINGS, cases=("fog",))), "suite levels has no case 'fog'"),
+        (
+            (task, cases, found, replace(SETTINGS, baseline="weights")),
+            "is the robustness.json",
+        ),
+        ((DEPTH, cases, found, SETTINGS), "results of other methods cannot be scored"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(said)):
+            score_results(given[0], given[1], given[2], out, given[3])
+    shutil.rmtree(mine / "lidar_blank")
+    with pytest.raises(ValueError, match="has no folder lidar_blank"):
+        score_results(task, cases, mine, out, replace(SETTINGS, cases=("lidar_blank",)))
+    assert not out.exists()
