@@ -13,6 +13,7 @@ from typing import Any
 
 import jsonargparse
 
+from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
     evaluate_depth,
@@ -166,6 +167,7 @@ def _commands() -> dict[str, Any]:
             "_help": "Score results.",
             "objects": evaluate_objects,
             "proposals": evaluate_proposals,
+            "calibration": evaluate_calibration,
             "depth": evaluate_depth,
             "held-out": evaluate_held_out,
             "realism": evaluate_realism,

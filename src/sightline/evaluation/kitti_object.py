@@ -80,7 +80,7 @@ def read_frames(
         ValueError: If a frame lacks a file, a file is at fault, or a frame has more results times
             labels than can be matched in reasonable time.
     """
-    names = _frame_names(labels_dir, sample_list)
+    names = frame_names(labels_dir, sample_list)
     require_frame_files(
         labels_dir,
         names,
@@ -109,7 +109,12 @@ def _read_frame(results: Path, labels: Path) -> tuple[KittiObjects, KittiObjects
     return found, labelled
 
 
-def _frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None) -> Sequence[str]:
+def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None) -> Sequence[str]:
+    """The frames of a list, or all that have labels.
+
+    Raises:
+        ValueError: The list cannot be read, or there are no labels.
+    """
     if sample_list is not None:
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))
