@@ -29,20 +29,24 @@ from tests.reference import calibration as reference
 from tests.reference import kitti_object
 
 
-def probable(files):
-    """The same files with scores from 0 to 1."""
+def telling(files):
+    """The same files with scores that grow with the overlap, and are far too sure."""
+    rng = np.random.default_rng(0)
+    by_hand = kitti_object.Evaluation(files)
     written = []
-    for labels, results in files:
-        lines = [line.split() for line in results.splitlines()]
-        written.append(
-            (labels, "".join(" ".join([*w[:-1], repr(expit(float(w[-1])))]) + "\n" for w in lines))
-        )
+    for (labels, results), (truths, found) in zip(files, by_hand.frames, strict=True):
+        lines = []
+        for line, detection in zip(results.splitlines(), found, strict=True):
+            best = max((by_hand.overlap(detection, t, "bbox") for t in truths), default=0)
+            score = float(expit(12 * (best - 0.4) + rng.normal()))
+            lines.append(" ".join([*line.split()[:-1], repr(score)]) + "\n")
+        written.append((labels, "".join(lines)))
     return written
 
 
 @pytest.fixture
 def street(tmp_path):
-    results, labels = write_frames(tmp_path, probable(random_street(1, 60)))
+    results, labels = write_frames(tmp_path, telling(random_street(1, 60)))
     return ScoredFrames(results_dir=results, labels_dir=labels)
 
 
@@ -126,7 +130,7 @@ def test_any_overlap_counts_boxes_that_lie_badly(tmp_path):
 
 def test_calibrated_results_have_less_error_and_the_same_order(street, tmp_path):
     (tmp_path / "more").mkdir()
-    folders = write_frames(tmp_path / "more", probable(random_street(9, 200)))
+    folders = write_frames(tmp_path / "more", telling(random_street(9, 200)))
     fit_on = ScoredFrames(results_dir=folders[0], labels_dir=folders[1])
     report = evaluate_calibration(street, fit_on=fit_on, calibrators=("platt", "isotonic"))
     car = report.entries[0]
@@ -173,7 +177,7 @@ def test_the_report_is_json_and_a_table_of_80_columns(street):
 def test_scores_that_are_no_probabilities_are_refused(tmp_path):
     folders = write_frames(tmp_path, random_street(1, 3))
     data = ScoredFrames(results_dir=folders[0], labels_dir=folders[1])
-    with pytest.raises(ValueError, match=r"00000\d\.txt has a score of .*, expected 0 to 1"):
+    with pytest.raises(ValueError, match=r"00000\d\.txt: has a score of .*, expected 0 to 1"):
         evaluate_calibration(data)
 
 

@@ -22,6 +22,7 @@ from sightline.cli.evaluate import (
     evaluate_proposals,
     evaluate_realism,
 )
+from sightline.cli.health import health, health_limits
 from sightline.cli.parser import REFUSED, OneLineParser, fail
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
@@ -159,6 +160,8 @@ def _commands() -> dict[str, Any]:
         "show": show,
         "simulate": simulate_command(),
         "corrupt": corrupt,
+        "health": health,
+        "health-limits": health_limits,
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,
         "predict": predict_commands(),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
+from jaxtyping import Float64
 
 from sightline.data.kitti_labels import KittiObjects, read_results, write_objects
 from sightline.data.problem import FileError
@@ -42,7 +43,7 @@ from sightline.evaluation.localization_recall_precision import optimal_lrp
 
 Target = Literal["precision", "overlap"]
 
-_ANY_OVERLAP = ClassOverlaps(bbox=0, bev=0, box3d=0)
+_ANY_OVERLAP = ClassOverlaps(bbox=0.0, bev=0.0, box3d=0.0)
 _ANY: Final = MinimumOverlaps(car=_ANY_OVERLAP, pedestrian=_ANY_OVERLAP, cyclist=_ANY_OVERLAP)
 _MAX_BINS = 10_000
 
@@ -216,7 +217,7 @@ def _checked(
         yield found, labels
 
 
-def _targets(outcomes: Outcomes, target: Target) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+def _targets(outcomes: Outcomes, target: Target) -> Float64[np.ndarray, " num_detections"]:
     return outcomes.is_true.astype(np.float64) if target == "precision" else outcomes.overlap
 
 

@@ -122,7 +122,7 @@ class CalibrationReport:
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
         for name in ("class", "scores"):
             table.add_column(name, no_wrap=True)
-        for name in ("D-ECE", "LaECE", "LaECE0", "oLRP", "Loc", "FP", "FN", "true", "false"):
+        for name in ("D-ECE", "LaECE", "LaECE0", "oLRP", "Loc", "FP", "FN", "boxes"):
             table.add_column(name, justify="right", no_wrap=True)
         for entry in self.entries:
             last = len(entry.calibrated)
@@ -132,7 +132,7 @@ class CalibrationReport:
                     entry.class_name if row == 0 else "",
                     name,
                     *map(_percentage, errors),
-                    *(_counts(entry) if row == 0 else [""] * 6),
+                    *(_counts(entry) if row == 0 else [""] * 5),
                     end_section=row == last,
                 )
         return table
@@ -145,7 +145,7 @@ def _counts(entry: CalibrationEntry) -> list[str]:
         if lrp
         else (None,) * 4
     )
-    return [*map(_percentage, errors), f"{entry.n_true:,}", f"{entry.n_false:,}"]
+    return [*map(_percentage, errors), f"{entry.n_true + entry.n_false:,}"]
 
 
 def _percentage(share: float | None) -> str:

@@ -1,6 +1,7 @@
 """Functions from a detector's score to how often it is right, fitted on detections with outcomes.
 
-All keep the order of scores, equal ones apart, so that average precision stays as it is.
+None turns the order of two scores round. Where none makes them equal, isotonic ones do so in steps
+and others where scores tell nothing, average precision stays as it is.
 """
 
 from dataclasses import dataclass

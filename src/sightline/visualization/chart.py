@@ -20,6 +20,8 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Where grid lines are."""
 SHARE_COLUMNS = tuple((share, f"{share:g}") for share in SHARES)
 """Their places and what they stand for."""
+PERCENT_ROWS = tuple((share, f"{100 * share:.0f} %") for share in SHARES)
+"""Likewise, in percent."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,17 +47,19 @@ def put_axes(
     plot: Plot,
     *,
     columns: Sequence[tuple[float, str]] = SHARE_COLUMNS,
+    rows: Sequence[tuple[float, str]] = PERCENT_ROWS,
 ) -> None:
-    """Draws the grid, percents beside its rows, and below its columns what they stand for."""
-    for share in SHARES:
+    """Draws the grid; beside its rows and below its columns stands what they are for."""
+    for share, said in rows:
         row = plot.row(share)
-        _put_line(canvas, (plot.left, row), (plot.right, row))
-        percent = f"{100 * share:.0f} %"
-        at = plot.left - text_width(percent, AXIS_TEXT_PX - 1) - 5
-        put_text(canvas, percent, at, round(row) + 4, height_px=AXIS_TEXT_PX - 1, color=MUTED)
+        segment = np.array([[[plot.left, row], [plot.right, row]]], dtype=np.float64)
+        put_lines(canvas, segment, GRID)
+        at = plot.left - text_width(said, AXIS_TEXT_PX - 1) - 5
+        put_text(canvas, said, at, round(row) + 4, height_px=AXIS_TEXT_PX - 1, color=MUTED)
     for share, said in columns:
         column = plot.column(share)
-        _put_line(canvas, (column, plot.top), (column, plot.bottom))
+        segment = np.array([[[column, plot.top], [column, plot.bottom]]], dtype=np.float64)
+        put_lines(canvas, segment, GRID)
         at = round(column) - text_width(said, AXIS_TEXT_PX - 1) // 2
         put_text(canvas, said, at, plot.bottom + 14, height_px=AXIS_TEXT_PX - 1, color=MUTED)
 
@@ -63,11 +67,3 @@ def put_axes(
 def put_title(canvas: UInt8[np.ndarray, "height width 3"], plot: Plot, title: str) -> None:
     """Writes a title above the plot's left edge."""
     put_text(canvas, title, plot.left, plot.top - 9, height_px=AXIS_TEXT_PX + 1, color=TEXT)
-
-
-def _put_line(
-    canvas: UInt8[np.ndarray, "height width 3"],
-    start: tuple[float, float],
-    end: tuple[float, float],
-) -> None:
-    put_lines(canvas, np.array([[start, end]], dtype=np.float64), GRID)
