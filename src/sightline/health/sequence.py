@@ -48,11 +48,11 @@ class Alarm:
         self.is_on = False
         self._in_a_row = 0
 
-    def update(self, health: Health | None) -> bool:
-        """Takes the next frame's health, None where it cannot be told; says whether it is on."""
+    def update(self, health: Health | None) -> None:
+        """Takes the next frame's health, None where it cannot be told."""
         if health is None:
             self._in_a_row = 0
-            return self.is_on
+            return
         config = self.config
         if health.score == 0:
             self._in_a_row = config.raise_after
@@ -61,7 +61,6 @@ class Alarm:
         needed = config.clear_after if self.is_on else config.raise_after
         if self._in_a_row >= needed:
             self.is_on, self._in_a_row = not self.is_on, 0
-        return self.is_on
 
 
 class DriveMonitor:
@@ -85,6 +84,12 @@ class DriveMonitor:
         self._alarms = tuple(Alarm(self.config) for _ in range(3))
         self._match: EdgeMatch | None = None
 
+    @property
+    def alarms(self) -> Alarms:
+        """Those that are on after the last frame."""
+        camera, lidar, alignment = (alarm.is_on for alarm in self._alarms)
+        return Alarms(camera=camera, lidar=lidar, alignment=alignment)
+
     def __call__(self, sample: CameraLidarSample) -> FrameHealth:
         """The health of the drive's next frame."""
         match = match_edges(sample)
@@ -93,11 +98,7 @@ class DriveMonitor:
         health = self.monitor.judge(sample, match)
         if health.alignment is not None:  # bad sensors' edges are not kept
             self._match = match
-        camera, lidar, alignment = (
+        judged = (health.camera, health.lidar, health.alignment)
+        for alarm, each in zip(self._alarms, judged, strict=True):
             alarm.update(each)
-            for alarm, each in zip(
-                self._alarms, (health.camera, health.lidar, health.alignment), strict=True
-            )
-        )
-        alarms = Alarms(camera=camera, lidar=lidar, alignment=alignment)
-        return FrameHealth(health=health, alarms=alarms)
+        return FrameHealth(health=health, alarms=self.alarms)

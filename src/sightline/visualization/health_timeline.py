@@ -154,7 +154,4 @@ def _mean_regions(
     stretched = [
         cv2.resize(each.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) for each in regions
     ]
-    mean: Float64[np.ndarray, "mean_rows mean_columns"] = np.mean(
-        stretched, axis=0, dtype=np.float64
-    )
-    return mean
+    return np.asarray(np.mean(stretched, axis=0), dtype=np.float64)
