@@ -34,6 +34,7 @@ def main(
     frames: int = 100,
     groups: int = 60,
     sizes: tuple[int, ...] = (1, 5, 20),
+    *,
     in_a_row: bool = False,
     seed: int = 0,
 ) -> None:

@@ -15,6 +15,10 @@ class AlignmentChecks(NamedTuple):
     deviations of the curve."""
 
 
+LEAST_SPREADS = AlignmentChecks(turned=0.1, mismatched=0.2)
+"""By how much each may differ between sound mounts at the least, whatever limits are fitted on."""
+
+
 def check_alignment(match: EdgeMatch) -> AlignmentChecks:
     """Looks at how the edges of one or more frames match."""
     yaw_deg = estimate_yaw(match).yaw_deg

@@ -16,10 +16,11 @@ _SPECKLE = 40  # grey levels that a pixel sticks out of its neighbours by
 _EVEN_SHARE = 0.1  # of the blocks, the evenest: there, what varies is noise
 _LOWER = 0.45  # of the height: below it there is no sky
 _JPEG_PX = 8
-_WASHED = 110  # grey levels; where nothing for two blocks around is darker there is glare
+_WASHED = 150  # grey levels; where nothing for two blocks around is darker there is glare
 _CELL_PX = 6  # in which that is looked for
-_STILL = 0.15  # grey levels; no sensor's noise is less, unless it is saturated
-_SATURATED = (5.0, 245.0)
+_STILL = 0.3  # grey levels, what rounding leaves; a sensor's noise is more, unless saturated
+_STILL_PX = 12  # side of the blocks in which that is looked for: spots of dirt are small
+_SATURATED = (20.0, 235.0)
 _FEWEST_PX = 4  # of a side, below which nothing is said of detail
 _TINY = 1e-3
 
@@ -42,7 +43,8 @@ class CameraChecks(NamedTuple):
     washed: float
     """Share of the lower part in whose neighbourhood nothing is dark."""
     still: float
-    """Share of the blocks, saturated ones apart, where not even the sensor's noise is left."""
+    """Share of small blocks, saturated ones apart, where not even the sensor's noise is left: what
+    covers the lens."""
     blurred: float
     """Log2 of how much the gradient grows from full to half size, in the direction that loses
     more: blur takes the fine detail first."""
@@ -55,6 +57,23 @@ class CameraChecks(NamedTuple):
     """Log2 of the gradient across the borders of JPEG's blocks over that within them."""
 
 
+LEAST_SPREADS = CameraChecks(
+    dark=20.0,
+    bright=10.0,
+    faint=20.0,
+    white=0.05,
+    covered=0.01,
+    textureless=0.03,
+    washed=0.05,
+    still=0.002,
+    blurred=0.1,
+    noisy=0.7,
+    speckled=0.01,
+    blocky=0.05,
+)
+"""By how much each may differ between sound cameras at the least, whatever limits are fitted on."""
+
+
 def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
     """Looks at an RGB image; about 10 ms on one core for KITTI's size."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -63,7 +82,8 @@ def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
     lower = grey[int(_LOWER * grey.shape[0]) :]
     mean, deviation = block_statistics(grey)
     first = int(_LOWER * mean.shape[0])
-    noise = _block_noise(grey, mean.shape)
+    residual = _noise_residual(grey)
+    noise = _block_means(residual, BLOCK_PX)
     median = cv2.medianBlur(grey, 3)
     return CameraChecks(
         dark=255 - bright,
@@ -73,7 +93,7 @@ def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
         covered=float(_covered(mean, deviation).mean()),
         textureless=float((deviation[first:] < _FLAT).mean()),
         washed=float(_washed_cells(lower).mean()),
-        still=float(_still_blocks(mean, noise).mean()),
+        still=_still_share(grey, residual),
         blurred=_lost_detail(grey),
         noisy=float(np.log2(np.quantile(noise, _EVEN_SHARE) + _TINY)),
         speckled=float((cv2.absdiff(grey, median) > _SPECKLE).mean()),
@@ -105,10 +125,8 @@ def block_statistics(
 ) -> tuple[Float32[np.ndarray, "rows columns"], Float32[np.ndarray, "rows columns"]]:
     """Mean and standard deviation of the grey levels of each block, about `BLOCK_PX` wide."""
     values = grey.astype(np.float32)
-    height, width = values.shape
-    size = max(round(width / BLOCK_PX), 1), max(round(height / BLOCK_PX), 1)
-    mean = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
-    square = cv2.resize(values * values, size, interpolation=cv2.INTER_AREA)
+    mean = _block_means(values, BLOCK_PX)
+    square = _block_means(values * values, BLOCK_PX)
     return mean, np.sqrt(np.maximum(square - mean * mean, 0))
 
 
@@ -128,21 +146,32 @@ def _mean_step(grey: UInt8[np.ndarray, "height width"], axis: int) -> float:
     return float(cv2.absdiff(first, second).mean()) if first.size else 0.0
 
 
-def _block_noise(
-    grey: UInt8[np.ndarray, "height width"], shape: tuple[int, ...]
-) -> Float32[np.ndarray, "rows columns"]:
-    """Immerkaer 1996, eq. 6, of each block: the standard deviation [grey levels] of its noise."""
+def _noise_residual(
+    grey: UInt8[np.ndarray, "height width"],
+) -> Float32[np.ndarray, "height width"]:
+    """What Immerkaer 1996, eq. 6, takes the mean of: there it is the noise [grey levels]."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     residual = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))
-    blocks = cv2.resize(residual, shape[::-1], interpolation=cv2.INTER_AREA)
-    noise: Float32[np.ndarray, "rows columns"] = blocks * np.float32(np.sqrt(np.pi / 2) / 6)
-    return noise
+    return residual * np.float32(np.sqrt(np.pi / 2) / 6)
 
 
-def _still_blocks(
-    mean: Float32[np.ndarray, "rows columns"], noise: Float32[np.ndarray, "rows columns"]
-) -> Bool[np.ndarray, "rows columns"]:
-    return (noise < _STILL) & (mean > _SATURATED[0]) & (mean < _SATURATED[1])
+def _block_means(
+    values: Float32[np.ndarray, "height width"], block_px: int
+) -> Float32[np.ndarray, "rows columns"]:
+    height, width = values.shape
+    size = max(round(width / block_px), 1), max(round(height / block_px), 1)
+    means: Float32[np.ndarray, "rows columns"]
+    means = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+    return means
+
+
+def _still_share(
+    grey: UInt8[np.ndarray, "height width"], residual: Float32[np.ndarray, "height width"]
+) -> float:
+    mean = _block_means(grey.astype(np.float32), _STILL_PX)
+    noise = _block_means(residual, _STILL_PX)
+    darkest, brightest = _SATURATED
+    return float(((noise < _STILL) & (mean > darkest) & (mean < brightest)).mean())
 
 
 def _washed_cells(

@@ -8,6 +8,7 @@ import numpy as np
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
 from sightline.data.progress import track
+from sightline.health import alignment_checks, camera_checks, lidar_checks
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
 from sightline.health.camera_checks import CameraChecks, check_camera
 from sightline.health.lidar_checks import LidarChecks, check_lidar
@@ -77,8 +78,8 @@ def fit_on_samples(
         if match is not None:
             alignment.append(check_alignment(match))
     return HealthLimits(
-        camera=fit_limits(camera),
-        lidar=fit_limits(lidar),
-        alignment=fit_limits(alignment),
+        camera=fit_limits(camera, camera_checks.LEAST_SPREADS),
+        lidar=fit_limits(lidar, lidar_checks.LEAST_SPREADS),
+        alignment=fit_limits(alignment, alignment_checks.LEAST_SPREADS),
         provenance=provenance,
     )

@@ -68,6 +68,24 @@ class LidarChecks(NamedTuple):
     """Share of the sectors of a whole turn without points; 0 for what the camera sees alone."""
 
 
+LEAST_SPREADS = LidarChecks(
+    sparse=0.25,
+    ringless=0.06,
+    gappy=0.6,
+    holes=0.03,
+    narrow=0.05,
+    rough=0.6,
+    spiky=1.0,
+    stray=1.0,
+    jagged=0.6,
+    cluttered=1.0,
+    short=0.8,
+    dull=0.5,
+    blind=0.01,
+)
+"""By how much each may differ between sound LiDARs at the least, whatever limits are fitted on."""
+
+
 def check_lidar(
     points: Float32[np.ndarray, "num_points 4"], seen: Bool[np.ndarray, " num_points"]
 ) -> LidarChecks:

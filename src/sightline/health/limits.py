@@ -25,7 +25,6 @@ SHIPPED: Final = Path(__file__).with_name("limits.json")
 """Limits fitted on simulated frames; the file says which."""
 
 _UNUSUAL = 0.99  # quantile of sound frames that a check's numbers are measured by
-_LEAST_SPREAD = 0.01  # of any check: a number that never changed in sound frames may do so a little
 _FEWEST_FRAMES = 100  # from which one in a hundred can be told
 _MAX_BYTES = 2**20
 
@@ -75,12 +74,17 @@ class HealthLimits:
     provenance: Mapping[str, str | int]
 
 
-def fit_limits(rows: Sequence[Checks]) -> SensorLimits:
+def fit_limits(rows: Sequence[Checks], least_spreads: Checks) -> SensorLimits:
     """Limits that one sound frame in a hundred goes beyond.
 
     Each check is measured from its median in spreads; what counts is the largest of a frame. The
     limit is the quantile of that over the frames, so the share of false alarms is that of all
     checks together.
+
+    Args:
+        rows: The checks of sound frames.
+        least_spreads: What each check's spread is at the least, so that limits fitted on sensors of
+            one kind serve others.
 
     Raises:
         ValueError: There are too few frames to tell.
@@ -93,7 +97,7 @@ def fit_limits(rows: Sequence[Checks]) -> SensorLimits:
     names = rows[0]._fields
     values = np.array(rows, dtype=np.float64)
     median = np.median(values, axis=0)
-    spread = np.maximum(np.quantile(values, _UNUSUAL, axis=0) - median, _LEAST_SPREAD)
+    spread = np.maximum(np.quantile(values, _UNUSUAL, axis=0) - median, least_spreads)
     ranges = {
         name: CheckRange(median=float(middle), spread=float(width))
         for name, middle, width in zip(names, median, spread, strict=True)

@@ -13,6 +13,7 @@ from sightline.health.yaw_error import EdgeMatch, estimate_yaw, match_edges
 from sightline.structures.health import Health, SampleHealth
 from sightline.structures.sample import CameraLidarSample
 
+_TELLING = 0.2  # score from which edges are the scene's: some beams may be missing
 _ABSENT = Health(score=0.0, worst_check="absent")
 
 
@@ -38,7 +39,7 @@ class HealthMonitor:
             seen = seen_by_camera(sample)
             lidar = self.limits.lidar.judge(check_lidar(points, seen))
             cells, sectors = bad_sweep_regions(points[seen]), blind_sectors(points)
-        can_tell = match is not None and not camera.is_alarm and not lidar.is_alarm
+        can_tell = min(camera.score, lidar.score) >= _TELLING
         return SampleHealth(
             sample_id=sample.sample_id,
             camera=camera,
