@@ -64,6 +64,7 @@ def health_limits(
     velodyne: Velodyne = "velodyne",
     frames: int = 400,
     seed: int = 0,
+    transfer: bool = False,
 ) -> None:
     """Fits what is usual of sound sensors: limits that one clean frame in a hundred goes beyond.
 
@@ -74,13 +75,20 @@ def health_limits(
         velodyne: Folder of the sweeps: whole ones, where whole ones are to be judged.
         frames: How many are looked at, at most.
         seed: Of the drawing.
+        transfer: Widens the limits so that they serve sensors of other makes, too, as those that
+            come with Sightline.
     """
     check_writable(out)
     from sightline.health.fitting import fit_on_dataset
     from sightline.health.limits import write_limits
 
     limits = fit_on_dataset(
-        data, sample_list=sample_list, velodyne=velodyne, frames=frames, seed=seed
+        data,
+        sample_list=sample_list,
+        velodyne=velodyne,
+        frames=frames,
+        seed=seed,
+        transfer=transfer,
     )
     write_limits(out, limits)
     print(f"{out}: limits of {limits.provenance['frames']} frames")

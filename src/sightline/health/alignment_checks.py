@@ -15,8 +15,9 @@ class AlignmentChecks(NamedTuple):
     deviations of the curve."""
 
 
-LEAST_SPREADS = AlignmentChecks(turned=0.1, mismatched=0.2)
-"""By how much each may differ between sound mounts at the least, whatever limits are fitted on."""
+LEAST_SPREADS = AlignmentChecks(turned=0.4, mismatched=1.0)
+"""By how much each differs between sound mounts of other makes, and streets harder to tell: least
+spreads for limits that shall serve them, too."""
 
 
 def check_alignment(match: EdgeMatch) -> AlignmentChecks:

@@ -71,7 +71,8 @@ LEAST_SPREADS = CameraChecks(
     speckled=0.01,
     blocky=0.05,
 )
-"""By how much each may differ between sound cameras at the least, whatever limits are fitted on."""
+"""By how much each differs between sound cameras of other makes: least spreads for limits that
+shall serve them, too."""
 
 
 def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:

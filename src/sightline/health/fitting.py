@@ -25,6 +25,7 @@ def fit_on_dataset(
     velodyne: Velodyne = "velodyne",
     frames: int = 400,
     seed: int = 0,
+    transfer: bool = False,
 ) -> HealthLimits:
     """Limits fitted on frames of sound sensors, drawn without replacement where there are more.
 
@@ -34,6 +35,7 @@ def fit_on_dataset(
         velodyne: Folder of the sweeps in an object tree: whole ones, where whole ones are judged.
         frames: How many, at most.
         seed: Of the drawing.
+        transfer: Whether the limits shall serve sensors of other makes, too; see `fit_limits`.
 
     Raises:
         ValueError: The data is at fault, a frame lacks a sensor, or there are too few frames.
@@ -49,13 +51,17 @@ def fit_on_dataset(
         "sweeps": velodyne,
         "frames": len(drawn),
         "seed": seed,
+        "transfer": int(transfer),
     }
     shown = track(samples, description="looking at clean frames", total=len(drawn))
-    return fit_on_samples(shown, provenance)
+    return fit_on_samples(shown, provenance, transfer=transfer)
 
 
 def fit_on_samples(
-    samples: Iterable[CameraLidarSample], provenance: Mapping[str, str | int]
+    samples: Iterable[CameraLidarSample],
+    provenance: Mapping[str, str | int],
+    *,
+    transfer: bool = False,
 ) -> HealthLimits:
     """Limits fitted on samples of sound sensors.
 
@@ -78,8 +84,8 @@ def fit_on_samples(
         if match is not None:
             alignment.append(check_alignment(match))
     return HealthLimits(
-        camera=fit_limits(camera, camera_checks.LEAST_SPREADS),
-        lidar=fit_limits(lidar, lidar_checks.LEAST_SPREADS),
-        alignment=fit_limits(alignment, alignment_checks.LEAST_SPREADS),
+        camera=fit_limits(camera, camera_checks.LEAST_SPREADS, transfer=transfer),
+        lidar=fit_limits(lidar, lidar_checks.LEAST_SPREADS, transfer=transfer),
+        alignment=fit_limits(alignment, alignment_checks.LEAST_SPREADS, transfer=transfer),
         provenance=provenance,
     )

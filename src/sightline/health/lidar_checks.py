@@ -72,18 +72,19 @@ LEAST_SPREADS = LidarChecks(
     sparse=0.25,
     ringless=0.06,
     gappy=0.6,
-    holes=0.03,
+    holes=0.04,
     narrow=0.05,
-    rough=0.6,
+    rough=0.8,
     spiky=1.0,
     stray=1.0,
-    jagged=0.6,
+    jagged=0.9,
     cluttered=1.0,
-    short=0.8,
+    short=0.9,
     dull=0.5,
     blind=0.01,
 )
-"""By how much each may differ between sound LiDARs at the least, whatever limits are fitted on."""
+"""By how much each differs between sound LiDARs of other makes: least spreads for limits that shall
+serve them, too."""
 
 
 def check_lidar(
@@ -131,7 +132,7 @@ NOTHING = LidarChecks(*(float("inf"),) * len(LidarChecks._fields))
 """What is said of a sweep that has no points to look at."""
 
 
-def _log2(value: float) -> float:
+def _log2(value: float | np.floating) -> float:
     return float(np.log2(value + _TINY))
 
 

@@ -25,6 +25,7 @@ SHIPPED: Final = Path(__file__).with_name("limits.json")
 """Limits fitted on simulated frames; the file says which."""
 
 _UNUSUAL = 0.99  # quantile of sound frames that a check's numbers are measured by
+_OWN_SHARE = 0.1
 _FEWEST_FRAMES = 100  # from which one in a hundred can be told
 _MAX_BYTES = 2**20
 
@@ -74,17 +75,20 @@ class HealthLimits:
     provenance: Mapping[str, str | int]
 
 
-def fit_limits(rows: Sequence[Checks], least_spreads: Checks) -> SensorLimits:
+def fit_limits(
+    rows: Sequence[Checks], least_spreads: Checks, *, transfer: bool = False
+) -> SensorLimits:
     """Limits that one sound frame in a hundred goes beyond.
 
     Each check is measured from its median in spreads; what counts is the largest of a frame. The
-    limit is the quantile of that over the frames, so the share of false alarms is that of all
-    checks together.
+    limit is the quantile of that over the frames, 1 at the least, so the share of false alarms is
+    that of all checks together.
 
     Args:
         rows: The checks of sound frames.
-        least_spreads: What each check's spread is at the least, so that limits fitted on sensors of
-            one kind serve others.
+        least_spreads: What a check's spread is at the least where `transfer` is set, and a tenth of
+            it is otherwise: a number that hardly changed in so few frames may do so.
+        transfer: Whether the limits shall serve sensors of other makes, too.
 
     Raises:
         ValueError: There are too few frames to tell.
@@ -97,13 +101,15 @@ def fit_limits(rows: Sequence[Checks], least_spreads: Checks) -> SensorLimits:
     names = rows[0]._fields
     values = np.array(rows, dtype=np.float64)
     median = np.median(values, axis=0)
-    spread = np.maximum(np.quantile(values, _UNUSUAL, axis=0) - median, least_spreads)
+    least = np.array(least_spreads) * (1.0 if transfer else _OWN_SHARE)
+    spread = np.maximum(np.quantile(values, _UNUSUAL, axis=0) - median, least)
     ranges = {
         name: CheckRange(median=float(middle), spread=float(width))
         for name, middle, width in zip(names, median, spread, strict=True)
     }
     largest = np.maximum((values - median) / spread, 0).max(axis=1)
-    return SensorLimits(checks=ranges, limit=float(np.quantile(largest, 1 - FALSE_ALARMS)))
+    limit = float(np.quantile(largest, 1 - FALSE_ALARMS))
+    return SensorLimits(checks=ranges, limit=max(1.0, limit))
 
 
 def write_limits(path: Path, limits: HealthLimits) -> None:
