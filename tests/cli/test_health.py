@@ -21,15 +21,15 @@ def test_a_drive_is_printed_drawn_and_written(tmp_path, capsys):
     assert cv2.imread(str(picture)).shape[1] == 1000
 
 
-def test_a_camera_that_delivered_nothing_is_a_result(tmp_path, capsys):
+def test_a_lidar_that_delivered_nothing_is_a_result(tmp_path, capsys):
     tree = tmp_path / "KITTI"
     shutil.copytree(PACKAGED_FRAMES, tree)
-    (tree / "training" / "image_2" / "000001.png").unlink()
+    (tree / "training" / "velodyne" / "000001.bin").unlink()
     assert main(["health", str(tree), "--json", str(tmp_path / "health.json")]) == 0
     frames = json.loads((tmp_path / "health.json").read_text())["frames"]
-    assert frames[1]["camera"] == {"score": 0.0, "worst_check": "absent"}
+    assert frames[1]["lidar"] == {"score": 0.0, "worst_check": "absent"}
     assert frames[1]["alignment"] is None
-    assert frames[1]["alarms"]["camera"]
+    assert frames[1]["alarms"]["lidar"]
     assert "absent" in capsys.readouterr().out
 
 

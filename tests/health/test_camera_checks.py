@@ -47,7 +47,7 @@ def jpeg(image, loss):
 
 FAULTS = {
     "dark": (lambda image, x: (image / x).astype(np.uint8), (1, 3, 9)),
-    "bright": (lambda image, x: np.clip(image + x, 0, 255).astype(np.uint8), (0, 60, 120)),
+    "bright": (lambda image, x: np.clip(image + float(x), 0, 255).astype(np.uint8), (0, 60, 120)),
     "faint": (lambda image, x: (128 + (image - 128.0) / x).astype(np.uint8), (1, 3, 9)),
     "white": (white_disc, (1, 60, 150)),
     "washed": (white_disc, (1, 80, 150)),

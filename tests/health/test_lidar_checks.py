@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from sightline.health.lidar_checks import (
     CELL_DEG,
-    HIGHEST_DEG,
     NOTHING,
     WIDEST_DEG,
     LidarChecks,
@@ -113,10 +112,11 @@ def test_points_at_one_place_are_judged(count):
 
 
 def test_points_are_counted_in_their_cells():
-    azimuth, elevation = np.array([35.5, -35.5, 0.0, 90.0]), np.array([-1.5, -14.5, -5.0, -5.0])
+    azimuth = np.array([35.5, -35.5, 0.0, 90.0])
+    elevation = np.array([-1.5, -11.5, -5.0, -5.0])
     counts = cell_counts(azimuth.astype(np.float32), elevation.astype(np.float32))
-    assert counts.shape == (14, round(2 * WIDEST_DEG / CELL_DEG))
-    assert counts[0, 0] == counts[-1, -1] == counts[round(5 + HIGHEST_DEG), 36] == 1
+    assert counts.shape == (11, round(2 * WIDEST_DEG / CELL_DEG))
+    assert counts[0, 0] == counts[-1, -1] == counts[4, 36] == 1
     assert counts.sum() == 3
 
 

@@ -10,7 +10,7 @@ from sightline.ops.compiled import compiled
 
 CELL_DEG = 1.0
 """Side of the cells of azimuth and elevation that regions are told by."""
-LOWEST_DEG, HIGHEST_DEG = -15.0, -1.0
+LOWEST_DEG, HIGHEST_DEG = -12.0, -1.0
 """Elevations between which the ground, or what stands on it, answers nearly always."""
 
 WIDEST_DEG = 36.0
@@ -72,12 +72,12 @@ LEAST_SPREADS = LidarChecks(
     sparse=0.25,
     ringless=0.06,
     gappy=0.6,
-    holes=0.04,
+    holes=0.08,
     narrow=0.05,
     rough=0.8,
     spiky=1.0,
     stray=1.0,
-    jagged=0.9,
+    jagged=1.1,
     cluttered=1.0,
     short=0.9,
     dull=0.5,
@@ -112,18 +112,18 @@ def check_lidar(
         *(each.astype(np.float64) for each in (ranges, azimuth, elevation, ahead[:, 2]))
     )
     return LidarChecks(
-        sparse=-_log2(count),
-        ringless=-_log2(num_rings),
-        gappy=_log2(gaps.mean()),
+        sparse=-_log2(float(count)),
+        ringless=-_log2(float(num_rings)),
+        gappy=_log2(float(gaps.mean())),
         holes=float(empty.mean()),
-        narrow=-_log2(len(columns)),
-        rough=_log2(np.quantile(rough, 0.25) if len(rough) else 0.0),
+        narrow=-_log2(float(len(columns))),
+        rough=_log2(float(np.quantile(rough, 0.25)) if len(rough) else 0.0),
         spiky=_log2(num_spikes / count),
         stray=_log2(num_stray / count),
-        jagged=_log2(np.median(np.abs(widths - step))),
+        jagged=_log2(float(np.median(np.abs(widths - step)))),
         cluttered=_log2(num_clutter / count),
-        short=-_log2(np.quantile(ranges, 0.95)),
-        dull=-_log2(ahead[:, 3].mean()),
+        short=-_log2(float(np.quantile(ranges, 0.95))),
+        dull=-_log2(max(float(ahead[:, 3].mean()), 0.0)),
         blind=float(blind_sectors(points).mean()),
     )
 
@@ -132,7 +132,7 @@ NOTHING = LidarChecks(*(float("inf"),) * len(LidarChecks._fields))
 """What is said of a sweep that has no points to look at."""
 
 
-def _log2(value: float | np.floating) -> float:
+def _log2(value: float) -> float:
     return float(np.log2(value + _TINY))
 
 

@@ -64,7 +64,8 @@ def _place(number: int, count: int) -> float:
 def _ticks(frames: Sequence[FrameHealth]) -> list[tuple[float, str]]:
     count = len(frames)
     chosen = np.unique(np.linspace(0, count - 1, min(_NUM_TICKS, count)).astype(np.int64))
-    return [(_place(int(n), count), frames[int(n)].health.sample_id) for n in chosen]
+    names = [frames[int(n)].health.sample_id.lstrip("0") or "0" for n in chosen]
+    return [(_place(int(n), count), name) for n, name in zip(chosen, names, strict=True)]
 
 
 def _score_chart(
