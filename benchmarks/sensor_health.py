@@ -40,6 +40,7 @@ def main(
     velodyne: Velodyne = "velodyne",
     frames: int = 100,
     suite: str = "dgfn7",
+    cases: tuple[str, ...] | None = None,
     limits: Path = SHIPPED,
     drive: Path | None = None,
     onset: int = 20,
@@ -53,6 +54,7 @@ def main(
         velodyne: Folder of the sweeps in an object tree.
         frames: How many of them, evenly spaced.
         suite: Whose cases are told from clean frames.
+        cases: Which of them. Default: all.
         limits: What is usual of the sensors.
         drive: A drive, or another tree whose frames follow each other, in which faults set in.
         onset: Frames of the drive before the fault.
@@ -65,12 +67,13 @@ def main(
         data, sample_list=sample_list, velodyne=velodyne, parts={"image", "points", "objects"}
     )
     places = np.unique(np.linspace(0, len(dataset) - 1, min(frames, len(dataset))).astype(int))
-    cases = [case for case in find_suite(suite).cases if case.name != CLEAN]
-    clean, broken, times = _judge_all(monitor, dataset, places, cases, seed)
+    known = find_suite(suite)
+    chosen = [case for case in known.select(cases or known.case_names) if case.name != CLEAN]
+    clean, broken, times = _judge_all(monitor, dataset, places, chosen, seed)
     false_alarms = {name: _share_of_alarms(clean, name) for name in (*_SENSORS, "any")}
     print(f"{len(clean)} frames; false alarms of single ones: {_percents(false_alarms)}")
     print(f"median {statistics.median(times):.1f} ms a frame, processor time")
-    rows = [_row(case, clean, broken[case.name]) for case in cases]
+    rows = [_row(case, clean, broken[case.name]) for case in chosen]
     print(f"{'case':<28} {'own':>6} {'any':>6} {'alarms':>7}  worst check")
     for row in rows:
         print("{case:<28} {auroc:6.3f} {auroc_any:6.3f} {alarms:7.2f}  {worst_check}".format(**row))
@@ -88,7 +91,7 @@ def main(
         answer["drive"] = _drive_rows(
             open_dataset(drive, velodyne=velodyne, parts={"image", "points", "objects"}),
             monitor,
-            cases,
+            chosen,
             onset,
             seed,
         )

@@ -21,15 +21,18 @@ def test_a_drive_is_printed_drawn_and_written(tmp_path, capsys):
     assert cv2.imread(str(picture)).shape[1] == 1000
 
 
-def test_a_lidar_that_delivered_nothing_is_a_result(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("sensor", "file"), [("camera", "image_2/000001.png"), ("lidar", "velodyne/000001.bin")]
+)
+def test_a_sensor_that_delivered_nothing_is_a_result(tmp_path, capsys, sensor, file):
     tree = tmp_path / "KITTI"
     shutil.copytree(PACKAGED_FRAMES, tree)
-    (tree / "training" / "velodyne" / "000001.bin").unlink()
+    (tree / "training" / file).unlink()
     assert main(["health", str(tree), "--json", str(tmp_path / "health.json")]) == 0
     frames = json.loads((tmp_path / "health.json").read_text())["frames"]
-    assert frames[1]["lidar"] == {"score": 0.0, "worst_check": "absent"}
+    assert frames[1][sensor] == {"score": 0.0, "worst_check": "absent"}
     assert frames[1]["alignment"] is None
-    assert frames[1]["alarms"]["lidar"]
+    assert frames[1]["alarms"] == {**frames[0]["alarms"], sensor: True}
     assert "absent" in capsys.readouterr().out
 
 

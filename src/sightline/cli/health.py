@@ -4,7 +4,7 @@ from pathlib import Path
 
 from sightline.cli.report import check_writable, deliver
 from sightline.data.atomic import check_replaceable
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Part, Velodyne
 
 
 def health(
@@ -44,8 +44,10 @@ def health(
     from sightline.visualization.health_timeline import draw_health
 
     monitor = DriveMonitor(HealthMonitor(read_limits(limits or SHIPPED)))
-    # Sweeps are read where there are any, and asked for of no frame: that one lacks is a result.
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts={"image"})
+    sensors: tuple[Part, ...] = ("image", "points")
+    dataset = open_dataset(
+        data, sample_list=sample_list, velodyne=velodyne, parts=sensors, may_lack=sensors
+    )
     samples = (dataset[index] for index in range(len(dataset)))
     shown = track(samples, description="looking at sensors", total=len(dataset))
     report = HealthReport(frames=tuple(monitor(sample) for sample in shown))
