@@ -159,7 +159,7 @@ def blind_sectors(points: Float32[np.ndarray, "num_points 4"]) -> Bool[np.ndarra
     sectors = round(360 / SECTOR_DEG)
     if not (points[:, 0] < 0).any():
         return np.zeros(sectors, dtype=np.bool_)
-    _, azimuth_deg, _ = to_sphere(points)
+    azimuth_deg = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     sector = np.floor((azimuth_deg + 180) / SECTOR_DEG).astype(np.int64) % sectors
     blind: Bool[np.ndarray, " num_sectors"] = np.bincount(sector, minlength=sectors) == 0
     return blind

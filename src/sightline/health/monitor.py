@@ -67,4 +67,9 @@ def seen_by_camera(sample: CameraLidarSample) -> Bool[np.ndarray, " num_points"]
     """Which points of the sample's sweep the camera sees."""
     assert sample.points is not None, "only a sweep has points"
     matrix = sample.calibration.image_from_lidar.double().numpy()
-    return is_in_view(sample.points.numpy(), matrix, sample.image_size)
+    points = sample.points.numpy()
+    # What is behind the camera is left out first, in float32 with a margin: half of a whole sweep.
+    row = matrix[2].astype(np.float32)
+    seen: Bool[np.ndarray, " num_points"] = points[:, :3] @ row[:3] + row[3] > -1
+    seen[seen] = is_in_view(points[seen], matrix, sample.image_size)
+    return seen

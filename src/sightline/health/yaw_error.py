@@ -29,6 +29,7 @@ _JUMP_SHARE = 0.07  # likewise, of the nearer one's range
 _WIDEST_STEP = 4.0  # typical steps of azimuth, beyond which points are no neighbours
 _NEIGHBOURHOOD_PX = (81, 41)  # width, height of what an edge is compared with
 _FEWEST_EDGES = 30
+_MARGIN_SHARE = 0.15  # of the image's width, beyond its borders
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -68,7 +69,9 @@ def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
     if sample.image is None or sample.points is None:
         return None
     image_from_lidar = sample.calibration.image_from_lidar.double().numpy()
-    points, weights = find_depth_edges(_ahead(sample.points.numpy(), image_from_lidar))
+    points, weights = find_depth_edges(
+        _near_view(sample.points.numpy(), image_from_lidar, sample.image_size)
+    )
     if len(points) < _FEWEST_EDGES:
         return None
     image = np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())
@@ -151,13 +154,24 @@ def find_depth_edges(
     return places.astype(np.float64), np.minimum(np.log(ratio), 1.0).astype(np.float64)
 
 
-def _ahead(
-    points: Float32[np.ndarray, "num_points 4"], image_from_lidar: Float64[np.ndarray, "3 4"]
-) -> Float32[np.ndarray, "num_ahead 4"]:
-    """Those on the camera's side: of a whole sweep, half."""
-    depth = points[:, :3] @ image_from_lidar[2, :3] + image_from_lidar[2, 3]
-    kept: Float32[np.ndarray, "num_ahead 4"] = points[depth > 0]
-    return kept
+def _near_view(
+    points: Float32[np.ndarray, "num_points 4"],
+    image_from_lidar: Float64[np.ndarray, "3 4"],
+    image_size: tuple[int, int],
+) -> Float32[np.ndarray, "num_near 4"]:
+    """Those that some turn of the grid brings into the image: of a whole sweep, a quarter."""
+    height, width = image_size
+    matrix = image_from_lidar.astype(np.float32)
+    x, y, depth = matrix[:, :3] @ points[:, :3].T + matrix[:, 3:]
+    margin = _MARGIN_SHARE * width
+    near: Float32[np.ndarray, "num_near 4"] = points[
+        (depth > 0)
+        & (x > -margin * depth)
+        & (x < (width + margin) * depth)
+        & (y > -margin * depth)
+        & (y < (height + margin) * depth)
+    ]
+    return near
 
 
 def _edge_strength(
