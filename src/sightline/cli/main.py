@@ -13,6 +13,7 @@ from typing import Any
 
 import jsonargparse
 
+from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
     evaluate_depth,
@@ -21,6 +22,7 @@ from sightline.cli.evaluate import (
     evaluate_proposals,
     evaluate_realism,
 )
+from sightline.cli.health import health, health_limits
 from sightline.cli.parser import REFUSED, OneLineParser, fail
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
@@ -159,6 +161,8 @@ def _commands() -> dict[str, Any]:
         "show": show,
         "simulate": simulate_command(),
         "corrupt": corrupt,
+        "health": health,
+        "health-limits": health_limits,
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,
         "predict": predict_commands(),
@@ -167,6 +171,7 @@ def _commands() -> dict[str, Any]:
             "_help": "Score results.",
             "objects": evaluate_objects,
             "proposals": evaluate_proposals,
+            "calibration": evaluate_calibration,
             "depth": evaluate_depth,
             "held-out": evaluate_held_out,
             "realism": evaluate_realism,

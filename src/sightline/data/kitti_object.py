@@ -41,6 +41,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         sample_list: str | Path | Sequence[str] | None = None,
         velodyne: Velodyne = "velodyne",
         parts: Collection[Part] = ("image", "points", "objects"),
+        may_lack: Collection[Part] = (),
     ) -> None:
         """Looks up the files.
 
@@ -51,6 +52,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             velodyne: The sweeps' folder; KITTI tools keep those cut to the image's view apart.
             parts: What samples hold. Calibrations and the sizes of images are always read; where
                 a simulation left the camera out, leave out "image": the depth maps tell the size.
+            may_lack: Those parts that are None where a frame lacks them, and no error. An image
+                that is not there has the size of the first one that is.
 
         Raises:
             ValueError: There are no frames, the list names absent ones, or a frame lacks a part.
@@ -72,7 +75,9 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
                 f"give the folder that has {split}/ in it"
             )
         wanted = tuple(found) if sample_list is None else read_sample_list(sample_list, self.root)
-        _check_whole(folder, wanted, found, needed, velodyne)
+        asked_for = tuple(part for part in needed if part not in may_lack)
+        _check_whole(folder, wanted, found, asked_for, velodyne)
+        self._first_image = next((each.image for each in found.values() if each.image), None)
         self._frames = tuple(found[frame_id] for frame_id in wanted)
 
     @property
@@ -92,7 +97,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         """
         keep_opencv_to_one_thread_in_workers()
         frame = self._frames[index]
-        sized = frame.image or frame.depth
+        sized = frame.image or frame.depth or self._first_image
         assert sized is not None, f"{frame.sample_id} passed the check without a picture"
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)

@@ -80,6 +80,7 @@ def open_dataset(
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne = "velodyne",
     parts: Collection[Part] = ("image", "points", "objects"),
+    may_lack: Collection[Part] = (),
 ) -> SampleDataset:
     """Opens KITTI's object tree, its depth completion tree or a raw drive, whichever `path` is.
 
@@ -92,6 +93,7 @@ def open_dataset(
         sample_list: Which samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree.
         parts: What samples hold; images may be there all the same.
+        may_lack: Of an object tree, what a frame may lack; see `KittiObjectDataset`.
 
     Raises:
         ValueError: `path` is none of the three, or lacks files.
@@ -110,6 +112,7 @@ def open_dataset(
                 sample_list=sample_list,
                 velodyne=velodyne,
                 parts=parts,
+                may_lack=may_lack,
             )
     if list_object_frames(path, ("image", "points"), velodyne) and (path / "image_2").is_dir():
         raise ValueError(

@@ -73,6 +73,8 @@ class FrameSteps(NamedTuple):
     tp: Int64[np.ndarray, " num_steps"]
     """Change of the frame's true positives when the threshold falls to the score."""
     fp: Int64[np.ndarray, " num_steps"]
+    overlap: Float64[np.ndarray, " num_steps"]
+    """Change of the overlaps of the frame's true positives, summed."""
 
 
 class PairIndex(NamedTuple):
@@ -186,8 +188,8 @@ def count_by_frame(task: MatchingTask) -> FrameSteps:
         np.searchsorted(task.detection_frame[detections], frames),
     )
     falling = np.argsort(-steps[0], kind="stable")
-    score, frame, tp, fp = (column[falling] for column in steps)
-    return FrameSteps(score=score, frame=frame, tp=tp, fp=fp)
+    score, frame, tp, fp, overlap = (column[falling] for column in steps)
+    return FrameSteps(score=score, frame=frame, tp=tp, fp=fp, overlap=overlap)
 
 
 @compiled
@@ -210,7 +212,7 @@ def _match_by_score(task: MatchingTask) -> Float64[np.ndarray, " num_matches"]:
 
 
 @compiled
-def _pick_by_overlap(
+def pick_by_overlap(
     task: MatchingTask,
     truth: int,
     threshold: float,
@@ -253,7 +255,7 @@ def _match_by_overlap(
     taken = np.full(len(task.detection_score), -1, dtype=np.int32)
     for turn in range(len(thresholds)):
         for i in range(len(task.truth_valid)):
-            pair = _pick_by_overlap(task, i, thresholds[turn], taken, turn)
+            pair = pick_by_overlap(task, i, thresholds[turn], taken, turn)
             if pair < 0:
                 missed[turn] += task.truth_valid[i]
                 continue
@@ -278,32 +280,45 @@ def _step_frames(
     Int64[np.ndarray, " num_steps"],
     Int64[np.ndarray, " num_steps"],
     Int64[np.ndarray, " num_steps"],
+    Float64[np.ndarray, " num_steps"],
 ]:
-    """Scores, frames and changes of true and false positives, frame by frame."""
+    """Scores, frames, changes of true and false positives and of overlaps, frame by frame."""
     scores = np.empty(len(ranked))
     frames = np.empty(len(ranked), dtype=np.int64)
     changes = np.empty((2, len(ranked)), dtype=np.int64)
+    overlap_changes = np.empty(len(ranked))
     taken = np.full(len(task.detection_score), -1, dtype=np.int32)
     num_steps = 0
     for frame in range(len(ranked_offsets) - 1):
         tp_before, fp_before, unforgiven = 0, 0, 0
+        overlap_before = 0.0
         last = ranked_offsets[frame + 1]
         for rank in range(ranked_offsets[frame], last):
             unforgiven += task.detection_false[ranked[rank]]
             threshold = task.detection_score[ranked[rank]]
             if rank + 1 < last and task.detection_score[ranked[rank + 1]] == threshold:
                 continue
-            tp, fp = 0, unforgiven
+            tp, fp, overlap = 0, unforgiven, 0.0
             for i in range(truth_offsets[frame], truth_offsets[frame + 1]):
-                pair = _pick_by_overlap(task, i, threshold, taken, rank)
+                pair = pick_by_overlap(task, i, threshold, taken, rank)
                 if pair >= 0:
                     j = task.pair_detection[pair]
                     taken[j] = rank
                     fp -= task.detection_false[j]
-                    tp += task.truth_valid[i] and task.detection_normal[j]
-            if tp != tp_before or fp != fp_before:
+                    if task.truth_valid[i] and task.detection_normal[j]:
+                        tp += 1
+                        overlap += task.pair_overlap[pair]
+            if tp != tp_before or fp != fp_before or overlap != overlap_before:
                 scores[num_steps], frames[num_steps] = threshold, frame
                 changes[0, num_steps], changes[1, num_steps] = tp - tp_before, fp - fp_before
-                tp_before, fp_before = tp, fp
+                overlap_changes[num_steps] = overlap - overlap_before
+                tp_before, fp_before, overlap_before = tp, fp, overlap
                 num_steps += 1
-    return scores[:num_steps], frames[:num_steps], changes[0, :num_steps], changes[1, :num_steps]
+    tp_changes, fp_changes = changes[0, :num_steps], changes[1, :num_steps]
+    return (
+        scores[:num_steps],
+        frames[:num_steps],
+        tp_changes,
+        fp_changes,
+        overlap_changes[:num_steps],
+    )

@@ -9,17 +9,13 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from sightline.visualization.canvas import put_lines
+from sightline.visualization.chart import AXIS_TEXT_PX, BACKGROUND, Plot, put_axes, put_title
 from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import put_text, text_width
 
 _DARKEST = 0.6  # what black leaves of a colour
-_BACKGROUND: RGB = (22, 25, 30)
-_GRID: RGB = (64, 70, 80)
-_TEXT: RGB = (222, 225, 230)
-_MUTED: RGB = (150, 156, 166)
 _BINS = 25
 _MARGINS_PX = (46, 14, 26, 22)  # left, right, above and below what is drawn in
-_TEXT_PX = 9
 _FILL = 0.55
 
 
@@ -58,15 +54,15 @@ def put_share_legend(
     width_px: int = 120,
 ) -> None:
     """Writes the bar of `lay_shares` between words for its ends, the last at column `right`."""
-    end = right - text_width(high, _TEXT_PX) - 6
+    end = right - text_width(high, AXIS_TEXT_PX) - 6
     start = end - width_px
-    canvas[top : top + _TEXT_PX, start:end] = _share_colors()[
+    canvas[top : top + AXIS_TEXT_PX, start:end] = _share_colors()[
         np.linspace(0, 255, width_px).astype(np.int64)
     ]
-    baseline = top + _TEXT_PX
-    left = start - text_width(low, _TEXT_PX) - 4
-    put_text(canvas, low, left, baseline, height_px=_TEXT_PX, color=color)
-    put_text(canvas, high, end + 4, baseline, height_px=_TEXT_PX, color=color)
+    baseline = top + AXIS_TEXT_PX
+    left = start - text_width(low, AXIS_TEXT_PX) - 4
+    put_text(canvas, low, left, baseline, height_px=AXIS_TEXT_PX, color=color)
+    put_text(canvas, high, end + 4, baseline, height_px=AXIS_TEXT_PX, color=color)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,53 +86,25 @@ def draw_histogram(
         size: Height, width [px] of the picture.
     """
     height, width = size
-    canvas = np.full((height, width, 3), _BACKGROUND, np.uint8)
+    canvas = np.full((height, width, 3), BACKGROUND, np.uint8)
     left, right, above, below = _MARGINS_PX
-    plot = _Plot(left=left, right=width - right, top=above, bottom=height - below)
-    _put_axes(canvas, plot)
+    plot = Plot(left=left, right=width - right, top=above, bottom=height - below)
+    put_axes(canvas, plot)
     for each in series:
         counts, _ = np.histogram(np.clip(each.values, 0, 1), bins=_BINS, range=(0, 1))
         _put_steps(canvas, plot, counts / max(len(each.values), 1), each.color)
-    put_text(canvas, title, left, above - 9, height_px=_TEXT_PX + 1, color=_TEXT)
+    put_title(canvas, plot, title)
     at = width - right
     for each in reversed(series):
-        at -= text_width(each.name, _TEXT_PX)
-        put_text(canvas, each.name, at, above - 9, height_px=_TEXT_PX, color=each.color)
+        at -= text_width(each.name, AXIS_TEXT_PX)
+        put_text(canvas, each.name, at, above - 9, height_px=AXIS_TEXT_PX, color=each.color)
         at -= 14
     return canvas
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Plot:
-    """Where a chart's axes lie in its picture [px]."""
-
-    left: int
-    right: int
-    top: int
-    bottom: int
-
-    def column(self, share: float) -> float:
-        return self.left + share * (self.right - self.left)
-
-    def row(self, share: float) -> float:
-        return self.bottom - share * (self.bottom - self.top)
-
-
-def _put_axes(canvas: UInt8[np.ndarray, "height width 3"], plot: _Plot) -> None:
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        row, column = plot.row(share), plot.column(share)
-        lines = [[[plot.left, row], [plot.right, row]], [[column, plot.top], [column, plot.bottom]]]
-        put_lines(canvas, np.array(lines, dtype=np.float64), _GRID)
-        percent, said = f"{100 * share:.0f} %", f"{share:g}"
-        at = plot.left - text_width(percent, _TEXT_PX - 1) - 5
-        put_text(canvas, percent, at, round(row) + 4, height_px=_TEXT_PX - 1, color=_MUTED)
-        at = round(column) - text_width(said, _TEXT_PX - 1) // 2
-        put_text(canvas, said, at, plot.bottom + 14, height_px=_TEXT_PX - 1, color=_MUTED)
-
-
 def _put_steps(
     canvas: UInt8[np.ndarray, "height width 3"],
-    plot: _Plot,
+    plot: Plot,
     heights: Float[np.ndarray, " num_classes"],
     color: RGB,
 ) -> None:

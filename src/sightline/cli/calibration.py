@@ -1,0 +1,113 @@
+"""`sightline evaluate calibration`: whether a detector's scores tell how often it is right."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from sightline.cli.report import check_writable, deliver
+from sightline.data.atomic import check_replaceable
+
+if TYPE_CHECKING:
+    from sightline.evaluation.calibration_report import CalibrationReport
+
+
+def evaluate_calibration(
+    results: Path,
+    labels: Path,
+    *,
+    sample_list: str | None = None,
+    fit_results: Path | None = None,
+    fit_labels: Path | None = None,
+    fit_list: str | None = None,
+    calibrator: Literal["temperature", "platt", "isotonic", "all"] = "all",
+    target: Literal["precision", "overlap"] = "precision",
+    metric: Literal["bbox", "bev", "3d"] = "bbox",
+    difficulty: Literal["easy", "moderate", "hard"] = "moderate",
+    overlaps: str = "strict",
+    bins: int = 25,
+    min_score: float = 0.0,
+    out: Path | None = None,
+    picture: Path | None = None,
+    json: Path | None = None,
+) -> None:
+    """Measures whether scores tell how often a detection is right: D-ECE, LaECE, oLRP.
+
+    With --fit-results, calibrators are fitted there, on results of sound sensors say, and what
+    they make of the scores is measured, too.
+
+    Args:
+        results: Folder with one result file a frame (16 fields a line), scores from 0 to 1.
+        labels: Folder with one label file a frame (15 fields a line).
+        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name a line. Default: all that have labels.
+        fit_results: Folder of the results to fit calibrators on; frames other than those measured.
+        fit_labels: Their labels. Default: LABELS.
+        fit_list: Which frames to fit on, like --sample-list.
+        calibrator: Which one is fitted.
+        target: What calibrators shall tell: whether a detection is true, or its overlap.
+        metric: Overlap in the image, of bird's-eye rectangles, or of boxes in space.
+        difficulty: KITTI's; what is harder neither counts as found nor as false.
+        overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
+        bins: Of equal width over the scores.
+        min_score: Detections below it are left out.
+        out: Folder for the result files with calibrated scores; needs one --calibrator.
+        picture: PNG for the reliability diagrams.
+        json: File for the whole report.
+    """
+    check_writable(json)
+    if out is not None and (fit_results is None or calibrator == "all"):
+        raise ValueError("--out needs --fit-results and one --calibrator, whose scores are written")
+    if picture is not None:
+        check_replaceable(picture)
+    from sightline.evaluation.calibration import (
+        CalibrationSettings,
+        ScoredFrames,
+        write_calibrated,
+    )
+    from sightline.evaluation.calibration import evaluate_calibration as evaluate
+    from sightline.evaluation.calibrators import CALIBRATORS
+    from sightline.evaluation.kitti_object_rules import parse_overlaps
+
+    measured = ScoredFrames(results_dir=results, labels_dir=labels, sample_list=sample_list)
+    fit_on = None
+    if fit_results is not None:
+        fit_on = ScoredFrames(
+            results_dir=fit_results, labels_dir=fit_labels or labels, sample_list=fit_list
+        )
+    chosen = CALIBRATORS if calibrator == "all" else (calibrator,)
+    report = evaluate(
+        measured,
+        fit_on=fit_on,
+        calibrators=() if fit_on is None else chosen,
+        settings=CalibrationSettings(
+            metric=metric,
+            difficulty=difficulty,
+            overlaps=parse_overlaps(overlaps),
+            num_bins=bins,
+            min_score=min_score,
+            target=target,
+        ),
+        progress=True,
+    )
+    if out is not None and calibrator != "all":
+        print(f"{out}: {write_calibrated(measured, out, report, calibrator)} files")
+    if picture is not None:
+        _write_picture(picture, report)
+    deliver(report, json)
+
+
+def _write_picture(path: Path, report: "CalibrationReport") -> None:
+    """A row of diagrams for each class: the scores as they are, then calibrated."""
+    from sightline.data.image_file import write_rgb
+    from sightline.visualization.reliability import draw_reliability_sheet
+
+    rows = [
+        [
+            (f"{entry.class_name}, {name}", calibration.precision)
+            for name, calibration in entry.calibrations.items()
+        ]
+        for entry in report.entries
+    ]
+    if not rows:
+        raise ValueError("the results hold nothing to draw: leave --picture out")
+    write_rgb(path, draw_reliability_sheet(rows))
+    print(path)

@@ -1,0 +1,271 @@
+"""Calibration of a detector's scores on KITTI's result files, as they are and calibrated.
+
+Which detection is true, false or neither is what KITTI's own matching says (`kitti_object`).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.kitti_labels import KittiObjects, read_results, write_objects
+from sightline.data.problem import FileError
+from sightline.evaluation.calibration_errors import Outcomes, find_outcomes, find_reliability
+from sightline.evaluation.calibration_report import (
+    CalibrationEntry,
+    CalibrationReport,
+    ScoreCalibration,
+)
+from sightline.evaluation.calibrators import Calibrator, CalibratorName, fit_calibrator
+from sightline.evaluation.kitti_object import frame_names, read_frames
+from sightline.evaluation.kitti_object_matching import (
+    MatchingTask,
+    count_by_frame,
+    index_pairs,
+    select,
+)
+from sightline.evaluation.kitti_object_pairs import MatchingData, find_pairs
+from sightline.evaluation.kitti_object_rules import (
+    CLASSES,
+    DIFFICULTIES,
+    METRICS,
+    STRICT,
+    ClassName,
+    ClassOverlaps,
+    Difficulty,
+    Metric,
+    MinimumOverlaps,
+)
+from sightline.evaluation.localization_recall_precision import optimal_lrp
+
+Target = Literal["precision", "overlap"]
+
+_ANY_OVERLAP = ClassOverlaps(bbox=0.0, bev=0.0, box3d=0.0)
+_ANY: Final = MinimumOverlaps(car=_ANY_OVERLAP, pedestrian=_ANY_OVERLAP, cyclist=_ANY_OVERLAP)
+_MAX_BINS = 10_000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CalibrationSettings:
+    """What is measured.
+
+    Raises:
+        ValueError: A number is out of range.
+    """
+
+    metric: Metric = "bbox"
+    difficulty: Difficulty = "moderate"
+    overlaps: MinimumOverlaps = STRICT
+    """What a match must exceed."""
+    num_bins: int = 25
+    """Of equal width over the score; the number of Oksuz et al. 2023."""
+    min_score: float = 0.0
+    """Detections below it are left out."""
+    target: Target = "precision"
+    """What calibrators are fitted to tell: whether a detection is true, or its overlap (0 where it
+    is false), which is what LaECE asks for."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        if not 1 <= self.num_bins <= _MAX_BINS:
+            raise ValueError(f"bins must be 1 to {_MAX_BINS:,}, got {self.num_bins}")
+        if not 0 <= self.min_score < 1:
+            raise ValueError(f"min_score must be at least 0 and below 1, got {self.min_score}")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ScoredFrames:
+    """Result files with their labels."""
+
+    results_dir: Path
+    labels_dir: Path
+    sample_list: Path | str | Sequence[str] | None = None
+    """See `evaluate_objects`."""
+
+
+def evaluate_calibration(
+    data: ScoredFrames,
+    *,
+    fit_on: ScoredFrames | None = None,
+    calibrators: Sequence[CalibratorName] = (),
+    settings: CalibrationSettings | None = None,
+    progress: bool = False,
+) -> CalibrationReport:
+    """D-ECE, LaECE and oLRP of each class, and what calibrators make of the scores.
+
+    Args:
+        data: What is measured.
+        fit_on: What calibrators are fitted on; with `calibrators`, and only then.
+        calibrators: Fitted for each class on its own.
+        settings: What is measured.
+        progress: Whether to show how far it is.
+
+    Raises:
+        ValueError: A score is outside [0, 1], a class has nothing to be fitted on, or what
+            `evaluate_objects` refuses.
+    """
+    settings = settings or CalibrationSettings()
+    if (fit_on is None) != (not calibrators):
+        raise ValueError("calibrators need results to be fitted on, and only they do: give both")
+    measured = _read(data, settings, progress=progress)
+    codes = [
+        code
+        for code in range(len(CLASSES))
+        if measured.strict.is_evaluated[code, METRICS.index(settings.metric)]
+    ]
+    fitted: dict[ClassName, dict[CalibratorName, Calibrator]] = {}
+    if fit_on is not None:
+        sound = _read(fit_on, settings, progress=progress)
+        for code in codes:
+            outcomes = find_outcomes(sound.task(code), settings.min_score)
+            fitted[CLASSES[code]] = _fit(CLASSES[code], outcomes, calibrators, fit_on, settings)
+    entries = tuple(_measure(measured, code, fitted.get(CLASSES[code], {})) for code in codes)
+    return CalibrationReport(
+        frames=measured.strict.num_frames,
+        metric=settings.metric,
+        difficulty=settings.difficulty,
+        min_score=settings.min_score,
+        target=settings.target,
+        entries=entries,
+    )
+
+
+def write_calibrated(
+    data: ScoredFrames, out: Path, report: CalibrationReport, calibrator: CalibratorName
+) -> int:
+    """Writes the result files with calibrated scores; classes that are not in the report stay.
+
+    Returns:
+        Number of files.
+
+    Raises:
+        ValueError: The folder is that of the results, or the calibrator was not fitted.
+    """
+    if out.resolve() == data.results_dir.resolve():
+        raise ValueError(f"{out} holds the results to be calibrated: name another folder")
+    of_class = {
+        entry.class_name.lower(): entry.calibrators[calibrator]
+        for entry in report.entries
+        if calibrator in entry.calibrators
+    }
+    if len(of_class) < len(report.entries):
+        raise ValueError(f"no calibrator {calibrator} was fitted: name one that was")
+    names = frame_names(data.labels_dir, data.sample_list)
+    for name in names:
+        objects = read_results(data.results_dir / f"{name}.txt")
+        assert objects.scores is not None, "result files have scores"
+        scores = objects.scores.copy()
+        classes = np.array([each.lower() for each in objects.class_names])
+        for class_name, function in of_class.items():
+            mine = classes == class_name
+            scores[mine] = function(scores[mine])
+        write_objects(out / f"{name}.txt", replace(objects, scores=scores), decimals=None)
+    return len(names)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Measured:
+    """Frames paired by the overlaps that were asked for, and by any overlap at all."""
+
+    strict: MatchingData
+    loose: MatchingData
+    settings: CalibrationSettings
+
+    def task(self, code: int, *, any_overlap: bool = False) -> MatchingTask:
+        """What matching sees of a class."""
+        settings = self.settings
+        overlaps = _ANY if any_overlap else settings.overlaps
+        data = self.loose if any_overlap else self.strict
+        metric = METRICS.index(settings.metric)
+        return select(
+            data,
+            index_pairs(data),
+            code=code,
+            metric=metric,
+            difficulty=DIFFICULTIES.index(settings.difficulty),
+            min_overlap=float(overlaps.as_array()[code, metric]),
+        )
+
+
+def _read(data: ScoredFrames, settings: CalibrationSettings, *, progress: bool) -> _Measured:
+    frames = read_frames(data.results_dir, data.labels_dir, data.sample_list, progress=progress)
+    names = frame_names(data.labels_dir, data.sample_list)
+    found, labels = zip(*_checked(frames, names, data.results_dir), strict=True)
+    strict = find_pairs(found, labels, settings.overlaps.as_array())
+    loose = find_pairs(found, labels, _ANY.as_array())
+    # Whether a region forgives a detection is no matter of how well it fits an object.
+    loose = replace(loose, detection_forgiven=strict.detection_forgiven)
+    return _Measured(strict=strict, loose=loose, settings=settings)
+
+
+def _checked(
+    frames: Iterator[tuple[KittiObjects, KittiObjects]], names: Sequence[str], folder: Path
+) -> Iterator[tuple[KittiObjects, KittiObjects]]:
+    for name, (found, labels) in zip(names, frames, strict=True):
+        assert found.scores is not None, "result files have scores"
+        beyond = found.scores[(found.scores < 0) | (found.scores > 1)]
+        if len(beyond):
+            raise FileError(
+                folder / f"{name}.txt",
+                f"has a score of {beyond[0]:g}, expected 0 to 1: only such a score can tell how "
+                "often a detection is right",
+                "write probabilities, of logits their sigmoid",
+            )
+        yield found, labels
+
+
+def _targets(outcomes: Outcomes, target: Target) -> Float64[np.ndarray, " num_detections"]:
+    return outcomes.is_true.astype(np.float64) if target == "precision" else outcomes.overlap
+
+
+def _fit(
+    class_name: ClassName,
+    outcomes: Outcomes,
+    names: Sequence[CalibratorName],
+    source: ScoredFrames,
+    settings: CalibrationSettings,
+) -> dict[CalibratorName, Calibrator]:
+    if not len(outcomes.score):
+        raise ValueError(
+            f"{source.results_dir} has no {class_name} that counts at difficulty "
+            f"{settings.difficulty} by {settings.metric} to fit a calibrator on: give results "
+            "that find some"
+        )
+    targets = _targets(outcomes, settings.target)
+    return {name: fit_calibrator(name, outcomes.score, targets) for name in names}
+
+
+def _measure(
+    measured: _Measured, code: int, fitted: dict[CalibratorName, Calibrator]
+) -> CalibrationEntry:
+    settings = measured.settings
+    task = measured.task(code)
+    outcomes = find_outcomes(task, settings.min_score)
+    any_overlap = find_outcomes(measured.task(code, any_overlap=True), settings.min_score)
+
+    def calibration(calibrator: Calibrator | None) -> ScoreCalibration:
+        """Errors of the scores, or of what a calibrator makes of them."""
+        scores = outcomes.score if calibrator is None else calibrator(outcomes.score)
+        loose = any_overlap.score if calibrator is None else calibrator(any_overlap.score)
+        is_true = _targets(outcomes, "precision")
+        return ScoreCalibration(
+            precision=find_reliability(scores, is_true, settings.num_bins),
+            overlap=find_reliability(scores, outcomes.overlap, settings.num_bins),
+            any_overlap=find_reliability(loose, any_overlap.overlap, settings.num_bins),
+        )
+
+    metric = METRICS.index(settings.metric)
+    minimum = float(settings.overlaps.as_array()[code, metric])
+    return CalibrationEntry(
+        class_name=CLASSES[code],
+        n_gt=task.n_gt,
+        n_true=int(outcomes.is_true.sum()),
+        n_false=int((~outcomes.is_true).sum()),
+        lrp=optimal_lrp(count_by_frame(task), task.n_gt, minimum),
+        as_they_are=calibration(None),
+        calibrated={name: calibration(each) for name, each in fitted.items()},
+        calibrators=fitted,
+    )

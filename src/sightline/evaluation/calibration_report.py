@@ -1,0 +1,152 @@
+"""What the evaluation of calibration reports: as JSON and as a table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sightline.evaluation.calibrators import Calibrator, CalibratorName
+from sightline.evaluation.kitti_object_rules import ClassName, Difficulty, Metric
+from sightline.evaluation.localization_recall_precision import OptimalLrp
+from sightline.structures.reliability import Reliability
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ScoreCalibration:
+    """How far one set of scores is from what it should tell; None where nothing counts."""
+
+    precision: Reliability
+    """Against the share of true detections: its error is D-ECE."""
+    overlap: Reliability
+    """Against precision times mean overlap: its error is LaECE."""
+    any_overlap: Reliability
+    """The same where any overlap makes a detection true: LaECE_0 of Kuzucu et al. 2024, "On
+    calibration of object detectors", eq. 7."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Errors, and the reliability behind the first."""
+        bins = zip(
+            self.precision.counts.tolist(),
+            self.precision.mean_score.tolist(),
+            self.precision.mean_target.tolist(),
+            strict=True,
+        )
+        return {
+            "D_ECE": self.precision.error,
+            "LaECE": self.overlap.error,
+            "LaECE_0": self.any_overlap.error,
+            "bins": [
+                {"count": count, "score": score, "precision": share} if count else {"count": 0}
+                for count, score, share in bins
+            ],
+        }
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CalibrationEntry:
+    """The calibration of one class."""
+
+    class_name: ClassName
+    n_gt: int
+    """Labelled objects that count."""
+    n_true: int
+    """Detections that find one."""
+    n_false: int
+    lrp: OptimalLrp | None
+    """Of the scores as they are; what keeps their order keeps it. None without objects."""
+    as_they_are: ScoreCalibration
+    calibrated: Mapping[CalibratorName, ScoreCalibration]
+    calibrators: Mapping[CalibratorName, Calibrator]
+
+    @property
+    def calibrations(self) -> dict[str, ScoreCalibration]:
+        """By what was done to the scores, nothing first."""
+        calibrated: dict[str, ScoreCalibration] = dict(self.calibrated.items())
+        return {"as they are": self.as_they_are, **calibrated}
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry as the report's file has it."""
+        lrp = self.lrp
+        return {
+            "class": self.class_name,
+            "n_gt": self.n_gt,
+            "n_true": self.n_true,
+            "n_false": self.n_false,
+            "oLRP": lrp
+            and {
+                "error": lrp.error,
+                "localization": lrp.localization,
+                "false_positives": lrp.false_positives,
+                "false_negatives": lrp.false_negatives,
+                "threshold": lrp.threshold,
+            },
+            "as_they_are": self.as_they_are.to_json(),
+            "calibrated": {
+                name: {**each.to_json(), "calibrator": self.calibrators[name].to_json()}
+                for name, each in self.calibrated.items()
+            },
+        }
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CalibrationReport:
+    """Calibration of one set of result files; classes without results are absent."""
+
+    frames: int
+    metric: Metric
+    difficulty: Difficulty
+    min_score: float
+    target: str
+    """What calibrators were fitted to tell."""
+    entries: tuple[CalibrationEntry, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The report as its file has it."""
+        return {
+            "frames": self.frames,
+            "metric": self.metric,
+            "difficulty": self.difficulty,
+            "min_score": self.min_score,
+            "target": self.target,
+            "entries": [entry.to_json() for entry in self.entries],
+        }
+
+    def table(self) -> "Table":
+        """A row for each class and what was done to its scores; all in percent; 80 wide."""
+        from rich.box import SIMPLE_HEAD
+        from rich.table import Table
+
+        title = f"calibration by {self.metric}, {self.difficulty}, {self.frames:,} frames, percent"
+        table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for name in ("class", "scores"):
+            table.add_column(name, no_wrap=True)
+        for name in ("D-ECE", "LaECE", "LaECE0", "oLRP", "Loc", "FP", "FN", "boxes"):
+            table.add_column(name, justify="right", no_wrap=True)
+        for entry in self.entries:
+            last = len(entry.calibrated)
+            for row, (name, each) in enumerate(entry.calibrations.items()):
+                errors = (each.precision.error, each.overlap.error, each.any_overlap.error)
+                table.add_row(
+                    entry.class_name if row == 0 else "",
+                    name,
+                    *map(_percentage, errors),
+                    *(_counts(entry) if row == 0 else [""] * 5),
+                    end_section=row == last,
+                )
+        return table
+
+
+def _counts(entry: CalibrationEntry) -> list[str]:
+    lrp = entry.lrp
+    errors = (
+        (lrp.error, lrp.localization, lrp.false_positives, lrp.false_negatives)
+        if lrp
+        else (None,) * 4
+    )
+    return [*map(_percentage, errors), f"{entry.n_true + entry.n_false:,}"]
+
+
+def _percentage(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.1f}"

@@ -1,0 +1,1 @@
+"""How well sensors work, told from what they deliver, without a model of it."""

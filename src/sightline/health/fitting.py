@@ -1,0 +1,91 @@
+"""Limits from clean data: what is usual of sensors like these."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import open_dataset
+from sightline.data.progress import track
+from sightline.health import alignment_checks, camera_checks, lidar_checks
+from sightline.health.alignment_checks import AlignmentChecks, check_alignment
+from sightline.health.camera_checks import CameraChecks, check_camera
+from sightline.health.lidar_checks import LidarChecks, check_lidar
+from sightline.health.limits import HealthLimits, fit_limits
+from sightline.health.monitor import rgb_of, seen_by_camera
+from sightline.health.yaw_error import match_edges
+from sightline.structures.sample import CameraLidarSample
+
+
+def fit_on_dataset(
+    data: Path,
+    *,
+    sample_list: str | None = None,
+    velodyne: Velodyne = "velodyne",
+    frames: int = 400,
+    seed: int = 0,
+    transfer: bool = False,
+) -> HealthLimits:
+    """Limits fitted on frames of sound sensors, drawn without replacement where there are more.
+
+    Args:
+        data: KITTI object tree or raw drive, of sensors like those that are to be judged.
+        sample_list: Which frames it is drawn from; None: all.
+        velodyne: Folder of the sweeps in an object tree: whole ones, where whole ones are judged.
+        frames: How many, at most.
+        seed: Of the drawing.
+        transfer: Whether the limits shall serve sensors of other makes, too; see `fit_limits`.
+
+    Raises:
+        ValueError: The data is at fault, a frame lacks a sensor, or there are too few frames.
+    """
+    dataset = open_dataset(
+        data, sample_list=sample_list, velodyne=velodyne, parts={"image", "points"}
+    )
+    drawn = np.random.default_rng(seed).permutation(len(dataset))[:frames]
+    samples = (dataset[int(index)] for index in np.sort(drawn))
+    provenance: dict[str, str | int] = {
+        "data": data.resolve().name,
+        "sample_list": sample_list or "all",
+        "sweeps": velodyne,
+        "frames": len(drawn),
+        "seed": seed,
+        "transfer": int(transfer),
+    }
+    shown = track(samples, description="looking at clean frames", total=len(drawn))
+    return fit_on_samples(shown, provenance, transfer=transfer)
+
+
+def fit_on_samples(
+    samples: Iterable[CameraLidarSample],
+    provenance: Mapping[str, str | int],
+    *,
+    transfer: bool = False,
+) -> HealthLimits:
+    """Limits fitted on samples of sound sensors.
+
+    Raises:
+        ValueError: A sample lacks a sensor, or there are too few.
+    """
+    camera: list[CameraChecks] = []
+    lidar: list[LidarChecks] = []
+    alignment: list[AlignmentChecks] = []
+    for sample in samples:
+        image = rgb_of(sample)
+        if image is None or sample.points is None:
+            raise ValueError(
+                f"sample {sample.sample_id} lacks a sensor: limits are fitted on frames that have "
+                "both"
+            )
+        camera.append(check_camera(image))
+        lidar.append(check_lidar(sample.points.numpy(), seen_by_camera(sample)))
+        match = match_edges(sample)
+        if match is not None:
+            alignment.append(check_alignment(match))
+    return HealthLimits(
+        camera=fit_limits(camera, camera_checks.LEAST_SPREADS, transfer=transfer),
+        lidar=fit_limits(lidar, lidar_checks.LEAST_SPREADS, transfer=transfer),
+        alignment=fit_limits(alignment, alignment_checks.LEAST_SPREADS, transfer=transfer),
+        provenance=provenance,
+    )

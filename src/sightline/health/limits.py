@@ -1,0 +1,178 @@
+"""What is usual of sound sensors: fitted on clean data, kept in a small file."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from sightline.data.atomic import atomic_write_text
+from sightline.data.plain_file import read_bytes
+from sightline.data.problem import FileError
+from sightline.health.alignment_checks import AlignmentChecks
+from sightline.health.camera_checks import CameraChecks
+from sightline.health.lidar_checks import LidarChecks
+from sightline.structures.health import Health
+
+Checks = CameraChecks | LidarChecks | AlignmentChecks
+
+FALSE_ALARMS: Final = 0.01
+"""Share of sound frames whose score is below `ALARM_SCORE`."""
+SHIPPED: Final = Path(__file__).with_name("limits.json")
+"""Limits fitted on simulated frames; the file says which."""
+
+_UNUSUAL = 0.99  # quantile of sound frames that a check's numbers are measured by
+_OWN_SHARE = 0.1
+_FEWEST_FRAMES = 100  # from which one in a hundred can be told
+_MAX_BYTES = 2**20
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CheckRange:
+    """What is usual of one check."""
+
+    median: float
+    spread: float
+    """From the median to what one sound frame in a hundred exceeds."""
+
+    def excess(self, value: float) -> float:
+        """How far a number lies on the bad side of the median, in spreads."""
+        return max((value - self.median) / self.spread, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SensorLimits:
+    """What is usual of all checks of a sensor together."""
+
+    checks: Mapping[str, CheckRange]
+    limit: float
+    """The largest excess of a frame's checks that so many sound frames stay below."""
+
+    def judge(self, checks: Checks) -> Health:
+        """2 to the power of minus the largest excess over the limit; 0 where it is infinite.
+
+        A check that could not be made (NaN) says nothing.
+        """
+        excesses = {
+            name: self.checks[name].excess(value)
+            for name, value in checks._asdict().items()
+            if not math.isnan(value)
+        }
+        worst = max(excesses, key=excesses.__getitem__)
+        return Health(score=2.0 ** -(excesses[worst] / self.limit), worst_check=worst)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HealthLimits:
+    """Limits of all that is judged, and what they were fitted on."""
+
+    camera: SensorLimits
+    lidar: SensorLimits
+    alignment: SensorLimits
+    provenance: Mapping[str, str | int]
+
+
+def fit_limits(
+    rows: Sequence[Checks], least_spreads: Checks, *, transfer: bool = False
+) -> SensorLimits:
+    """Limits that one sound frame in a hundred goes beyond.
+
+    Each check is measured from its median in spreads; what counts is the largest of a frame. The
+    limit is the quantile of that over the frames, 1 at the least, so the share of false alarms is
+    that of all checks together.
+
+    Args:
+        rows: The checks of sound frames.
+        least_spreads: What a check's spread is at the least where `transfer` is set, and a tenth of
+            it is otherwise: a number that hardly changed in so few frames may do so.
+        transfer: Whether the limits shall serve sensors of other makes, too.
+
+    Raises:
+        ValueError: There are too few frames to tell.
+    """
+    if len(rows) < _FEWEST_FRAMES:
+        raise ValueError(
+            f"limits need at least {_FEWEST_FRAMES} clean frames, got {len(rows)}: one in a "
+            "hundred cannot be told from fewer"
+        )
+    names = rows[0]._fields
+    values = np.array(rows, dtype=np.float64)
+    median = np.median(values, axis=0)
+    least = np.array(least_spreads) * (1.0 if transfer else _OWN_SHARE)
+    spread = np.maximum(np.quantile(values, _UNUSUAL, axis=0) - median, least)
+    ranges = {
+        name: CheckRange(median=float(middle), spread=float(width))
+        for name, middle, width in zip(names, median, spread, strict=True)
+    }
+    largest = np.maximum((values - median) / spread, 0).max(axis=1)
+    limit = float(np.quantile(largest, 1 - FALSE_ALARMS))
+    return SensorLimits(checks=ranges, limit=max(1.0, limit))
+
+
+def write_limits(path: Path, limits: HealthLimits) -> None:
+    """Writes limits as JSON; the file appears whole or not at all."""
+    sensors = {
+        name: {
+            "limit": each.limit,
+            "checks": {
+                check: {"median": of.median, "spread": of.spread}
+                for check, of in each.checks.items()
+            },
+        }
+        for name, each in _by_sensor(limits).items()
+    }
+    content = {"provenance": dict(limits.provenance), **sensors}
+    atomic_write_text(path, json.dumps(content, indent=1) + "\n")
+
+
+def read_limits(path: Path = SHIPPED) -> HealthLimits:
+    """Reads limits; by default those that come with Sightline.
+
+    Raises:
+        FileError: The file holds no limits, or those of other checks.
+    """
+    remedy = "write limits by `sightline health fit`"
+    data = read_bytes(path, max_bytes=_MAX_BYTES, remedy=remedy)
+    try:
+        content = json.loads(data)
+        return HealthLimits(
+            camera=_sensor_limits(content["camera"], CameraChecks._fields),
+            lidar=_sensor_limits(content["lidar"], LidarChecks._fields),
+            alignment=_sensor_limits(content["alignment"], AlignmentChecks._fields),
+            provenance=content["provenance"],
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(path, f"holds no limits of these checks ({error})", remedy) from error
+
+
+def _by_sensor(limits: HealthLimits) -> dict[str, SensorLimits]:
+    return {"camera": limits.camera, "lidar": limits.lidar, "alignment": limits.alignment}
+
+
+def _sensor_limits(content: Mapping[str, Any], names: Sequence[str]) -> SensorLimits:
+    if set(content["checks"]) != set(names):
+        raise ValueError(f"expected checks {', '.join(names)}")
+    ranges = {
+        name: CheckRange(
+            median=_finite(content["checks"][name]["median"]),
+            spread=_positive(content["checks"][name]["spread"]),
+        )
+        for name in names
+    }
+    return SensorLimits(checks=ranges, limit=_positive(content["limit"]))
+
+
+def _finite(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"expected a number, got {value}")
+    return float(value)
+
+
+def _positive(value: object) -> float:
+    number = _finite(value)
+    if number <= 0:
+        raise ValueError(f"expected a number above 0, got {number}")
+    return number

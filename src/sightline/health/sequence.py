@@ -1,0 +1,104 @@
+"""The health of a drive's sensors: alarms that neither flicker nor come late."""
+
+from dataclasses import dataclass
+
+from sightline.health.monitor import HealthMonitor
+from sightline.health.yaw_error import EdgeMatch, match_edges
+from sightline.structures.health import ALARM_SCORE, Alarms, FrameHealth, Health
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HysteresisConfig:
+    """When an alarm is raised, and when it is taken back.
+
+    Raises:
+        ValueError: A number is out of range.
+    """
+
+    raise_after: int = 2
+    """Frames in a row below `ALARM_SCORE`; a sensor that is absent raises it at once."""
+    clear_after: int = 5
+    """Frames in a row at `clear_score` or more."""
+    clear_score: float = 0.55
+    """Above `ALARM_SCORE`, so that an alarm does not come and go about one score."""
+    memory: float = 0.8
+    """What edges matched before count for in the alignment, from each frame to the next: 0.8 is
+    five frames or so."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        if self.raise_after < 1 or self.clear_after < 1:
+            raise ValueError(
+                f"alarms are raised and cleared after at least 1 frame, got {self.raise_after} and "
+                f"{self.clear_after}"
+            )
+        if not ALARM_SCORE <= self.clear_score <= 1:
+            raise ValueError(f"clear_score must be from {ALARM_SCORE} to 1, got {self.clear_score}")
+        if not 0 <= self.memory < 1:
+            raise ValueError(f"memory must be at least 0 and below 1, got {self.memory}")
+
+
+class Alarm:
+    """One alarm with hysteresis."""
+
+    def __init__(self, config: HysteresisConfig) -> None:
+        """Starts without an alarm."""
+        self.config = config
+        self.is_on = False
+        self._in_a_row = 0
+
+    def update(self, health: Health | None) -> None:
+        """Takes the next frame's health, None where it cannot be told."""
+        if health is None:
+            self._in_a_row = 0
+            return
+        config = self.config
+        if health.score == 0:
+            self._in_a_row = config.raise_after
+        against = health.score >= config.clear_score if self.is_on else health.is_alarm
+        self._in_a_row = self._in_a_row + 1 if against else 0
+        needed = config.clear_after if self.is_on else config.raise_after
+        if self._in_a_row >= needed:
+            self.is_on, self._in_a_row = not self.is_on, 0
+
+
+class DriveMonitor:
+    """Judges the frames of a drive in their order.
+
+    Camera and LiDAR are judged by each frame, the alignment by the edges of the last ones together:
+    one frame's may mislead.
+    """
+
+    def __init__(
+        self, monitor: HealthMonitor | None = None, config: HysteresisConfig | None = None
+    ) -> None:
+        """Starts a drive.
+
+        Args:
+            monitor: None: by the limits that come with Sightline.
+            config: Of the alarms.
+        """
+        self.monitor = monitor or HealthMonitor()
+        self.config = config or HysteresisConfig()
+        self._alarms = tuple(Alarm(self.config) for _ in range(3))
+        self._match: EdgeMatch | None = None
+
+    @property
+    def alarms(self) -> Alarms:
+        """Those that are on after the last frame."""
+        camera, lidar, alignment = (alarm.is_on for alarm in self._alarms)
+        return Alarms(camera=camera, lidar=lidar, alignment=alignment)
+
+    def __call__(self, sample: CameraLidarSample) -> FrameHealth:
+        """The health of the drive's next frame."""
+        match = match_edges(sample)
+        if match is not None and self._match is not None:
+            match = match + self._match.faded(self.config.memory)
+        health = self.monitor.judge(sample, match)
+        if health.alignment is not None:  # bad sensors' edges are not kept
+            self._match = match
+        judged = (health.camera, health.lidar, health.alignment)
+        for alarm, each in zip(self._alarms, judged, strict=True):
+            alarm.update(each)
+        return FrameHealth(health=health, alarms=self.alarms)

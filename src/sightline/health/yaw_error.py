@@ -1,0 +1,231 @@
+"""How far the LiDAR has turned against the camera, told by where depth and image have edges.
+
+In the manner of Levinson and Thrun 2013, "Automatic online calibration of cameras and lasers":
+where the range jumps along a ring there is the side of an object, and its edge in the image is
+looked for at every angle of a grid. Without a network and without any target.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64, UInt8
+
+from sightline.health.sphere import to_sphere
+from sightline.ops.compiled import compiled
+from sightline.structures.sample import CameraLidarSample
+
+LARGEST_DEG = 3.0
+"""Turns up to here are found."""
+_STEP_DEG = 0.05
+_ANGLES_DEG = np.linspace(-4.0, 4.0, 161)  # beyond the largest, so that its peak is whole
+_BLURS_PX = (12.0, 4.0, 1.5)  # of the image's edges, coarse to fine
+_WINDOWS_DEG = (0.8, 0.3)  # about the last peak, in which the next finer one is looked for
+_JUMP_M = 0.5  # of range between neighbours on a ring
+_JUMP_SHARE = 0.07  # likewise, of the nearer one's range
+_WIDEST_STEP = 4.0  # typical steps of azimuth, beyond which points are no neighbours
+_NEIGHBOURHOOD_PX = (81, 41)  # width, height of what an edge is compared with
+_FEWEST_EDGES = 30
+_MARGIN_SHARE = 0.15  # of the image's width, beyond its borders
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class EdgeMatch:
+    """How well the edges of one or more frames match at each angle of the grid, coarse to fine."""
+
+    curves: Float64[np.ndarray, "num_blurs num_angles"]
+    num_edges: int
+    """Edges of depth that were looked for."""
+
+    def __add__(self, other: "EdgeMatch") -> "EdgeMatch":
+        """Of the frames of both."""
+        return EdgeMatch(
+            curves=self.curves + other.curves, num_edges=self.num_edges + other.num_edges
+        )
+
+    def faded(self, share: float) -> "EdgeMatch":
+        """With a share of its weight: what was long ago counts less than what is now."""
+        return replace(self, curves=share * self.curves)
+
+
+class YawEstimate(NamedTuple):
+    """The LiDAR's turn about its z axis that the calibration knows nothing of."""
+
+    yaw_deg: float
+    """Counter-clockwise, as `data.faults.TurnedLidar` has it."""
+    prominence: float
+    """How far the match at its peak stands out of the curve, in standard deviations of it."""
+
+
+def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
+    """Matches the edges of one frame; about 20 ms on one core for KITTI's size.
+
+    Returns:
+        None where a sensor is absent, or too few edges of depth are in view.
+    """
+    if sample.image is None or sample.points is None:
+        return None
+    image_from_lidar = sample.calibration.image_from_lidar.double().numpy()
+    points, weights = find_depth_edges(
+        _near_view(sample.points.numpy(), image_from_lidar, sample.image_size)
+    )
+    if len(points) < _FEWEST_EDGES:
+        return None
+    image = np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())
+    sharp = _edge_strength(image)
+    angles = np.radians(_ANGLES_DEG)
+    curves = [
+        _mean_strength(
+            points,
+            weights,
+            image_from_lidar,
+            cv2.GaussianBlur(sharp, (0, 0), blur, sigmaY=1),
+            angles,
+        )
+        for blur in _BLURS_PX
+    ]
+    return EdgeMatch(curves=np.stack(curves), num_edges=len(points))
+
+
+def estimate_yaw(match: EdgeMatch) -> YawEstimate:
+    """The angle at which edges match best: the coarse map's peak, then those of finer ones near it.
+
+    A peak lies between the angles of the grid where a parabola through three of them has its top.
+    """
+    yaw_deg, reach_deg = 0.0, math.inf
+    for curve, next_reach in zip(match.curves, (*_WINDOWS_DEG, 0.0), strict=True):
+        near = np.abs(_ANGLES_DEG - yaw_deg) <= reach_deg
+        best = int(np.where(near, curve, -np.inf).argmax())
+        yaw_deg = float(_ANGLES_DEG[best]) + _STEP_DEG * _parabola_top(curve, best)
+        reach_deg = next_reach
+    coarse = match.curves[0]
+    spread = float(coarse.std())
+    prominence = float(coarse.max() - coarse.mean()) / spread if spread else 0.0
+    return YawEstimate(yaw_deg=yaw_deg, prominence=prominence)
+
+
+def match_at_zero(match: EdgeMatch) -> float:
+    """How far the match without a turn stays behind the best one, in deviations of the curve.
+
+    Of the middle of the blurs: the finest has peaks of chance, the coarsest hardly one.
+    """
+    curve = match.curves[len(match.curves) // 2]
+    spread = float(curve.std())
+    behind = float(curve.max() - np.interp(0.0, _ANGLES_DEG, curve))
+    return behind / spread if spread else 0.0
+
+
+def estimate_yaw_of(samples: Iterable[CameraLidarSample]) -> YawEstimate | None:
+    """The turn that all frames have in common; None where none of them tells anything."""
+    total: EdgeMatch | None = None
+    for sample in samples:
+        match = match_edges(sample)
+        if match is not None:
+            total = match if total is None else total + match
+    return None if total is None else estimate_yaw(total)
+
+
+def find_depth_edges(
+    points: Float32[np.ndarray, "num_points 4"],
+) -> tuple[Float64[np.ndarray, "num_edges 3"], Float64[np.ndarray, " num_edges"]]:
+    """Sides of objects, where the range jumps from one point to the next on a ring.
+
+    The place [m] is that of the nearer point, half a step of azimuth towards the farther one; the
+    weight is the logarithm of the ratio of both ranges, at most 1.
+
+    Args:
+        points: In KITTI's order, ring by ring.
+    """
+    if len(points) < 2:
+        return np.zeros((0, 3)), np.zeros(0)
+    ranges, azimuth_deg, _ = to_sphere(points)
+    steps = np.abs(np.diff(azimuth_deg))
+    nearer = np.minimum(ranges[1:], ranges[:-1])
+    jumps = np.abs(np.diff(ranges)) > np.maximum(_JUMP_M, _JUMP_SHARE * nearer)
+    first = np.flatnonzero(jumps & (steps < _WIDEST_STEP * np.median(steps)) & (nearer > 0))
+    front = np.where(ranges[first] < ranges[first + 1], first, first + 1)
+    azimuth = np.radians((azimuth_deg[first] + azimuth_deg[first + 1]) / 2)
+    flat = np.hypot(points[front, 0], points[front, 1])
+    places = np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), points[front, 2]), axis=1)
+    ratio = np.maximum(ranges[first], ranges[first + 1]) / nearer[first]
+    return places.astype(np.float64), np.minimum(np.log(ratio), 1.0).astype(np.float64)
+
+
+def _near_view(
+    points: Float32[np.ndarray, "num_points 4"],
+    image_from_lidar: Float64[np.ndarray, "3 4"],
+    image_size: tuple[int, int],
+) -> Float32[np.ndarray, "num_near 4"]:
+    """Those that some turn of the grid brings into the image: of a whole sweep, a quarter."""
+    height, width = image_size
+    matrix = image_from_lidar.astype(np.float32)
+    x, y, depth = matrix[:, :3] @ points[:, :3].T + matrix[:, 3:]
+    margin = _MARGIN_SHARE * width
+    near: Float32[np.ndarray, "num_near 4"] = points[
+        (depth > 0)
+        & (x > -margin * depth)
+        & (x < (width + margin) * depth)
+        & (y > -margin * depth)
+        & (y < (height + margin) * depth)
+    ]
+    return near
+
+
+def _edge_strength(
+    image: UInt8[np.ndarray, "height width 3"],
+) -> Float32[np.ndarray, "height width"]:
+    """Root of the horizontal gradient over its mean round about, so that faint sides count too."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    slope = cv2.Sobel(cv2.GaussianBlur(grey, (0, 0), 1), cv2.CV_32F, 1, 0)
+    strength = np.sqrt(np.abs(slope))
+    even: Float32[np.ndarray, "height width"]
+    even = strength / (cv2.blur(strength, _NEIGHBOURHOOD_PX) + 1)
+    return even
+
+
+def _parabola_top(curve: Float64[np.ndarray, " num_angles"], best: int) -> float:
+    """Where the parabola through a peak and its neighbours has its top, in steps from the peak."""
+    if not 0 < best < len(curve) - 1:
+        return 0.0
+    before, at, after = curve[best - 1 : best + 2]
+    bend = before - 2 * at + after
+    return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+
+
+@compiled
+def _mean_strength(
+    points: Float64[np.ndarray, "num_edges 3"],
+    weights: Float64[np.ndarray, " num_edges"],
+    image_from_lidar: Float64[np.ndarray, "3 4"],
+    strength: Float32[np.ndarray, "height width"],
+    angles: Float64[np.ndarray, " num_angles"],
+) -> Float64[np.ndarray, " num_angles"]:
+    """For each turn [rad] the mean strength where the points fall once it is undone."""
+    height, width = strength.shape
+    matrix = image_from_lidar
+    means = np.zeros(len(angles))
+    for number in range(len(angles)):
+        cosine, sine = np.cos(angles[number]), np.sin(angles[number])
+        total, weight = 0.0, 0.0
+        for i in range(len(points)):
+            x = cosine * points[i, 0] + sine * points[i, 1]
+            y = cosine * points[i, 1] - sine * points[i, 0]
+            z = points[i, 2]
+            depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z + matrix[2, 3]
+            if depth < 1.0:
+                continue
+            u = (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z + matrix[0, 3]) / depth
+            v = (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z + matrix[1, 3]) / depth
+            left, row = int(np.floor(u)), int(np.floor(v + 0.5))
+            if left < 0 or left >= width - 1 or row < 0 or row >= height:
+                continue
+            share = u - left
+            here = (1 - share) * strength[row, left] + share * strength[row, left + 1]
+            total += weights[i] * here
+            weight += weights[i]
+        if weight > 0:
+            means[number] = total / weight
+    return means

@@ -1,0 +1,45 @@
+"""How often detections of a score are right."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Reliability:
+    """Detections by score, in bins of equal width over [0, 1]; a bin holds its lower edge.
+
+    Raises:
+        ValueError: The columns are not of one length.
+    """
+
+    counts: Int64[np.ndarray, " num_bins"]
+    mean_score: Float64[np.ndarray, " num_bins"]
+    """NaN where the bin is empty."""
+    mean_target: Float64[np.ndarray, " num_bins"]
+    """What the score should have told: the share of true detections, or their mean overlap times
+    that share. NaN where the bin is empty."""
+
+    def __post_init__(self) -> None:
+        """Checks that the columns belong together."""
+        if not len(self.counts) == len(self.mean_score) == len(self.mean_target):
+            raise ValueError(
+                f"bins need columns of one length, got {len(self.counts)}, {len(self.mean_score)} "
+                f"and {len(self.mean_target)}"
+            )
+
+    @property
+    def num_bins(self) -> int:
+        """Number of bins."""
+        return len(self.counts)
+
+    @property
+    def error(self) -> float | None:
+        """Mean distance of score and target over the bins, by their counts; None without any."""
+        filled = self.counts > 0
+        total = int(self.counts.sum())
+        if total == 0:
+            return None
+        distances = np.abs(self.mean_score[filled] - self.mean_target[filled])
+        return float(self.counts[filled] @ distances) / total

@@ -1,0 +1,69 @@
+"""The frame of a chart of shares: its axes, its title."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import UInt8
+
+from sightline.visualization.canvas import put_lines
+from sightline.visualization.colors import RGB
+from sightline.visualization.lettering import put_text, text_width
+
+BACKGROUND: RGB = (22, 25, 30)
+GRID: RGB = (64, 70, 80)
+TEXT: RGB = (222, 225, 230)
+MUTED: RGB = (150, 156, 166)
+AXIS_TEXT_PX = 9
+
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Where grid lines are."""
+SHARE_COLUMNS = tuple((share, f"{share:g}") for share in SHARES)
+"""Their places and what they stand for."""
+PERCENT_ROWS = tuple((share, f"{100 * share:.0f} %") for share in SHARES)
+"""Likewise, in percent."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Plot:
+    """Where a chart's axes, both from 0 to 1, lie in its picture [px]."""
+
+    left: int
+    right: int
+    top: int
+    bottom: int
+
+    def column(self, share: float) -> float:
+        """Of a share along the horizontal axis."""
+        return self.left + share * (self.right - self.left)
+
+    def row(self, share: float) -> float:
+        """Of a share along the vertical axis."""
+        return self.bottom - share * (self.bottom - self.top)
+
+
+def put_axes(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    plot: Plot,
+    *,
+    columns: Sequence[tuple[float, str]] = SHARE_COLUMNS,
+    rows: Sequence[tuple[float, str]] = PERCENT_ROWS,
+) -> None:
+    """Draws the grid; beside its rows and below its columns stands what they are for."""
+    for share, said in rows:
+        row = plot.row(share)
+        segment = np.array([[[plot.left, row], [plot.right, row]]], dtype=np.float64)
+        put_lines(canvas, segment, GRID)
+        at = plot.left - text_width(said, AXIS_TEXT_PX - 1) - 5
+        put_text(canvas, said, at, round(row) + 4, height_px=AXIS_TEXT_PX - 1, color=MUTED)
+    for share, said in columns:
+        column = plot.column(share)
+        segment = np.array([[[column, plot.top], [column, plot.bottom]]], dtype=np.float64)
+        put_lines(canvas, segment, GRID)
+        at = round(column) - text_width(said, AXIS_TEXT_PX - 1) // 2
+        put_text(canvas, said, at, plot.bottom + 14, height_px=AXIS_TEXT_PX - 1, color=MUTED)
+
+
+def put_title(canvas: UInt8[np.ndarray, "height width 3"], plot: Plot, title: str) -> None:
+    """Writes a title above the plot's left edge."""
+    put_text(canvas, title, plot.left, plot.top - 9, height_px=AXIS_TEXT_PX + 1, color=TEXT)

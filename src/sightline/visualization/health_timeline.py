@@ -1,0 +1,158 @@
+"""The health of a drive's sensors, drawn over its frames."""
+
+import itertools
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float64, UInt8
+
+from sightline.structures.health import ALARM_SCORE, FrameHealth, Health
+from sightline.visualization.canvas import put_lines
+from sightline.visualization.chart import AXIS_TEXT_PX, BACKGROUND, MUTED, Plot, put_axes, put_title
+from sightline.visualization.colors import RGB
+from sightline.visualization.lettering import put_text, text_width
+from sightline.visualization.shares import lay_shares, put_share_legend
+
+_WIDTH = 1000
+_CHART_HEIGHT = 150
+_MARGINS_PX = (52, 20, 28, 26)  # left, right, above, below
+_LINE: RGB = (86, 180, 233)
+_YAW: RGB = (20, 190, 140)
+_ALARM: RGB = (190, 40, 40)
+_LIMIT: RGB = (230, 120, 40)
+_LARGEST_YAW_DEG = 4.0
+_MAP_HEIGHT = 150
+_NUM_TICKS = 6
+
+
+def draw_health(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
+    """Scores and alarms of camera, LiDAR and alignment, the yaw error, and where sensors were bad.
+
+    Red is where the alarm is on; the orange line is the score below which a look says so. The maps
+    at the foot tell in what share of the frames a part of the image, or of what lies ahead of the
+    LiDAR, showed nothing.
+
+    Args:
+        frames: At least one, in the order of the drive.
+    """
+    healths = [frame.health for frame in frames]
+    alarms = [frame.alarms for frame in frames]
+    series = (
+        ("camera", [each.camera for each in healths], [each.camera for each in alarms]),
+        ("LiDAR", [each.lidar for each in healths], [each.lidar for each in alarms]),
+        ("alignment", [each.alignment for each in healths], [each.alignment for each in alarms]),
+    )
+    charts = [_score_chart(frames, *each) for each in series]
+    return np.concatenate((*charts, _yaw_chart(frames), _maps(frames)))
+
+
+def _blank(height: int) -> UInt8[np.ndarray, "height width 3"]:
+    return np.full((height, _WIDTH, 3), BACKGROUND, np.uint8)
+
+
+def _plot() -> Plot:
+    left, right, above, below = _MARGINS_PX
+    return Plot(left=left, right=_WIDTH - right, top=above, bottom=_CHART_HEIGHT - below)
+
+
+def _place(number: int, count: int) -> float:
+    """Of the middle of a frame on the horizontal axis, as a share."""
+    return (number + 0.5) / count
+
+
+def _ticks(frames: Sequence[FrameHealth]) -> list[tuple[float, str]]:
+    count = len(frames)
+    chosen = np.unique(np.linspace(0, count - 1, min(_NUM_TICKS, count)).astype(np.int64))
+    names = [frames[int(n)].health.sample_id.lstrip("0") or "0" for n in chosen]
+    return [(_place(int(n), count), name) for n, name in zip(chosen, names, strict=True)]
+
+
+def _score_chart(
+    frames: Sequence[FrameHealth],
+    name: str,
+    healths: Sequence[Health | None],
+    alarms: Sequence[bool],
+) -> UInt8[np.ndarray, "height width 3"]:
+    canvas, plot, count = _blank(_CHART_HEIGHT), _plot(), len(frames)
+    for number in np.flatnonzero(alarms):
+        start, end = (round(plot.column(edge / count)) for edge in (number, number + 1))
+        area = canvas[plot.top : plot.bottom, start : max(end, start + 1)]
+        area[:] = np.rint(0.45 * np.array(_ALARM) + 0.55 * area)
+    put_axes(canvas, plot, columns=_ticks(frames))
+    limit = [[[plot.left, plot.row(ALARM_SCORE)], [plot.right, plot.row(ALARM_SCORE)]]]
+    put_lines(canvas, np.array(limit, dtype=np.float64), _LIMIT)
+    _put_series(canvas, plot, [None if each is None else each.score for each in healths], _LINE)
+    put_title(canvas, plot, name)
+    return canvas
+
+
+def _yaw_chart(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
+    canvas, plot = _blank(_CHART_HEIGHT), _plot()
+    marks = [(0.5 + deg / (2 * _LARGEST_YAW_DEG), f"{deg:+.0f}") for deg in (-4, -2, 0, 2, 4)]
+    put_axes(canvas, plot, columns=_ticks(frames), rows=marks)
+    shares = [
+        None
+        if frame.health.yaw_deg is None
+        else float(np.clip(0.5 + frame.health.yaw_deg / (2 * _LARGEST_YAW_DEG), 0, 1))
+        for frame in frames
+    ]
+    _put_series(canvas, plot, shares, _YAW)
+    put_title(canvas, plot, "yaw of the LiDAR against the camera, degrees")
+    return canvas
+
+
+def _put_series(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    plot: Plot,
+    shares: Sequence[float | None],
+    color: RGB,
+) -> None:
+    """A line from frame to frame, with a dot for each; both left out where there is no value."""
+    count = len(shares)
+    places = [
+        None if share is None else (plot.column(_place(n, count)), plot.row(share))
+        for n, share in enumerate(shares)
+    ]
+    for first, second in itertools.pairwise(places):
+        if first is not None and second is not None:
+            put_lines(canvas, np.array([[first, second]]), color, width_px=2)
+    for place in places:
+        if place is not None:
+            center = (round(place[0]), round(place[1]))
+            cv2.circle(canvas, center, 2, color, -1, cv2.LINE_AA)
+
+
+def _maps(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
+    canvas = _blank(_MAP_HEIGHT)
+    titles = ("image: share of the frames that show nothing", "ahead of the LiDAR: likewise")
+    series = (
+        [frame.health.camera_regions for frame in frames],
+        [frame.health.lidar_regions for frame in frames],
+    )
+    left, right, above, below = _MARGINS_PX
+    width = (_WIDTH - left - right - 20) // 2
+    for number, (title, regions) in enumerate(zip(titles, series, strict=True)):
+        at = left + number * (width + 20)
+        area = canvas[above : _MAP_HEIGHT - below, at : at + width]
+        area[:] = lay_shares(np.full_like(area, 255), _mean_regions(regions))
+        put_text(canvas, title, at, above - 9, height_px=AXIS_TEXT_PX, color=MUTED)
+    put_share_legend(
+        canvas, "never", "always", right=_WIDTH - right, top=_MAP_HEIGHT - below + 9, color=MUTED
+    )
+    said = "left to right as the car sees it"
+    at = _WIDTH - right - 260 - text_width(said, AXIS_TEXT_PX)
+    put_text(canvas, said, at, _MAP_HEIGHT - below + 18, height_px=AXIS_TEXT_PX, color=MUTED)
+    return canvas
+
+
+def _mean_regions(
+    regions: Sequence[Bool[np.ndarray, "_ _"]],
+) -> Float64[np.ndarray, "mean_rows mean_columns"]:
+    """Their mean, those of other shapes stretched to the finest: an absent sensor has one cell."""
+    finest = max(regions, key=lambda each: each.size).shape
+    size = (int(finest[1]), int(finest[0]))
+    stretched = [
+        cv2.resize(each.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) for each in regions
+    ]
+    return np.asarray(np.mean(stretched, axis=0), dtype=np.float64)

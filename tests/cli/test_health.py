@@ -1,0 +1,57 @@
+import json
+import shutil
+
+import cv2
+import pytest
+
+from sightline.cli.main import main
+from sightline.simulation.packaged import PACKAGED_FRAMES
+
+
+def test_a_drive_is_printed_drawn_and_written(tmp_path, capsys):
+    picture, report = tmp_path / "health.png", tmp_path / "health.json"
+    given = ["health", str(PACKAGED_FRAMES), "--picture", str(picture), "--json", str(report)]
+    assert main(given) == 0
+    out = capsys.readouterr().out
+    assert "000000" in out
+    assert "000001" in out
+    frames = json.loads(report.read_text())["frames"]
+    assert [frame["frame"] for frame in frames] == ["000000", "000001"]
+    assert all(frame["alarms"] == dict.fromkeys(frame["alarms"], False) for frame in frames)
+    assert cv2.imread(str(picture)).shape[1] == 1000
+
+
+@pytest.mark.parametrize(
+    ("sensor", "file"), [("camera", "image_2/000001.png"), ("lidar", "velodyne/000001.bin")]
+)
+def test_a_sensor_that_delivered_nothing_is_a_result(tmp_path, capsys, sensor, file):
+    tree = tmp_path / "KITTI"
+    shutil.copytree(PACKAGED_FRAMES, tree)
+    (tree / "training" / file).unlink()
+    assert main(["health", str(tree), "--json", str(tmp_path / "health.json")]) == 0
+    frames = json.loads((tmp_path / "health.json").read_text())["frames"]
+    assert frames[1][sensor] == {"score": 0.0, "worst_check": "absent"}
+    assert frames[1]["alignment"] is None
+    assert frames[1]["alarms"] == {**frames[0]["alarms"], sensor: True}
+    assert "absent" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["health", "nowhere"], "nowhere does not exist"),
+        (["health", str(PACKAGED_FRAMES), "--limits", "none.json"], "none.json"),
+        (["health-limits", str(PACKAGED_FRAMES), "limits.json"], "at least 100 clean frames"),
+        (
+            ["evaluate", "calibration", "r", "l", "--out", "o"],
+            "--out needs --fit-results and one --calibrator",
+        ),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, capsys, given, said):
+    monkeypatch.chdir(tmp_path)
+    assert main(given) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "limits.json").exists()

@@ -1,0 +1,95 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.health.alignment_checks import LEAST_SPREADS, AlignmentChecks
+from sightline.health.limits import (
+    SHIPPED,
+    CheckRange,
+    SensorLimits,
+    fit_limits,
+    read_limits,
+    write_limits,
+)
+from sightline.structures.health import ALARM_SCORE
+
+
+def rows(seed, count):
+    drawn = np.random.default_rng(seed).gamma(2, 0.5, (count, 2))
+    return [AlignmentChecks(*map(float, row)) for row in drawn]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_sound_frame_in_a_hundred_is_an_alarm(seed):
+    limits = fit_limits(rows(seed, 400), LEAST_SPREADS)
+    alarms = sum(limits.judge(row).score < ALARM_SCORE for row in rows(seed, 400))
+    assert alarms <= 4
+    fresh = sum(limits.judge(row).score < ALARM_SCORE for row in rows(seed + 100, 4000))
+    assert 4 <= fresh <= 120
+
+
+@given(values=st.lists(st.floats(-50, 50), min_size=2, max_size=2), step=st.floats(0, 20))
+def test_the_score_falls_as_any_check_grows(values, step):
+    limits = SensorLimits(
+        checks={
+            "turned": CheckRange(median=0.0, spread=1.0),
+            "mismatched": CheckRange(median=1.0, spread=2.0),
+        },
+        limit=2.0,
+    )
+    before = limits.judge(AlignmentChecks(*values))
+    after = limits.judge(AlignmentChecks(values[0], values[1] + step))
+    assert 0 <= after.score <= before.score <= 1
+    excess = max(values[0], (values[1] - 1) / 2, 0.0)
+    assert before.score == pytest.approx(2 ** -(excess / 2))
+
+
+def test_what_cannot_be_looked_at_says_nothing_and_nothing_at_all_is_the_worst():
+    limits = fit_limits(rows(0, 100), LEAST_SPREADS)
+    assert limits.judge(AlignmentChecks(turned=math.nan, mismatched=0.0)).score == 1
+    health = limits.judge(AlignmentChecks(turned=0.0, mismatched=math.inf))
+    assert (health.score, health.worst_check) == (0.0, "mismatched")
+
+
+def test_checks_that_never_changed_may_differ_a_little():
+    same = [AlignmentChecks(turned=0.0, mismatched=0.0)] * 100
+    rows = [*same, AlignmentChecks(turned=0.01, mismatched=0.3)]
+    widest = fit_limits(rows, LEAST_SPREADS, transfer=True)
+    assert widest.checks["turned"].spread == LEAST_SPREADS.turned
+    assert 0 < fit_limits(rows, LEAST_SPREADS).checks["turned"].spread < LEAST_SPREADS.turned
+
+
+def test_too_few_frames_are_refused():
+    with pytest.raises(ValueError, match="at least 100 clean frames, got 99"):
+        fit_limits(rows(0, 99), LEAST_SPREADS)
+
+
+def test_limits_are_read_as_they_were_written(tmp_path):
+    limits = read_limits()
+    assert limits.provenance["frames"] == 400
+    write_limits(tmp_path / "limits.json", limits)
+    assert read_limits(tmp_path / "limits.json") == limits
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: content.pop("camera"),
+        lambda content: content["lidar"]["checks"].pop("rough"),
+        lambda content: content["lidar"].update(limit=0),
+        lambda content: content["lidar"].update(limit=math.inf),
+        lambda content: content["lidar"]["checks"]["rough"].update(spread="much"),
+        lambda content: content.update(camera=[]),
+    ],
+)
+def test_files_that_hold_no_limits_are_refused(tmp_path, change):
+    content = json.loads(SHIPPED.read_text())
+    change(content)
+    path = tmp_path / "limits.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"limits\.json: holds no limits of these checks"):
+        read_limits(path)
