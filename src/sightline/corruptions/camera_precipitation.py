@@ -23,7 +23,9 @@ from sightline.geometry.calibration import Calibration
 from sightline.structures.sample import CameraLidarSample
 
 _NEAREST_M = 0.4  # the windscreen or the hood keeps off what would be nearer
-_FARTHEST_M = 8.0  # what is beyond is part of the veil alone
+# What is beyond is part of the veil alone: drops too fast and flakes too small to be seen.
+_RAIN_DRAWN_M = 5.0
+_SNOW_DRAWN_M = 8.0
 _MARGIN_PX = 40.0  # around the image, where streaks begin that end in it
 _FAINTEST = 0.02  # opacity; fainter streaks change a few levels at most
 
@@ -67,7 +69,9 @@ class CameraRain(CameraCorruption):
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """See `fall`."""
-        change = fall(image, sample, rain(self.rate_mm_per_h), self.exposure, rng)
+        change = fall(
+            image, sample, rain(self.rate_mm_per_h), self.exposure, rng, drawn_m=_RAIN_DRAWN_M
+        )
         rate = {"rate_mm_per_h": self.rate_mm_per_h}
         return change._replace(parameters={**rate, **change.parameters})
 
@@ -90,7 +94,9 @@ class CameraSnow(CameraCorruption):
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
         """See `fall`."""
-        change = fall(image, sample, snow(self.rate_mm_per_h), self.exposure, rng)
+        change = fall(
+            image, sample, snow(self.rate_mm_per_h), self.exposure, rng, drawn_m=_SNOW_DRAWN_M
+        )
         rate = {"rate_mm_per_h": self.rate_mm_per_h}
         return change._replace(parameters={**rate, **change.parameters})
 
@@ -111,18 +117,20 @@ def fall(
     particles: Precipitation,
     exposure: Exposure,
     rng: np.random.Generator,
+    *,
+    drawn_m: float,
 ) -> ImageChange:
     """The image through rain or snow.
 
-    What all particles together take and scatter is a veil (`haze.veil`); those up to 8 m away are
-    drawn one by one, over whatever is there, in the light that the air scatters.
+    What all particles together take and scatter is a veil (`haze.veil`); those up to `drawn_m` away
+    are drawn one by one, over whatever is there, in the light that the air scatters.
     """
     ranges_m, source = scene_ranges(sample)
     airlight = airlight_level(image)
     levels = veil(image, ranges_m, particles.extinction_per_m, airlight)
     wind_mps = rng.uniform(*exposure.wind_mps)
     streaks = draw_particles(
-        particles, sample.calibration, sample.image_size, exposure, wind_mps, rng
+        particles, sample.calibration, sample.image_size, exposure, wind_mps, rng, drawn_m=drawn_m
     )
     draw_streaks(levels, streaks.ends_px, streaks.widths_px, streaks.opacities, airlight)
     said = {
@@ -141,6 +149,8 @@ def draw_particles(
     exposure: Exposure,
     wind_mps: float,
     rng: np.random.Generator,
+    *,
+    drawn_m: float,
 ) -> Streaks:
     """Particles evenly spread in what the camera sees, as they move while it is exposed.
 
@@ -151,7 +161,7 @@ def draw_particles(
     intrinsics = calibration.image_from_camera.numpy()
     focal_px = intrinsics[[0, 1], [0, 1]]
     size_px = np.array([width, height]) + 2 * _MARGIN_PX
-    cube = _FARTHEST_M**3 - _NEAREST_M**3
+    cube = drawn_m**3 - _NEAREST_M**3
     volume_m3 = float(np.prod(size_px / focal_px)) * cube / 3
     count = int(rng.poisson(particles.per_cubic_metre * volume_m3))
     depths_m = np.cbrt(_NEAREST_M**3 + cube * rng.random(count))

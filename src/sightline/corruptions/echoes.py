@@ -31,4 +31,7 @@ def clear_air_reflectances(
     """
     read = points[:, 3].double().numpy()
     margins = np.exp(np.minimum(rng.standard_exponential(len(points)), 50))
-    return np.maximum(read, faintest_power(lidar) * ranges_m**2 * margins)
+    reflectances: Float64[np.ndarray, " num_points"] = np.maximum(
+        read, faintest_power(lidar) * ranges_m**2 * margins
+    )
+    return reflectances

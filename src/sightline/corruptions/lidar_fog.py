@@ -53,7 +53,7 @@ class LidarFog(LidarCorruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws how far behind its strongest place the fog's echo of each beam lies, and margins."""
+        """Draws how far behind its strongest place each beam's echo of the fog lies."""
         behind_m = _SPREAD_M * rng.beta(*_SPREAD_SHAPE, size=len(points))
         ranges_m = np.linalg.norm(points[:, :3].double().numpy(), axis=1)
         reflectances = clear_air_reflectances(points, ranges_m, self.lidar, rng)

@@ -173,7 +173,9 @@ def spread_beams(num_beams: int) -> Int64[np.ndarray, " num_beams"]:
     """
     bits = max(num_beams - 1, 0).bit_length()
     counted = np.arange(1 << bits)
-    order = sum(((counted >> bit) & 1) << (bits - 1 - bit) for bit in range(bits)) + 0 * counted
+    order = np.zeros_like(counted)
+    for bit in range(bits):
+        order |= ((counted >> bit) & 1) << (bits - 1 - bit)
     return order[order < num_beams]
 
 
@@ -188,5 +190,5 @@ def _only(
 def _azimuths_beside(points: Sweep, centre_deg: float) -> Float64[np.ndarray, " num_points"]:
     """Azimuth of each point against a direction, in [-180, 180)."""
     x, y = points[:, :2].double().numpy().T
-    azimuths = np.degrees(np.arctan2(y, x))
-    return (azimuths - centre_deg + 180) % 360 - 180
+    beside: Float64[np.ndarray, " num_points"] = np.degrees(np.arctan2(y, x)) - centre_deg
+    return (beside + 180) % 360 - 180

@@ -164,4 +164,4 @@ def _reach_m(particles: Precipitation, lidar: SpinningLidar) -> float:
     """
     size_m = particles.swelling * _LARGEST_MM * 1e-3 / (lidar.beam_divergence_mrad * 1e-3)
     ratio = particles.reflectance / faintest_power(lidar)
-    return min((ratio * size_m**2) ** 0.25, lidar.max_range_m)
+    return min(math.sqrt(math.sqrt(ratio) * size_m), lidar.max_range_m)

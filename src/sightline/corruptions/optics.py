@@ -86,6 +86,7 @@ class CameraJpeg(CameraCorruption):
         is_stored, stored = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
         assert is_stored, "an 8-bit image can be stored"
         read = cv2.imdecode(stored, cv2.IMREAD_COLOR)
+        assert read is not None, "what was stored can be read"
         planes = np.ascontiguousarray(read[..., ::-1].transpose(2, 0, 1))
         return ImageChange(torch.from_numpy(planes), everywhere(sample), {"quality": self.quality})
 
@@ -106,7 +107,8 @@ def line_kernel(length_px: float, angle_deg: float) -> Float32[np.ndarray, "side
     for down, of_row in ((0, 1 - below), (1, below)):
         for across, of_column in ((0, 1 - right), (1, right)):
             np.add.at(kernel, (row + down + 1, column + across + 1), of_row * of_column)
-    return (kernel / kernel.sum()).astype(np.float32)
+    normed: Float32[np.ndarray, "side side"] = (kernel / kernel.sum()).astype(np.float32)
+    return normed
 
 
 def disc_kernel(radius_px: float) -> Float32[np.ndarray, "side side"]:
@@ -119,7 +121,8 @@ def disc_kernel(radius_px: float) -> Float32[np.ndarray, "side side"]:
     kernel = inside.reshape(side, _FINE, side, _FINE).mean(axis=(1, 3))
     if not kernel.any():
         kernel[half, half] = 1
-    return (kernel / kernel.sum()).astype(np.float32)
+    normed: Float32[np.ndarray, "side side"] = (kernel / kernel.sum()).astype(np.float32)
+    return normed
 
 
 def blur(

@@ -110,7 +110,7 @@ class AreaDrawing:
     def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
         """A box of at least one pixel."""
         height, width = sample.image_size
-        aspect = math.exp(rng.uniform(*map(math.log, self.aspect)))
+        aspect = math.exp(rng.uniform(math.log(self.aspect[0]), math.log(self.aspect[1])))
         # A side that would be longer than the image's is that long, and the other makes up for it.
         width_share = min(max(math.sqrt(self.area_share * aspect), self.area_share), 1)
         box_width = max(1, round(width_share * width))

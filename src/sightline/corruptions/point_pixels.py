@@ -26,4 +26,4 @@ def region_of(
     region[rows, columns] = 1
     kernel = np.ones((_SPACING_PX, _SPACING_PX), dtype=np.uint8)
     closed = cv2.morphologyEx(region, cv2.MORPH_CLOSE, kernel)
-    return torch.from_numpy((closed | region) > 0)
+    return torch.from_numpy((closed > 0) | (region > 0))

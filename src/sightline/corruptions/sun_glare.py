@@ -12,6 +12,7 @@ from torch import Tensor
 from sightline.corruptions.corruption import (
     Corrupted,
     Corruption,
+    Parameter,
     PointsChange,
     Sweep,
     check_number,
@@ -68,7 +69,7 @@ class SunGlare(Corruption):
             camera_mask=nowhere(sample),
             lidar_mask=nowhere(sample),
         )
-        drawn = {"centre_px": centre_px, "radius_px": self.radius_px}
+        drawn: dict[str, Parameter] = {"centre_px": centre_px, "radius_px": self.radius_px}
         if sample.image is not None:
             found = replace(
                 found,
