@@ -74,7 +74,7 @@ class Kind:
             ValueError: There is no such severity.
         """
         if severity not in SEVERITIES:
-            raise ValueError(f"{self.name} has the severities 1 to 5, got {severity}")
+            raise ValueError(f"{self.name} has severities from 1 to 5, got {severity}")
         return self.make(self.levels[severity - 1], lidar)
 
     def said(self, severity: int) -> str:
