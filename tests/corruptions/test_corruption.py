@@ -23,7 +23,7 @@ from tests.corruptions.samples import CORRUPTIONS, described, same
 from tests.data.scenes import sample_of, seeds
 
 corruptions = st.sampled_from(CORRUPTIONS)
-many = settings(max_examples=200)
+many = settings(max_examples=100)
 
 
 def corrupt(corruption: Corruption, sample: CameraLidarSample, seed: int = 0):

@@ -46,7 +46,7 @@ SEVERITIES: Final = (1, 2, 3, 4, 5)
 
 _LIKENESS = 0.7  # of a misspelt name with the one that is meant; with less, sensors are mixed up
 
-Level = tuple[float, ...]
+Level = tuple[float | int, ...]
 """What a severity sets, one number for each quantity of its kind."""
 
 
@@ -59,7 +59,7 @@ class Kind:
     """What a level's numbers are, with units."""
     levels: tuple[Level, Level, Level, Level, Level]
     """From severity 1 to 5."""
-    make: Callable[[Level, SpinningLidar], Corruption]
+    make: Callable[[tuple[float, ...], SpinningLidar], Corruption]
     is_core: bool = False
     """Whether suite `core` has it."""
 
@@ -75,7 +75,7 @@ class Kind:
         """
         if severity not in SEVERITIES:
             raise ValueError(f"{self.name} has severities from 1 to 5, got {severity}")
-        return self.make(self.levels[severity - 1], lidar)
+        return self.make(tuple(map(float, self.levels[severity - 1])), lidar)
 
     def said(self, severity: int) -> str:
         """The level of a severity in words."""
