@@ -58,7 +58,8 @@ def _row(kind: Kind, sensor: Sensor, sample: CameraLidarSample, seed: int) -> Pi
     for severity in SEVERITIES:
         found = kind.at(severity).corrupt(sample, fault_rng(sample, seed, kind.name))
         title = np.full((_TITLE_PX, _WIDTH_PX, 3), _PAGE, dtype=np.uint8)
-        said = f"{kind.name}-{severity}   {kind.said(severity)}"
+        named = f"{kind.name}-1" if severity == 1 else str(severity)
+        said = f"{named}   {kind.said(severity)}"
         put_text(title, said, 1, _TITLE_PX - 5, height_px=_TEXT_PX, color=_TEXT)
         cell = np.concatenate((title, _scaled(_picture(found, sensor))))
         cells.append(cv2.copyMakeBorder(cell, 0, 0, _GAP_PX, 0, cv2.BORDER_CONSTANT, value=_PAGE))

@@ -147,7 +147,7 @@ _ALL_KINDS = (
     ),
     Kind(
         name="camera_gaussian_noise",
-        quantities=("standard deviation [of full scale]",),
+        quantities=("sigma [of full scale]",),
         levels=((0.08,), (0.12,), (0.18,), (0.26,), (0.38,)),
         make=lambda level, _: CameraGaussianNoise(sigma_levels=_same(255 * level[0])),
         is_core=True,
@@ -299,7 +299,7 @@ _ALL_KINDS = (
     ),
     Kind(
         name="lidar_gaussian_noise",
-        quantities=("standard deviation [m]",),
+        quantities=("sigma [m]",),
         levels=((0.02,), (0.04,), (0.06,), (0.08,), (0.1,)),
         make=lambda level, _: LidarGaussianNoise(sigma_m=level[0]),
         is_core=True,
