@@ -146,7 +146,7 @@ def test_the_strongest_particle_before_the_target_is_seen(seed):
     volume = math.pi / 3 * 0.0015**2 * reach**3
     counts = rng.poisson(particles.per_cubic_metre * volume, 40)
     places = reach * rng.random(counts.sum()) ** (1 / 3)
-    diameters = particles.draw_diameters_m(counts.sum(), rng)
+    diameters = particles.draw_diameters_m(int(counts.sum()), rng)
     start = 0
     for beam, count in enumerate(counts):
         of_beam = list(zip(places, diameters, strict=True))[start : start + count]

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
+from torch import Tensor
 
 from sightline.corruptions.corruption import (
     LidarCorruption,
@@ -181,7 +182,7 @@ def spread_beams(num_beams: int) -> Int64[np.ndarray, " num_beams"]:
 
 def _only(
     points: Sweep, kept: Bool[np.ndarray, " num_points"]
-) -> tuple[Sweep, Int64[torch.Tensor, " num_left"]]:
+) -> tuple[Float32[Tensor, "num_left 4"], Int64[Tensor, " num_left"]]:
     """The points that stay, in new memory, and their rows."""
     rows = torch.from_numpy(np.flatnonzero(kept))
     return points[rows], rows
