@@ -104,13 +104,13 @@ def test_haze_follows_koschmieder_pixel_by_pixel(seed, extinction, airlight):
 def test_as_far_as_one_can_see_a_twentieth_of_the_contrast_is_left():
     black_and_white = torch.tensor([0, 255], dtype=torch.uint8).expand(3, 1, 2)
     ranges = np.full((1, 2), 60, dtype=np.float32)
-    found = veil(black_and_white, ranges, extinction_per_m(60), 200)
+    found = veil(black_and_white, ranges, extinction_per_m(60.0), 200.0)
     np.testing.assert_allclose(found[:, 0, 1] - found[:, 0, 0], 0.05 * 255, rtol=1e-4)
 
 
 def test_fog_thickens_with_distance_and_is_dark_at_night():
     sample = sample_of(depth=torch.linspace(5, 150, SIZE[1]).expand(SIZE).contiguous())
-    found = CameraFog(visibility_m=60).corrupt(sample, np.random.default_rng(0))
+    found = CameraFog(visibility_m=60.0).corrupt(sample, np.random.default_rng(0))
     assert found.record.parameters["distances_from"] == "depth"
     spread = found.sample.image.double().std(dim=(0, 1))
     assert spread[:40].mean() > 4 * spread[-40:].mean()
@@ -171,19 +171,19 @@ def test_drops_fall_with_the_wind_and_there_are_as_many_as_the_rate_says():
             rain(rate),
             kitti_like_calibration(),
             (375, 1242),
-            Exposure(speed_mps=0),
+            Exposure(speed_mps=0.0),
             wind,
             np.random.default_rng(0),
             drawn_m=4.0,
         )
 
-    streaks = drops(20, 3.0)
+    streaks = drops(20.0, 3.0)
     x0, y0, x1, y1 = streaks.ends_px.T
     assert (y1 > y0).all()
     assert (x1 > x0).all()
     assert streaks.opacities.max() <= 1
     assert streaks.widths_px.min() >= 1
-    assert len(drops(50, 0.0).opacities) > 1.5 * len(streaks.opacities)
+    assert len(drops(50.0, 0.0).opacities) > 1.5 * len(streaks.opacities)
 
 
 @pytest.mark.parametrize("rate", [5.0, 20.0, 50.0])
@@ -199,18 +199,18 @@ def test_the_extinction_of_rain_is_the_sum_over_its_drops_and_what_was_measured(
 
 
 def test_drawn_particles_have_the_mean_size_of_their_distribution():
-    for particles, swelling in ((rain(20), 1.0), (snow(1.5), 10 ** (1 / 3))):
+    for particles, swelling in ((rain(20.0), 1.0), (snow(1.5), 10 ** (1 / 3))):
         drawn = particles.draw_diameters_m(200000, np.random.default_rng(0))
         expected = swelling * 1e-3 * (0.5 + 1 / particles.slope_per_mm)
         assert drawn.mean() == pytest.approx(expected, rel=0.01)
         assert drawn.min() >= swelling * 0.5e-3
-    speeds = rain(5).speeds_mps(np.array([1e-3, 5e-3]))
+    speeds = rain(5.0).speeds_mps(np.array([1e-3, 5e-3]))
     np.testing.assert_allclose(speeds, [4.0, 9.1], atol=0.1)
 
 
 def test_rain_dims_what_is_far_away():
     sample = sample_of(depth=torch.linspace(5, 1500, SIZE[1]).expand(SIZE).contiguous())
-    found = CameraRain(rate_mm_per_h=50).corrupt(sample, np.random.default_rng(0)).sample.image
+    found = CameraRain(rate_mm_per_h=50.0).corrupt(sample, np.random.default_rng(0)).sample.image
     spread = found.double().std(dim=(0, 1))
     assert spread[:40].mean() > 2 * spread[-40:].mean()
 
@@ -222,6 +222,8 @@ def test_the_sun_is_white_and_its_halo_falls_with_the_square_of_the_distance(see
     found = shine(image, (x, y), radius)
     for row, column in np.ndindex(6, 9):
         square = (column - x) ** 2 + (row - y) ** 2
+        if abs(math.sqrt(square) - radius) < 1e-3:  # a pixel on the rim is on either side of it
+            continue
         for channel, top in enumerate((255, 245, 220)):
             lit = int(image[channel, row, column]) + top * radius**2 / max(square, 1e-9)
             expected = 255 if square <= radius**2 else min(lit, 255)

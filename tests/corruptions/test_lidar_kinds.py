@@ -208,7 +208,7 @@ def test_of_an_older_sweep_all_that_stands_is_further_away():
 @given(seed=seeds)
 def test_in_the_sun_points_are_lost_and_ghosts_are_in_its_direction(seed):
     sample = sample_of(seed, num_points=500)
-    found = corrupt(SunGlare(radius_px=70, ghost_share=0.02), sample, seed)
+    found = corrupt(SunGlare(radius_px=70.0, ghost_share=0.02), sample, seed)
     (x, y), matrices = found.record.parameters["centre_px"], sample.calibration
     camera = (matrices.image_from_camera.tolist(), matrices.camera_from_lidar.tolist())
     kept = []

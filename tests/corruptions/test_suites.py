@@ -126,6 +126,21 @@ def test_images_have_cases_of_their_own_by_default():
     assert {case.name for case in drawn} == set(DGFN7.case_names)
 
 
+def test_unseen_kinds_are_never_drawn_and_a_kind_can_be_drawn_at_all_severities():
+    rng = np.random.default_rng(0)
+    drawn = CaseDrawing(suite="core", without=("lidar_fog", "sun_glare")).draw(rng, 2000)
+    kinds = {case.kind for case in drawn}
+    assert kinds == {"none", *SUITES["core"].kinds} - {"lidar_fog", "sun_glare"}
+    half = CaseDrawing(suite="core", probabilities={"clean": 0.5, "lidar_fog": 0.5})
+    counts = Counter(case.name for case in half.draw(rng, 2000))
+    assert set(counts) == {"clean", *(f"lidar_fog-{severity}" for severity in range(1, 6))}
+    assert counts["clean"] == pytest.approx(1000, abs=100)
+    with pytest.raises(ValueError, match="nothing is left to draw without lidar_fog"):
+        CaseDrawing(suite="core", probabilities={"lidar_fog": 1.0}, without=("lidar_fog",))
+    with pytest.raises(ValueError, match="no kind 'lidar_fgo'; perhaps lidar_fog"):
+        CaseDrawing(suite="core", without=("lidar_fgo",))
+
+
 def test_a_recipe_can_set_how_cases_are_drawn():
     parser = jsonargparse.ArgumentParser(exit_on_error=False)
     parser.add_argument("--drawing", type=CaseDrawing, default=CaseDrawing())

@@ -130,12 +130,7 @@ def blur(
 ) -> UInt8[Tensor, "channels height width"]:
     """The image filtered, rounded; beyond the border it is mirrored about the outermost pixels."""
     planes = [
-        cv2.filter2D(np.ascontiguousarray(plane), -1, kernel, borderType=_border(plane.shape))
+        cv2.filter2D(np.ascontiguousarray(plane), -1, kernel, borderType=cv2.BORDER_REFLECT_101)
         for plane in image.numpy()
     ]
     return torch.from_numpy(np.stack(planes).astype(np.uint8, copy=False))
-
-
-def _border(size: tuple[int, ...]) -> int:
-    """OpenCV's rule for what is beyond the border; a line of one pixel has nothing to mirror."""
-    return cv2.BORDER_REFLECT_101 if min(size) > 1 else cv2.BORDER_REPLICATE

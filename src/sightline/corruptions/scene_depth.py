@@ -100,8 +100,9 @@ def _sky_colored(
 ) -> Bool[np.ndarray, "height width"]:
     red, green, blue = planes.astype(np.int16)
     is_blue = (blue > _BLUER * red) & (blue >= green)
-    is_white: Bool[np.ndarray, "height width"] = planes.min(axis=0) >= _WHITE_LEVEL
-    return is_white | is_blue
+    is_white = planes.min(axis=0) >= _WHITE_LEVEL
+    is_sky: Bool[np.ndarray, "height width"] = is_white | is_blue
+    return is_sky
 
 
 def _guided(
@@ -115,7 +116,9 @@ def _guided(
     of_guide, of_values = mean(guide), mean(values)
     spread = mean(guide * guide) - of_guide * of_guide
     slope = (mean(guide * values) - of_guide * of_values) / (spread + _SMOOTH_LEVELS**2)
-    return mean(slope) * guide + mean(of_values - slope * of_guide)
+    filtered: Float32[np.ndarray, "height width"] = mean(slope) * guide
+    filtered += mean(of_values - slope * of_guide)
+    return filtered
 
 
 def _flat_road(sample: CameraLidarSample, horizon: int) -> Float32[np.ndarray, "height width"]:
