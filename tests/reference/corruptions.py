@@ -187,7 +187,7 @@ def turned_by(point, centre_deg):
 
 
 def fog_response_at(range_m, attenuation, min_range_m, pulse_s=20e-9, crossover_m=0.1):
-    """Hahner et al. 2021, eq. 12: the response of the fog at a range, in 20,000 slices."""
+    """Hahner et al. 2021: the response of the fog at a range, in 20,000 slices."""
     light, total, slices = 299792458.0, 0.0, 20000
     for k in range(slices):
         time = (k + 0.5) / slices * 2 * pulse_s

@@ -82,7 +82,7 @@ def veil(
 ) -> Float32[np.ndarray, "channels height width"]:
     """The image through air: J t + A (1 - t), t = exp(-extinction range): Koschmieder 1924.
 
-    As Sakaridis et al. 2018 (Foggy Cityscapes, eq. 1-2) apply it, on the levels as they are stored.
+    As Sakaridis et al. 2018 (Foggy Cityscapes) apply it, on the levels as they are stored.
 
     Args:
         image: J, in clear air.

@@ -36,7 +36,7 @@ _SPREAD_SHAPE: Final = (2.0, 20.0)
 class LidarFog(LidarCorruption):
     """Homogeneous fog: echoes fade, and where the fog's own is the stronger it is taken instead.
 
-    Equations 4 to 14 of Hahner et al. 2021, with their constants. Added: an echo that is too faint
+    The hard and the soft target of Hahner et al. 2021, with their constants. Added: an echo that is too faint
     to be found (`faintest_power`) is lost. The fog's echoes lie where its response is the strongest
     and some metres behind (a beta distribution), never behind the target.
     """
@@ -99,7 +99,7 @@ class FogResponse(NamedTuple):
         ranges_m: Float64[np.ndarray, " num_points"],
         reflectances: Float64[np.ndarray, " num_points"],
     ) -> tuple[Float64[np.ndarray, " num_points"], Float64[np.ndarray, " num_points"]]:
-        """Reflectance that the fog before each target seems to have, and its range [m]: eq. 14."""
+        """Reflectance that the fog before each target seems to have, and its range [m]."""
         places = np.minimum((ranges_m / self.step_m).astype(np.int64), len(self.strongest) - 1)
         seeming = reflectances * ranges_m**2 * self.backscatter_ratio * self.strongest[places]
         return seeming, self.ranges_m[places]
@@ -107,7 +107,7 @@ class FogResponse(NamedTuple):
 
 @lru_cache(maxsize=32)
 def fog_response(attenuation_per_m: float, lidar: SpinningLidar) -> FogResponse:
-    """The response of fog alone for all ranges: Hahner et al. 2021, eq. 12 and 13.
+    """The response of fog alone for all ranges: Hahner et al. 2021, soft target.
 
     The integral, over the pulse, of its power, the fading on the way, the overlap of beam and
     receiver and 1 / range^2, by the midpoint rule.

@@ -84,7 +84,7 @@ def fall_before(
     lidar: SpinningLidar,
     rng: np.random.Generator,
 ) -> PointsChange:
-    """The sweep in rain or snow: Kilic et al. 2021, algorithm 1.
+    """The sweep in rain or snow: after Kilic et al. 2021.
 
     Powers are reflectance exp(-2 extinction range) / range^2. The strongest echo is taken, that of
     the target or of a particle in the beam before it; one that is below the noise is lost. The
