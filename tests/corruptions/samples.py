@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import torch
 from hypothesis import strategies as st
 
-from sightline.corruptions.corruption import NoCorruption
+from sightline.corruptions.kinds import KINDS
 from sightline.corruptions.noise import CameraDeadPixels
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.pixel_box import BoxDrawing
@@ -18,13 +18,13 @@ from tests.data.scenes import SIZE, sample_of, seeds
 
 ANYWHERE = BoxDrawing(placement="uniform")
 CORRUPTIONS = (
-    *{case.corruption.kind: case.corruption for s in SUITES.values() for case in s.cases}.values(),
+    *(case.corruption for case in SUITES["dgfn7"].cases),
+    *(kind.at(severity) for kind in KINDS.values() for severity in (2, 5)),
     CameraOcclusion(box=ANYWHERE),
     LidarOcclusion(box=ANYWHERE),
     CameraDeadPixels(share=(0.1, 0.7)),
 )
-"""Each kind of each suite, and others of other settings."""
-FAULTY = tuple(each for each in CORRUPTIONS if not isinstance(each, NoCorruption))
+"""Each kind that there is, and others of other settings."""
 
 
 def objects_at(*boxes: tuple[float, float, float, float], name: str = "Car") -> ObjectLabels:

@@ -208,6 +208,26 @@ def test_trees_with_depth_reduced_sweeps_jpegs_or_no_labels_are_taken_as_they_ar
     assert street[1].depth is not None
 
 
+def test_a_kind_of_core_is_written_at_all_severities(data: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    assert make(data, out, suite="core", cases=["lidar_fog", "camera_rain-3"]).written == 24
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == [
+        "camera_rain-3",
+        *(f"lidar_fog-{severity}" for severity in range(1, 6)),
+    ]
+    record = json.loads((out / "lidar_fog-5/training/corruption/000000.json").read_text())
+    assert record["parameters"]["attenuation_per_m"] == 0.06
+    assert list(check_tree(out / "camera_rain-3", num_workers=1)) == []
+
+
+def test_data_without_the_sensor_that_a_case_breaks_are_refused(tmp_path: Path):
+    data = write_object_tree(tmp_path / "data", *FRAMES)
+    (data / "training/velodyne/000011.bin").unlink()
+    with pytest.raises(ValueError, match=r"lacks velodyne|no points of frame 000011"):
+        make(data, tmp_path / "out", suite="core", cases=["lidar_fog-3"])
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_real_frame_has_its_box_on_an_object(kitti_root: Path, tmp_path: Path):
     (name, *_) = open_dataset(kitti_root, sample_list="sample_val").sample_ids
     make(kitti_root, tmp_path, cases=["camera_occlusion", "lidar_occlusion"], sample_list=[name])

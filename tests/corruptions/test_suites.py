@@ -70,7 +70,10 @@ def test_samples_seeds_and_kinds_draw_differently():
     ("ask", "said"),
     [
         (lambda: find_suite("dgfn"), "no suite 'dgfn'; perhaps dgfn7 is meant; name one of dgfn7,"),
-        (lambda: find_suite("x\n"), r"no suite 'x\\n'; name one of dgfn7, dgfn7-figure$"),
+        (
+            lambda: find_suite("x\n"),
+            r"no suite 'x\\n'; name one of dgfn7, dgfn7-figure, core, all$",
+        ),
         (lambda: DGFN7.select(["clean", "camera_blak"]), "perhaps camera_blank is meant"),
         (lambda: CaseDrawing(suite="dgfn"), "perhaps dgfn7 is meant"),
         (lambda: CaseDrawing(probabilities={"lidar_blnk": 1.0}), "perhaps lidar_blank is meant"),
@@ -121,6 +124,21 @@ def test_the_images_of_an_update_share_a_case_only_where_that_is_set(seed, num_i
 def test_images_have_cases_of_their_own_by_default():
     drawn = CaseDrawing().draw(np.random.default_rng(0), 200)
     assert {case.name for case in drawn} == set(DGFN7.case_names)
+
+
+def test_unseen_kinds_are_never_drawn_and_a_kind_can_be_drawn_at_all_severities():
+    rng = np.random.default_rng(0)
+    drawn = CaseDrawing(suite="core", without=("lidar_fog", "sun_glare")).draw(rng, 2000)
+    kinds = {case.kind for case in drawn}
+    assert kinds == {"none", *SUITES["core"].kinds} - {"lidar_fog", "sun_glare"}
+    half = CaseDrawing(suite="core", probabilities={"clean": 0.5, "lidar_fog": 0.5})
+    counts = Counter(case.name for case in half.draw(rng, 2000))
+    assert set(counts) == {"clean", *(f"lidar_fog-{severity}" for severity in range(1, 6))}
+    assert counts["clean"] == pytest.approx(1000, abs=100)
+    with pytest.raises(ValueError, match="nothing is left to draw without lidar_fog"):
+        CaseDrawing(suite="core", probabilities={"lidar_fog": 1.0}, without=("lidar_fog",))
+    with pytest.raises(ValueError, match="no kind 'lidar_fgo'; perhaps lidar_fog"):
+        CaseDrawing(suite="core", without=("lidar_fgo",))
 
 
 def test_a_recipe_can_set_how_cases_are_drawn():

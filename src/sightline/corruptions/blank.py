@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from jaxtyping import Bool
+from torch import Tensor
 
 from sightline.corruptions.corruption import (
     CameraCorruption,
@@ -12,6 +14,9 @@ from sightline.corruptions.corruption import (
     LidarCorruption,
     PointsChange,
     Sweep,
+    check_number,
+    everywhere,
+    nowhere,
 )
 from sightline.structures.sample import CameraLidarSample
 
@@ -28,8 +33,7 @@ class CameraBlank(CameraCorruption):
     ) -> ImageChange:
         """Zeros; draws nothing."""
         del rng
-        everywhere = torch.ones(sample.image_size, dtype=torch.bool)
-        return ImageChange(torch.zeros_like(image), everywhere, {})
+        return ImageChange(torch.zeros_like(image), everywhere(sample), {})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,5 +48,55 @@ class LidarBlank(LidarCorruption):
     ) -> PointsChange:
         """No points; draws nothing."""
         del rng
-        everywhere = torch.ones(sample.image_size, dtype=torch.bool)
-        return PointsChange(points.new_zeros(0, 4), everywhere, {})
+        return _no_points(points, everywhere(sample))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraFramesLost(CameraCorruption):
+    """A camera some of whose pictures are black; each with the same chance."""
+
+    kind = "camera_blank"
+    leaves_nothing = True
+
+    chance: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Checks the chance."""
+        check_number("chance", self.chance, 0, 1)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """Zeros, or the image as it is."""
+        is_lost = rng.random() < self.chance
+        if not is_lost:
+            return ImageChange(image.clone(), nowhere(sample), {"is_lost": 0})
+        return ImageChange(torch.zeros_like(image), everywhere(sample), {"is_lost": 1})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarFramesLost(LidarCorruption):
+    """A LiDAR some of whose sweeps have no points; each with the same chance."""
+
+    kind = "lidar_blank"
+    leaves_nothing = True
+
+    chance: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Checks the chance."""
+        check_number("chance", self.chance, 0, 1)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """No points, or the sweep as it is."""
+        if rng.random() < self.chance:
+            return _no_points(points, everywhere(sample))._replace(parameters={"is_lost": 1})
+        return PointsChange(
+            points.clone(), torch.arange(len(points)), nowhere(sample), {"is_lost": 0}
+        )
+
+
+def _no_points(points: Sweep, mask: Bool[Tensor, "height width"]) -> PointsChange:
+    return PointsChange(points.new_zeros(0, 4), torch.zeros(0, dtype=torch.int64), mask, {})

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 import torch
 from beartype import beartype
-from jaxtyping import Bool, Float32, UInt8, jaxtyped
+from jaxtyping import Bool, Float32, Int64, UInt8, jaxtyped
 from torch import Tensor
 
 from sightline.data.faults import Fault
@@ -49,13 +49,18 @@ class Corrupted:
 
     The masks mark the pixels that may have changed: nothing outside of them has. The LiDAR's is in
     the image plane, where its projected maps (`geometry.projection`) are; what it delivers out of
-    the camera's view has no pixel.
+    the camera's view has no pixel. Point by point, which is exact, `broken_points` and
+    `point_sources` tell what became of the sweep.
     """
 
     sample: CameraLidarSample
     record: Record
     camera_mask: Bool[Tensor, "height width"]
     lidar_mask: Bool[Tensor, "height width"]
+    broken_points: Bool[Tensor, " num_points"] | None = None
+    """Which points of the sound sweep are lost or changed; None where no sweep was corrupted."""
+    point_sources: Int64[Tensor, " num_delivered"] | None = None
+    """Of each point that is delivered its row in the sound sweep, -1 where it is from none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +124,18 @@ class PointsChange(NamedTuple):
     """What a fault makes of a sweep."""
 
     points: Sweep
+    sources: Int64[Tensor, " num_delivered"]
+    """Of each point its row in the sound sweep, -1 where it is from none; each row once at most."""
     mask: Bool[Tensor, "height width"]
     parameters: Mapping[str, Parameter]
+
+    def broken(self, sound: Sweep) -> Bool[Tensor, " num_points"]:
+        """Which points of the sound sweep are lost or changed."""
+        broken = torch.ones(len(sound), dtype=torch.bool)
+        from_sound = self.sources >= 0
+        rows = self.sources[from_sound]
+        broken[rows] = (self.points[from_sound] != sound[rows]).any(dim=1)
+        return broken
 
 
 class CameraCorruption(Corruption):
@@ -135,9 +150,9 @@ class CameraCorruption(Corruption):
         change = self.change_image(sample.image, sample, rng)
         return Corrupted(
             sample=replace(sample, image=change.image),
-            record=_record(self, change.parameters),
+            record=record_of(self, change.parameters),
             camera_mask=change.mask,
-            lidar_mask=_nowhere(sample),
+            lidar_mask=nowhere(sample),
         )
 
     @abstractmethod
@@ -165,9 +180,11 @@ class LidarCorruption(Corruption):
         change = self.change_points(sample.points, sample, rng)
         return Corrupted(
             sample=replace(sample, points=change.points),
-            record=_record(self, change.parameters),
-            camera_mask=_nowhere(sample),
+            record=record_of(self, change.parameters),
+            camera_mask=nowhere(sample),
             lidar_mask=change.mask,
+            broken_points=change.broken(sample.points),
+            point_sources=change.sources,
         )
 
     @abstractmethod
@@ -183,6 +200,16 @@ class LidarCorruption(Corruption):
         """
 
 
+def everywhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
+    """The mask of all pixels."""
+    return torch.ones(sample.image_size, dtype=torch.bool)
+
+
+def nowhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
+    """The mask of no pixel."""
+    return torch.zeros(sample.image_size, dtype=torch.bool)
+
+
 def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
     """Refuses a range to draw from that is empty or beyond what makes sense.
 
@@ -196,16 +223,24 @@ def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highes
         )
 
 
+def check_number(name: str, value: Number, lowest: Number, highest: Number = math.inf) -> None:
+    """Refuses a setting that is not finite or beyond what makes sense.
+
+    Raises:
+        ValueError: It is.
+    """
+    if not (lowest <= value <= highest and value < math.inf):
+        limits = f"from {lowest:g} to {highest:g}" if highest < math.inf else f"at least {lowest:g}"
+        raise ValueError(f"{name} must be finite and {limits}, got {value:g}")
+
+
 def _unchanged(corruption: Corruption, sample: CameraLidarSample) -> Corrupted:
-    nowhere = _nowhere(sample)
+    none = nowhere(sample)
     return Corrupted(
-        sample=sample, record=_record(corruption, {}), camera_mask=nowhere, lidar_mask=nowhere
+        sample=sample, record=record_of(corruption, {}), camera_mask=none, lidar_mask=none
     )
 
 
-def _record(corruption: Corruption, parameters: Mapping[str, Parameter]) -> Record:
+def record_of(corruption: Corruption, parameters: Mapping[str, Parameter]) -> Record:
+    """What a corruption did, by what it drew."""
     return Record(kind=corruption.kind, sensors=corruption.sensors, parameters=parameters)
-
-
-def _nowhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
-    return torch.zeros(sample.image_size, dtype=torch.bool)

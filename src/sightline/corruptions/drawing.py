@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import Case, Suite, find_suite
 
 
@@ -19,7 +20,10 @@ class CaseDrawing:
 
     suite: str = "dgfn7"
     probabilities: Mapping[str, float] | None = None
-    """By case, of sum 1; a case that is not named is never drawn. None: the suite's own."""
+    """By case, of sum 1; a case that is not named is never drawn. A kind's name stands for all its
+    severities, each as likely. None: the suite's own."""
+    without: tuple[str, ...] = ()
+    """Kinds that are never drawn, to be tested on as unseen; the others share what they had."""
     per: Literal["image", "update"] = "image"
     """Whether each image has a case of its own, or all images of one weight update share one, as
     Kim et al. 2018, section IV-A, say. What the case draws in turn is each image's own."""
@@ -27,6 +31,7 @@ class CaseDrawing:
     def __post_init__(self) -> None:
         """Checks names and probabilities."""
         suite = find_suite(self.suite)
+        suite.without(self.without)
         if self.probabilities is None:
             return
         suite.select(self.probabilities)
@@ -36,6 +41,11 @@ class CaseDrawing:
             raise ValueError(
                 "the probabilities of the cases must be at least 0 and sum to 1, got "
                 f"{dict(self.probabilities)}"
+            )
+        if not sum(_probabilities(suite, self.probabilities, self.without)):
+            raise ValueError(
+                f"nothing is left to draw without {', '.join(self.without)}; name other "
+                "probabilities, or fewer kinds to leave out"
             )
 
     def draw(self, rng: np.random.Generator, num_images: int = 1) -> tuple[Case, ...]:
@@ -47,16 +57,26 @@ class CaseDrawing:
             num_images: How many.
         """
         suite = find_suite(self.suite)
-        shares = _probabilities(suite, self.probabilities)
+        shares = _probabilities(suite, self.probabilities, self.without)
         size = 1 if self.per == "update" else num_images
         drawn = [suite.cases[index] for index in rng.choice(len(shares), size=size, p=shares)]
         return tuple(drawn * num_images if self.per == "update" else drawn)
 
 
-def _probabilities(suite: Suite, given: Mapping[str, float] | None) -> list[float]:
-    """Of each case of the suite, of sum 1 to the last bit that numpy asks for."""
+def _probabilities(
+    suite: Suite, given: Mapping[str, float] | None, without: tuple[str, ...]
+) -> list[float]:
+    """Of each case of the suite, of sum 1 to the last bit that numpy asks for; or all 0."""
     if given is None:
         given = {case.name: case.probability for case in suite.cases}
-    shares = [float(given.get(case.name, 0)) for case in suite.cases]
+    drawn = set(suite.without(without))
+    shares = [_share(case, given) if case in drawn else 0.0 for case in suite.cases]
     total = sum(shares)
-    return [share / total for share in shares]
+    return [share / total for share in shares] if total else shares
+
+
+def _share(case: Case, given: Mapping[str, float]) -> float:
+    share = float(given.get(case.name, 0))
+    if case.severity is not None:
+        share += float(given.get(case.kind, 0)) / len(SEVERITIES)
+    return share

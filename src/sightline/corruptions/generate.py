@@ -69,6 +69,8 @@ def corrupt_dataset(
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     dataset = _open(data, sample_list, velodyne)
     _check_apart(dataset.root, out, asked)
+    originals = list_object_frames(dataset.root / dataset.split, PARTS, velodyne)
+    _check_parts(dataset, originals, asked)
     trees = [
         CaseTree(root=out / case.name, split=dataset.split, velodyne=velodyne, masks=masks)
         for case in asked
@@ -78,7 +80,6 @@ def corrupt_dataset(
         case_settings(dataset, chosen, seed),
         results=("*/training", "*/testing", "*/ImageSets"),
     )
-    originals = list_object_frames(dataset.root / dataset.split, PARTS, velodyne)
     finished = [tree.finished(originals) for tree in trees]
     works = []
     for index in shard(range(len(dataset)), shard_index, num_shards):
@@ -136,6 +137,20 @@ def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
             f"{out} cannot hold the cases, as it would change the data set {data}, which is only "
             "read; name an output folder beside it"
         )
+
+
+def _check_parts(
+    dataset: KittiObjectDataset, originals: dict[str, ObjectFrame], cases: Sequence[Case]
+) -> None:
+    """Refuses data without a sensor that a case breaks."""
+    for sensor, part in (("camera", "image"), ("lidar", "points")):
+        breaking = [case.name for case in cases if sensor in case.corruption.sensors]
+        lacking = [name for name in dataset.sample_ids if getattr(originals[name], part) is None]
+        if breaking and lacking:
+            raise ValueError(
+                f"{dataset.root} has no {part} of frame {lacking[0]} for case {breaking[0]} to "
+                "break; name cases of the other sensor, or a list of whole frames"
+            )
 
 
 def case_settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[str, object]:

@@ -7,7 +7,15 @@ import torch
 from jaxtyping import Bool, UInt8
 from torch import Tensor
 
-from sightline.corruptions.corruption import CameraCorruption, Image, ImageChange, check_range
+from sightline.corruptions.corruption import (
+    CameraCorruption,
+    Image,
+    ImageChange,
+    check_number,
+    check_range,
+    everywhere,
+)
+from sightline.corruptions.shot_noise import detect_photons
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -33,9 +41,82 @@ class CameraGaussianNoise(CameraCorruption):
     ) -> ImageChange:
         """See `add_gaussian_noise`."""
         sigma_levels = rng.uniform(*self.sigma_levels)
-        everywhere = torch.ones(sample.image_size, dtype=torch.bool)
         noisy = add_gaussian_noise(image, sigma_levels, rng)
-        return ImageChange(noisy, everywhere, {"sigma_levels": sigma_levels})
+        return ImageChange(noisy, everywhere(sample), {"sigma_levels": sigma_levels})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraUniformNoise(CameraCorruption):
+    """Independent even noise on every pixel and channel."""
+
+    kind = "camera_uniform_noise"
+
+    half_width_levels: float
+    """Largest noise in grey levels of 255."""
+
+    def __post_init__(self) -> None:
+        """Checks the width."""
+        check_number("half_width_levels", self.half_width_levels, 0, 255)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `add_uniform_noise`."""
+        noisy = add_uniform_noise(image, self.half_width_levels, rng)
+        drawn = {"half_width_levels": self.half_width_levels}
+        return ImageChange(noisy, everywhere(sample), drawn)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraShotNoise(CameraCorruption):
+    """So little light that single photons count: Hendrycks and Dietterich 2019, "shot noise"."""
+
+    kind = "camera_shot_noise"
+
+    full_scale_photons: float
+    """That make a level of 255, on average."""
+
+    def __post_init__(self) -> None:
+        """Checks the number."""
+        check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `detect_photons`."""
+        means = self.full_scale_photons * np.arange(256) / 255
+        noisy = detect_photons(image, means, 255 / self.full_scale_photons, rng)
+        return ImageChange(
+            noisy, everywhere(sample), {"full_scale_photons": self.full_scale_photons}
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraImpulseNoise(CameraCorruption):
+    """Some values, each of its own channel, are 0 or 255, both as likely ("salt and pepper")."""
+
+    kind = "camera_impulse_noise"
+
+    share: float
+    """Chance of each value to be replaced."""
+
+    def __post_init__(self) -> None:
+        """Checks the share."""
+        check_number("share", self.share, 0, 1)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """Draws a number for each value; of one draw, a larger share replaces more of them."""
+        del sample
+        drawn = rng.random(image.shape, dtype=np.float32)
+        noisy = image.numpy().copy()
+        noisy[drawn < self.share / 2] = 0
+        noisy[drawn >= 1 - self.share / 2] = 255
+        mask = np.abs(drawn - 0.5).max(axis=0) >= 0.5 - self.share / 2
+        # Rounding may put a value on the other side of the limit: what has changed is in the mask.
+        mask |= (noisy != image.numpy()).any(axis=0)
+        return ImageChange(torch.from_numpy(noisy), torch.from_numpy(mask), {"share": self.share})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -67,6 +148,21 @@ def add_gaussian_noise(
     """The image with normal noise of this standard deviation, rounded and kept in [0, 255]."""
     noisy = rng.standard_normal(image.shape, dtype=np.float32)
     noisy *= sigma_levels
+    noisy += image.numpy()
+    np.rint(noisy, out=noisy)
+    np.clip(noisy, 0, 255, out=noisy)
+    return torch.from_numpy(noisy.astype(np.uint8))
+
+
+def add_uniform_noise(
+    image: UInt8[Tensor, "channels height width"],
+    half_width_levels: float,
+    rng: np.random.Generator,
+) -> UInt8[Tensor, "channels height width"]:
+    """The image with even noise up to this width, rounded and kept in [0, 255]."""
+    noisy = rng.random(image.shape, dtype=np.float32)
+    noisy -= 0.5
+    noisy *= 2 * half_width_levels
     noisy += image.numpy()
     np.rint(noisy, out=noisy)
     np.clip(noisy, 0, 255, out=noisy)

@@ -14,7 +14,7 @@ from sightline.corruptions.corruption import (
     PointsChange,
     Sweep,
 )
-from sightline.corruptions.pixel_box import BoxDrawing, PixelBox
+from sightline.corruptions.pixel_box import AreaDrawing, BoxDrawing, PixelBox
 from sightline.geometry.calibration import Calibration
 from sightline.structures.sample import CameraLidarSample
 
@@ -26,7 +26,7 @@ class CameraOcclusion(CameraCorruption):
     kind = "camera_occlusion"
     leaves_nothing = True
 
-    box: BoxDrawing = field(default_factory=BoxDrawing)
+    box: BoxDrawing | AreaDrawing = field(default_factory=BoxDrawing)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -50,10 +50,12 @@ class LidarOcclusion(LidarCorruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """See `occlude_points`."""
+        """The points that are left, as of `occlude_points`."""
         box = self.box.draw(sample, rng)
+        kept = ~box.holds(points, sample.calibration)
         return PointsChange(
-            occlude_points(points, sample.calibration, box),
+            points[kept],
+            kept.nonzero()[:, 0],
             box.mask(sample.image_size),
             {"box_px": astuple(box)},
         )

@@ -1,5 +1,6 @@
 """Boxes of whole pixels, and how they are drawn."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float32
 from torch import Tensor
 
-from sightline.corruptions.corruption import check_range
+from sightline.corruptions.corruption import check_number, check_range
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
 from sightline.structures.sample import CameraLidarSample
@@ -84,6 +85,42 @@ class BoxDrawing:
             min(left + box_width, width),
             min(top + box_height, height),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AreaDrawing:
+    """How a box of a given area is drawn: its shape within bounds, its place as `BoxDrawing` does.
+
+    The box lies in the image whole, so that it is as large as it is said to be, but for the
+    rounding of its sides.
+    """
+
+    area_share: float
+    """Of the image's area."""
+    aspect: tuple[float, float] = (0.5, 2.0)
+    """Width by height, each as a share of the image's; drawn evenly in its logarithm."""
+    placement: Literal["object", "uniform"] = "object"
+    """As `BoxDrawing.placement`, moved into the image."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_number("area_share", self.area_share, 0, 1)
+        check_range("aspect", self.aspect, 1e-2, 1e2)
+
+    def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
+        """A box of at least one pixel."""
+        height, width = sample.image_size
+        aspect = math.exp(rng.uniform(math.log(self.aspect[0]), math.log(self.aspect[1])))
+        # A side that would be longer than the image's is that long, and the other makes up for it.
+        width_share = min(max(math.sqrt(self.area_share * aspect), self.area_share), 1)
+        box_width = max(1, round(width_share * width))
+        box_height = max(1, round(self.area_share / max(width_share, 1e-9) * height))
+        x, y = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, height - 0.5)
+        if self.placement == "object":
+            x, y = _object_centre(sample, rng) or (x, y)
+        left = min(max(round(x - (box_width - 1) / 2), 0), width - box_width)
+        top = min(max(round(y - (box_height - 1) / 2), 0), height - box_height)
+        return PixelBox(left, top, left + box_width, top + box_height)
 
 
 def _object_centre(

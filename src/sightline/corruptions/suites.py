@@ -1,23 +1,23 @@
 """Named suites: the cases that a detector is tested on, and may be trained on."""
 
-import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 from sightline.corruptions.blank import CameraBlank, LidarBlank
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption
 from sightline.corruptions.illumination import CameraIllumination
+from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, unknown
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
+from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.faults import fault_rng
-from sightline.data.plain_text import shortened
 from sightline.structures.sample import CameraLidarSample
 
 CLEAN: Final = "clean"
 """The case of sound sensors, in every suite."""
 
-_LIKENESS = 0.7  # of a misspelt name with the one that is meant; with less, sensors are mixed up
+_SHORT = 12  # names that an error can list
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,6 +33,11 @@ class Case:
     """Of being drawn for training, as the source draws."""
     severity: int | None = None
     """From 1 to 5; None where a suite has no levels."""
+
+    @property
+    def kind(self) -> str:
+        """Of its corruption."""
+        return self.corruption.kind
 
     def corrupt(self, sample: CameraLidarSample, seed: int = 0) -> Corrupted:
         """The sample of a test: seed, sample's name and kind decide what is drawn, nothing else."""
@@ -64,16 +69,47 @@ class Suite:
         """In order."""
         return tuple(case.name for case in self.cases)
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Those of its cases with severities, in order, each once."""
+        return tuple(dict.fromkeys(case.kind for case in self.cases if case.severity is not None))
+
     def select(self, names: Iterable[str]) -> tuple[Case, ...]:
         """The cases of these names, in the suite's order, each once.
+
+        A kind's name stands for all its severities.
 
         Raises:
             ValueError: There is no such case.
         """
         chosen = set(names)
-        for name in sorted(chosen - set(self.case_names)):
-            raise ValueError(_unknown(f"suite {self.name} has no case", name, self.case_names))
-        return tuple(case for case in self.cases if case.name in chosen)
+        for name in sorted(chosen - set(self.case_names) - set(self.kinds)):
+            raise ValueError(self._unknown(f"suite {self.name} has no case", name))
+        return tuple(
+            case
+            for case in self.cases
+            if case.name in chosen or (case.severity is not None and case.kind in chosen)
+        )
+
+    def without(self, kinds: Iterable[str]) -> tuple[Case, ...]:
+        """All cases but those of these kinds: to train on, where the others are to test on.
+
+        Raises:
+            ValueError: The suite has no such kind.
+        """
+        left_out = set(kinds)
+        there = tuple(dict.fromkeys(case.kind for case in self.cases if case.name != CLEAN))
+        for name in sorted(left_out - set(there)):
+            raise ValueError(unknown(f"suite {self.name} has no kind", name, there))
+        return tuple(case for case in self.cases if case.kind not in left_out)
+
+    def _unknown(self, problem: str, name: str) -> str:
+        names = self.case_names
+        if len(names) <= _SHORT:
+            return unknown(problem, name, names)
+        rest = [case.name for case in self.cases if case.severity is None]
+        listed = (*rest, *self.kinds)
+        return unknown(problem, name, (*names, *self.kinds), listed) + ", or KIND-1 to KIND-5"
 
 
 def _dgfn7(name: str, noise: Corruption) -> Suite:
@@ -98,11 +134,41 @@ def _dgfn7(name: str, noise: Corruption) -> Suite:
     return Suite(name=name, cases=cases)
 
 
+def severity_suite(name: str, kinds: Iterable[Kind], lidar: SpinningLidar = HDL_64E) -> Suite:
+    """Sound sensors and each kind at five severities, as cases KIND-SEVERITY.
+
+    Nobody has published how often which occurs: all are drawn alike.
+
+    Args:
+        name: Of the suite.
+        kinds: In order.
+        lidar: The LiDAR that the kinds are faults of, as far as it matters.
+    """
+    faulty = [(kind, severity) for kind in kinds for severity in SEVERITIES]
+    probability = 1 / (1 + len(faulty))
+    sound = Case(
+        name=CLEAN, title="sound sensors", corruption=NoCorruption(), probability=probability
+    )
+    cases = [
+        Case(
+            name=f"{kind.name}-{severity}",
+            title=f"{kind.name.replace('_', ' ')}: {kind.said(severity)}",
+            corruption=kind.at(severity, lidar),
+            probability=probability,
+            severity=severity,
+        )
+        for kind, severity in faulty
+    ]
+    return Suite(name=name, cases=(sound, *cases))
+
+
 SUITES: Final[dict[str, Suite]] = {
     suite.name: suite
     for suite in (
         _dgfn7("dgfn7", CameraGaussianNoise()),  # as the text has it
         _dgfn7("dgfn7-figure", CameraDeadPixels(share=(0.63, 0.63))),  # as Fig. 3c shows it
+        severity_suite("core", (kind for kind in KINDS.values() if kind.is_core)),
+        severity_suite("all", KINDS.values()),
     )
 }
 
@@ -114,12 +180,5 @@ def find_suite(name: str) -> Suite:
         ValueError: There is none.
     """
     if name not in SUITES:
-        raise ValueError(_unknown("there is no suite", name, tuple(SUITES)))
+        raise ValueError(unknown("there is no suite", name, tuple(SUITES)))
     return SUITES[name]
-
-
-def _unknown(problem: str, name: str, known: Sequence[str]) -> str:
-    """The problem with a name, the nearest ones that there are, and all of them."""
-    close = difflib.get_close_matches(name, known, n=2, cutoff=_LIKENESS)
-    meant = f"perhaps {' or '.join(close)} is meant; " if close else ""
-    return f"{problem} '{shortened(name)}'; {meant}name one of {', '.join(known)}"

@@ -1,0 +1,154 @@
+"""Corruptions of plain numpy arrays, for programs that know nothing else of Sightline.
+
+from sightline.corruptions.arrays import corrupt_arrays
+
+found = corrupt_arrays("camera_fog", 3, image=image, points=points, image_from_camera=P2,
+                       camera_from_lidar=Tr, name="000042")
+found.image, found.points, found.camera_mask, found.record
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int64, Shaped, UInt8
+
+from sightline.corruptions.corruption import Corrupted, Record
+from sightline.corruptions.kinds import find_kind
+from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.data.faults import fault_rng
+from sightline.geometry.calibration import Calibration
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CorruptedArrays:
+    """What faulty sensors deliver, in memory of its own, with what was done."""
+
+    image: UInt8[np.ndarray, "height width 3"] | None
+    points: Float[np.ndarray, "num_delivered 4"] | None
+    record: Record
+    camera_mask: Bool[np.ndarray, "height width"]
+    """Pixels of the image that may have changed."""
+    lidar_mask: Bool[np.ndarray, "height width"]
+    """Pixels that what changed in the sweep falls on."""
+    broken_points: Bool[np.ndarray, " num_points"] | None
+    """Points of the sound sweep that are lost or changed; None where no sweep was corrupted."""
+    point_sources: Int64[np.ndarray, " num_delivered"] | None
+    """Of each point that is delivered its row in the sound sweep, -1 where it is from none."""
+
+
+def corrupt_arrays(
+    kind: str,
+    severity: int,
+    *,
+    image: Shaped[np.ndarray, "..."] | None = None,
+    points: Shaped[np.ndarray, "..."] | None = None,
+    image_from_camera: Shaped[np.ndarray, "..."],
+    camera_from_lidar: Shaped[np.ndarray, "..."],
+    image_size: tuple[int, int] | None = None,
+    depth: Shaped[np.ndarray, "..."] | None = None,
+    seed: int = 0,
+    name: str = "",
+    lidar: SpinningLidar = HDL_64E,
+) -> CorruptedArrays:
+    """An image and a sweep as faulty sensors take them; the same arguments give the same answer.
+
+    Args:
+        kind: One of `kinds.KINDS`.
+        severity: From 1, slight, to 5.
+        image: RGB, uint8, height x width x 3. None: no camera.
+        points: N x 4, floating point: x forward, y left, z up [m] and reflectance in [0, 1]. None:
+            no LiDAR.
+        image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
+            KITTI's P2; of an intrinsic matrix K, K with a column of zeros.
+        camera_from_lidar: 4 x 4, rigid.
+        image_size: Height and width of the camera's image [px]; needed without an image.
+        depth: Height x width, floating point: metres along the optical axis, 0 unknown; for weather
+            in the camera. None: the sweep's own is used.
+        seed: Not negative.
+        name: Of the frame: each has draws of its own, the same for all severities of a kind.
+        lidar: The LiDAR's beams and reach.
+
+    Raises:
+        ValueError: There is no such kind or severity, or an array is not as described.
+    """
+    corruption = find_kind(kind).at(severity, lidar)
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
+    if image is None and image_size is None:
+        raise ValueError("without an image, image_size (height, width) is needed")
+    sample = CameraLidarSample(
+        sample_id=name,
+        calibration=Calibration(
+            image_from_camera=_matrix("image_from_camera", image_from_camera, (3, 4)),
+            camera_from_lidar=_matrix("camera_from_lidar", camera_from_lidar, (4, 4)),
+        ),
+        image_size=_image_size(image, image_size),
+        image=None if image is None else _image(image),
+        points=None if points is None else _points(points),
+        depth=None if depth is None else _depth(depth),
+    )
+    return _arrays(corruption.corrupt(sample, fault_rng(sample, seed, corruption.kind)))
+
+
+def _image_size(
+    image: Shaped[np.ndarray, "..."] | None, size: tuple[int, int] | None
+) -> tuple[int, int]:
+    if image is None:
+        assert size is not None, "checked before"
+        return size
+    found = (image.shape[0], image.shape[1]) if image.ndim == 3 else (0, 0)
+    if size not in (None, found):
+        raise ValueError(f"image is {found[0]}x{found[1]}, expected image_size {size[0]}x{size[1]}")
+    return found
+
+
+def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height width"]:
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
+        raise ValueError(f"image must be uint8, height x width x 3; got {_said(image)}")
+    return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
+
+
+def _points(points: Shaped[np.ndarray, "..."]) -> Float[torch.Tensor, "num_points 4"]:
+    is_table = points.ndim == 2 and points.shape[1] == 4
+    if not (is_table and np.issubdtype(points.dtype, np.floating) and np.isfinite(points).all()):
+        raise ValueError(
+            f"points must be finite floating-point numbers, N x 4 (x, y, z, reflectance); got "
+            f"{_said(points)}"
+        )
+    return torch.from_numpy(points.astype(np.float32))
+
+
+def _depth(depth: Shaped[np.ndarray, "..."]) -> Float[torch.Tensor, "height width"]:
+    if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
+        raise ValueError(f"depth must be floating point, height x width; got {_said(depth)}")
+    return torch.from_numpy(depth.astype(np.float32))
+
+
+def _matrix(
+    name: str, matrix: Shaped[np.ndarray, "..."], shape: tuple[int, int]
+) -> Float[torch.Tensor, "rows columns"]:
+    if matrix.shape != shape or not np.issubdtype(matrix.dtype, np.number):
+        raise ValueError(f"{name} must be {shape[0]} x {shape[1]} numbers, got {_said(matrix)}")
+    return torch.from_numpy(matrix.astype(np.float64))
+
+
+def _said(array: Shaped[np.ndarray, "..."]) -> str:
+    return f"{array.dtype} of shape {' x '.join(map(str, array.shape))}"
+
+
+def _arrays(corrupted: Corrupted) -> CorruptedArrays:
+    sample = corrupted.sample
+    image, points = sample.image, sample.points
+    broken, sources = corrupted.broken_points, corrupted.point_sources
+    return CorruptedArrays(
+        # Copied: what a kind leaves alone may be the caller's own memory.
+        image=None if image is None else image.numpy().transpose(1, 2, 0).copy(),
+        points=None if points is None else points.numpy().copy(),
+        record=corrupted.record,
+        camera_mask=corrupted.camera_mask.numpy(),
+        lidar_mask=corrupted.lidar_mask.numpy(),
+        broken_points=None if broken is None else broken.numpy(),
+        point_sources=None if sources is None else sources.numpy(),
+    )

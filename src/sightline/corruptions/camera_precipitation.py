@@ -1,0 +1,188 @@
+"""Rain and snow before a camera: a veil by all particles, and streaks of those that are near."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.corruptions.corruption import (
+    CameraCorruption,
+    Image,
+    ImageChange,
+    check_number,
+    check_range,
+    everywhere,
+)
+from sightline.corruptions.haze import airlight_level, to_levels, veil
+from sightline.corruptions.precipitation import Precipitation, rain, snow
+from sightline.corruptions.scene_depth import scene_ranges
+from sightline.corruptions.streak_kernel import draw_streaks
+from sightline.geometry.calibration import Calibration
+from sightline.structures.sample import CameraLidarSample
+
+_NEAREST_M = 0.4  # the windscreen or the hood keeps off what would be nearer
+# What is beyond is part of the veil alone: drops too fast and flakes too small to be seen.
+_RAIN_DRAWN_M = 5.0
+_SNOW_DRAWN_M = 8.0
+_MARGIN_PX = 40.0  # around the image, where streaks begin that end in it
+_FAINTEST = 0.02  # opacity; fainter streaks change a few levels at most
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Exposure:
+    """How the camera moves, and how long it looks."""
+
+    time_s: float = 0.002
+    """KITTI's cameras look at most so long."""
+    speed_mps: float = 10.0
+    """Of the car, straight ahead."""
+    wind_mps: tuple[float, float] = (-3.0, 3.0)
+    """To the right; drawn evenly."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_number("time_s", self.time_s, 0, 1)
+        check_number("speed_mps", self.speed_mps, 0, 100)
+        check_range("wind_mps", self.wind_mps, -100, 100)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraRain(CameraCorruption):
+    """Rain: a thin veil, and streaks of drops that fall at their final speed; see `fall`.
+
+    Sizes are by Marshall and Palmer 1948, speeds by Atlas et al. 1973; a drop shows the light of
+    its surroundings for as long as it covers a pixel, as Garg and Nayar 2007 found.
+    """
+
+    kind = "camera_rain"
+
+    rate_mm_per_h: float
+    exposure: Exposure = Exposure()
+
+    def __post_init__(self) -> None:
+        """Checks the rate."""
+        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `fall`."""
+        change = fall(
+            image, sample, rain(self.rate_mm_per_h), self.exposure, rng, drawn_m=_RAIN_DRAWN_M
+        )
+        rate = {"rate_mm_per_h": self.rate_mm_per_h}
+        return change._replace(parameters={**rate, **change.parameters})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraSnow(CameraCorruption):
+    """Snow: a veil, and flakes that sink at 1 m/s, sizes by Gunn and Marshall 1958; see `fall`."""
+
+    kind = "camera_snow"
+
+    rate_mm_per_h: float
+    """Of the melted snow."""
+    exposure: Exposure = Exposure()
+
+    def __post_init__(self) -> None:
+        """Checks the rate."""
+        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `fall`."""
+        change = fall(
+            image, sample, snow(self.rate_mm_per_h), self.exposure, rng, drawn_m=_SNOW_DRAWN_M
+        )
+        rate = {"rate_mm_per_h": self.rate_mm_per_h}
+        return change._replace(parameters={**rate, **change.parameters})
+
+
+class Streaks(NamedTuple):
+    """What particles leave in an image."""
+
+    ends_px: Float64[np.ndarray, "num_streaks 4"]
+    """x, y of the one end and of the other."""
+    widths_px: Float64[np.ndarray, " num_streaks"]
+    """At least 1."""
+    opacities: Float64[np.ndarray, " num_streaks"]
+
+
+def fall(
+    image: Image,
+    sample: CameraLidarSample,
+    particles: Precipitation,
+    exposure: Exposure,
+    rng: np.random.Generator,
+    *,
+    drawn_m: float,
+) -> ImageChange:
+    """The image through rain or snow.
+
+    What all particles together take and scatter is a veil (`haze.veil`); those up to `drawn_m` away
+    are drawn one by one, over whatever is there, in the light that the air scatters.
+    """
+    ranges_m, source = scene_ranges(sample)
+    airlight = airlight_level(image)
+    levels = veil(image, ranges_m, particles.extinction_per_m, airlight)
+    wind_mps = rng.uniform(*exposure.wind_mps)
+    streaks = draw_particles(
+        particles, sample.calibration, sample.image_size, exposure, wind_mps, rng, drawn_m=drawn_m
+    )
+    draw_streaks(levels, streaks.ends_px, streaks.widths_px, streaks.opacities, airlight)
+    said = {
+        "wind_mps": wind_mps,
+        "num_streaks": len(streaks.opacities),
+        "airlight_levels": airlight,
+        "distances_from": source,
+    }
+    return ImageChange(to_levels(levels), everywhere(sample), said)
+
+
+def draw_particles(
+    particles: Precipitation,
+    calibration: Calibration,
+    image_size: tuple[int, int],
+    exposure: Exposure,
+    wind_mps: float,
+    rng: np.random.Generator,
+    *,
+    drawn_m: float,
+) -> Streaks:
+    """Particles evenly spread in what the camera sees, as they move while it is exposed.
+
+    The opacity is the share of the exposure in which the particle covers a pixel of its streak: the
+    particle's area by the streak's, and so the same light in sum however it is spread.
+    """
+    height, width = image_size
+    intrinsics = calibration.image_from_camera.numpy()
+    focal_px = intrinsics[[0, 1], [0, 1]]
+    size_px = np.array([width, height]) + 2 * _MARGIN_PX
+    cube = drawn_m**3 - _NEAREST_M**3
+    volume_m3 = float(np.prod(size_px / focal_px)) * cube / 3
+    count = int(rng.poisson(particles.per_cubic_metre * volume_m3))
+    depths_m = np.cbrt(_NEAREST_M**3 + cube * rng.random(count))
+    pixels = size_px * rng.random((count, 2)) - _MARGIN_PX - 0.5
+    diameters_m = particles.draw_diameters_m(count, rng)
+    places_m = (pixels - intrinsics[:2, 2]) / focal_px * depths_m[:, None]
+    half_s = exposure.time_s / 2
+    steps_m = half_s * np.stack(
+        (np.full(count, wind_mps), particles.speeds_mps(diameters_m)), axis=1
+    )
+    step_ahead_m = -half_s * exposure.speed_mps  # the car comes nearer
+    ends = [
+        intrinsics[:2, 2]
+        + focal_px
+        * (places_m + sign * steps_m)
+        / np.maximum(depths_m + sign * step_ahead_m, _NEAREST_M / 2)[:, None]
+        for sign in (-1, 1)
+    ]
+    sizes_px = float(np.sqrt(focal_px.prod())) * diameters_m / depths_m
+    widths_px = np.maximum(sizes_px, 1)
+    lengths_px = np.linalg.norm(ends[1] - ends[0], axis=1)
+    opacities = math.pi / 4 * sizes_px**2 / (widths_px * (lengths_px + widths_px))
+    is_seen = opacities >= _FAINTEST
+    return Streaks(np.concatenate(ends, axis=1)[is_seen], widths_px[is_seen], opacities[is_seen])

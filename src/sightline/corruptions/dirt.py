@@ -1,0 +1,83 @@
+"""Mud on the camera's lens or window."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+
+from sightline.corruptions.corruption import (
+    CameraCorruption,
+    Image,
+    ImageChange,
+    check_number,
+    check_range,
+)
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraDirt(CameraCorruption):
+    """Soft, dark brown blobs, out of focus as they are so near; they let some light through."""
+
+    kind = "camera_dirt"
+
+    num_blobs: int
+    radius_share: tuple[float, float] = (0.03, 0.12)
+    """Of the image's height; drawn evenly."""
+    opacity: tuple[float, float] = (0.6, 0.97)
+    """At a blob's middle; drawn evenly."""
+    color: tuple[float, float, float] = (62.0, 54.0, 44.0)
+    """RGB in levels of 255."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_number("num_blobs", self.num_blobs, 0, 100000)
+        check_range("radius_share", self.radius_share, 0, 10)
+        check_range("opacity", self.opacity, 0, 1)
+        check_range("color", (min(self.color), max(self.color)), 0, 255)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """Draws the blobs one after the other; see `soft_blob`."""
+        height, width = sample.image_size
+        passing = np.ones((height, width), dtype=np.float32)
+        for _ in range(self.num_blobs):
+            centre_px = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, height - 0.5)
+            radius_px = max(rng.uniform(*self.radius_share) * height, 1.0)
+            cover(passing, centre_px, radius_px, rng.uniform(*self.opacity))
+        planes = image.numpy()
+        dirty = np.empty_like(planes)
+        for plane, level, out in zip(planes, self.color, dirty, strict=True):
+            out[:] = np.rint(level + (plane - np.float32(level)) * passing)
+        mask = torch.from_numpy(passing < 1)
+        return ImageChange(torch.from_numpy(dirty), mask, {"num_blobs": self.num_blobs})
+
+
+def cover(
+    passing: Float32[np.ndarray, "height width"],
+    centre_px: tuple[float, float],
+    radius_px: float,
+    opacity: float,
+) -> None:
+    """Lets less light through a blob, in place: 1 - opacity (1 - d^4)^2 of it at d radii.
+
+    Args:
+        passing: Share of the light that passes each pixel.
+        centre_px: x, y.
+        radius_px: Where the blob ends.
+        opacity: At its middle.
+    """
+    height, width = passing.shape
+    x, y = centre_px
+    left, right = (int(np.clip(x + side * radius_px, -1, width)) for side in (-1, 1))
+    top, bottom = (int(np.clip(y + side * radius_px, -1, height)) for side in (-1, 1))
+    window = slice(max(top, 0), bottom + 2), slice(max(left, 0), right + 2)
+    rows, columns = (
+        np.arange(size, dtype=np.float32)[part]
+        for size, part in zip((height, width), window, strict=True)
+    )
+    distance = ((columns - x) ** 2 + ((rows - y) ** 2)[:, None]) / radius_px**2
+    weight = np.clip(1 - distance**2, 0, None) ** 2
+    passing[window] *= (1 - opacity * weight).astype(np.float32)

@@ -1,0 +1,123 @@
+"""Cameras that expose wrongly, or see through haze of no depth: brightness, darkness, contrast."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+
+from sightline.corruptions.corruption import (
+    CameraCorruption,
+    Image,
+    ImageChange,
+    check_number,
+    everywhere,
+)
+from sightline.corruptions.shot_noise import detect_photons
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraBrightness(CameraCorruption):
+    """The largest channel of each pixel (V of HSV) gains; hue and saturation stay."""
+
+    kind = "camera_brightness"
+
+    added_share: float
+    """Of full scale."""
+
+    def __post_init__(self) -> None:
+        """Checks the share."""
+        check_number("added_share", self.added_share, 0, 1)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `add_value`; draws nothing."""
+        del rng
+        brighter = add_value(image, 255 * self.added_share)
+        return ImageChange(brighter, everywhere(sample), {"added_share": self.added_share})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraDarkness(CameraCorruption):
+    """Night: what was white is grey, shadows go under, and photons are few.
+
+    A level x of 1 has the mean `peak` x^`gamma` and Poisson noise, after the low light of Kong et
+    al. 2023 (RoboDepth).
+    """
+
+    kind = "camera_darkness"
+
+    peak: float
+    """Mean of what was white, of full scale."""
+    gamma: float = 2.0
+    full_scale_photons: float = 255.0
+    """That make a level of 255."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_number("peak", self.peak, 0, 1)
+        check_number("gamma", self.gamma, 0.1, 10)
+        check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `detect_photons`."""
+        means = self.full_scale_photons * self.peak * (np.arange(256) / 255) ** self.gamma
+        dark = detect_photons(image, means, 255 / self.full_scale_photons, rng)
+        return ImageChange(dark, everywhere(sample), {"peak": self.peak})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraContrast(CameraCorruption):
+    """Each channel comes nearer to its mean: Hendrycks and Dietterich 2019, "contrast"."""
+
+    kind = "camera_contrast"
+
+    factor: float
+    """On the distance to the mean."""
+
+    def __post_init__(self) -> None:
+        """Checks the factor."""
+        check_number("factor", self.factor, 0, 1)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `reduce_contrast`; draws nothing."""
+        del rng
+        flat = reduce_contrast(image, self.factor)
+        return ImageChange(flat, everywhere(sample), {"factor": self.factor})
+
+
+def add_value(
+    image: UInt8[Tensor, "3 height width"], added_levels: float
+) -> UInt8[Tensor, "3 height width"]:
+    """The image with its largest channel raised so much, up to 255, the others in proportion.
+
+    Black gets grey.
+    """
+    planes = image.numpy()
+    value = planes.max(axis=0)
+    raised = np.minimum(np.arange(256, dtype=np.float32) + added_levels, 255)
+    factors = raised / np.maximum(np.arange(256, dtype=np.float32), 1)
+    brighter = np.rint(planes * factors[value])
+    brighter[:, value == 0] = np.rint(raised[0])
+    return torch.from_numpy(np.clip(brighter, 0, 255).astype(np.uint8))
+
+
+def reduce_contrast(
+    image: UInt8[Tensor, "3 height width"], factor: float
+) -> UInt8[Tensor, "3 height width"]:
+    """The image with each channel's distance to its mean times the factor, rounded."""
+    levels = np.arange(256)
+    planes = []
+    for plane in image.numpy():
+        mean = float(plane.mean())
+        table = np.rint(mean + factor * (levels - mean)).astype(np.uint8)
+        planes.append(cv2.LUT(np.ascontiguousarray(plane), table))
+    return torch.from_numpy(np.stack(planes).astype(np.uint8, copy=False))

@@ -1,0 +1,195 @@
+"""LiDARs that lose returns: beams, points at random, what is aside, wedges, blobs."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32, Float64, Int64
+from torch import Tensor
+
+from sightline.corruptions.corruption import (
+    LidarCorruption,
+    PointsChange,
+    Sweep,
+    check_number,
+    everywhere,
+)
+from sightline.corruptions.point_pixels import region_of
+from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.geometry.projection import unproject_pixels
+from sightline.structures.sample import CameraLidarSample
+
+_FAR_M = 1e5  # where the camera and the LiDAR look the same way
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarBeams(LidarCorruption):
+    """Whole beams are lost; those that stay are spread over the sensor as evenly as may be.
+
+    Of one draw, what few beams keep many keep, too.
+    """
+
+    kind = "lidar_beams"
+
+    kept_share: float
+    """Of the sensor's beams; at least one stays."""
+    lidar: SpinningLidar = HDL_64E
+
+    def __post_init__(self) -> None:
+        """Checks the share."""
+        check_number("kept_share", self.kept_share, 0, 1)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws which beams stay; see `spread_beams`."""
+        num_beams = self.lidar.num_beams
+        count = max(1, round(self.kept_share * num_beams))
+        first = int(rng.integers(num_beams))
+        beams = (spread_beams(num_beams)[:count] + first) % num_beams
+        kept = np.isin(self.lidar.ring_of(points).numpy(), beams)
+        left, sources = _only(points, kept)
+        return PointsChange(left, sources, everywhere(sample), {"beams": sorted(beams.tolist())})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarPointDrop(LidarCorruption):
+    """Points are lost, each as likely as any other; exactly the rounded share of them."""
+
+    kind = "lidar_point_drop"
+
+    share: float
+
+    def __post_init__(self) -> None:
+        """Checks the share."""
+        check_number("share", self.share, 0, 1)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws the points in an order, of which the first are lost."""
+        kept = np.ones(len(points), dtype=np.bool_)
+        kept[rng.permutation(len(points))[: round(self.share * len(points))]] = False
+        left, sources = _only(points, kept)
+        return PointsChange(left, sources, everywhere(sample), {"share": self.share})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarFov(LidarCorruption):
+    """The field of view shrinks to so many degrees to either side of the camera's optical axis."""
+
+    kind = "lidar_fov"
+    leaves_nothing = True
+
+    half_angle_deg: float
+
+    def __post_init__(self) -> None:
+        """Checks the angle."""
+        check_number("half_angle_deg", self.half_angle_deg, 0, 180)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws nothing."""
+        del rng
+        x, y, _ = sample.calibration.camera_from_lidar[2, :3].tolist()
+        axis_deg = math.degrees(math.atan2(y, x))
+        kept = np.abs(_azimuths_beside(points, axis_deg)) <= self.half_angle_deg
+        left, sources = _only(points, kept)
+        mask = region_of(points.numpy()[~kept], sample)
+        return PointsChange(left, sources, mask, {"axis_deg": axis_deg})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarSector(LidarCorruption):
+    """All points of one wedge, whose middle the camera sees, are lost."""
+
+    kind = "lidar_sector"
+    leaves_nothing = True
+
+    width_deg: float
+
+    def __post_init__(self) -> None:
+        """Checks the width."""
+        check_number("width_deg", self.width_deg, 0, 360)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws the column of the image that the wedge's middle is on, far away."""
+        height, width = sample.image_size
+        pixel = torch.tensor([[rng.uniform(-0.5, width - 0.5), (height - 1) / 2]])
+        x, y, _ = unproject_pixels(
+            pixel.double(), torch.tensor([_FAR_M]).double(), sample.calibration
+        )[0].tolist()
+        centre_deg = math.degrees(math.atan2(y, x))
+        kept = np.abs(_azimuths_beside(points, centre_deg)) > self.width_deg / 2
+        left, sources = _only(points, kept)
+        mask = region_of(points.numpy()[~kept], sample)
+        return PointsChange(left, sources, mask, {"centre_deg": centre_deg})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarCutout(LidarCorruption):
+    """Blobs are lost: a random point each and those nearest to it, of those that are left."""
+
+    kind = "lidar_cutout"
+    leaves_nothing = True
+
+    num_blobs: int
+    share_of_each: float = 0.02
+    """Of the sweep's points, rounded up."""
+
+    def __post_init__(self) -> None:
+        """Checks number and share."""
+        check_number("num_blobs", self.num_blobs, 0)
+        check_number("share_of_each", self.share_of_each, 0, 1)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws the blobs one after the other, so that more of them hold the fewer."""
+        size = math.ceil(self.share_of_each * len(points))
+        places = points[:, :3].numpy()
+        rows = np.arange(len(points))
+        for _ in range(self.num_blobs):
+            if len(rows) <= size:
+                rows = rows[:0]
+                break
+            centre = places[rows[rng.integers(len(rows))]]
+            distances = np.square(places[rows] - centre).sum(axis=1)
+            rows = np.delete(rows, np.argpartition(distances, size)[:size])
+        kept = np.zeros(len(points), dtype=np.bool_)
+        kept[rows] = True
+        left, sources = _only(points, kept)
+        mask = region_of(points.numpy()[~kept], sample)
+        return PointsChange(left, sources, mask, {"num_blobs": self.num_blobs})
+
+
+def spread_beams(num_beams: int) -> Int64[np.ndarray, " num_beams"]:
+    """Beams in an order whose every beginning is spread over all of them: van der Corput 1935.
+
+    The bits of 0, 1, 2 ... are read backwards: of 8 beams 0, 4, 2, 6, 1, 5, 3, 7.
+    """
+    bits = max(num_beams - 1, 0).bit_length()
+    counted = np.arange(1 << bits)
+    order = np.zeros_like(counted)
+    for bit in range(bits):
+        order |= ((counted >> bit) & 1) << (bits - 1 - bit)
+    return order[order < num_beams]
+
+
+def _only(
+    points: Sweep, kept: Bool[np.ndarray, " num_points"]
+) -> tuple[Float32[Tensor, "num_left 4"], Int64[Tensor, " num_left"]]:
+    """The points that stay, in new memory, and their rows."""
+    rows = torch.from_numpy(np.flatnonzero(kept))
+    return points[rows], rows
+
+
+def _azimuths_beside(points: Sweep, centre_deg: float) -> Float64[np.ndarray, " num_points"]:
+    """Azimuth of each point against a direction, in [-180, 180)."""
+    x, y = points[:, :2].double().numpy().T
+    beside: Float64[np.ndarray, " num_points"] = np.degrees(np.arctan2(y, x)) - centre_deg
+    return (beside + 180) % 360 - 180

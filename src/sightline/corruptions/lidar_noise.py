@@ -1,0 +1,133 @@
+"""LiDARs that measure places wrongly: noise on x, y, z; reflectances stay as they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Int64
+
+from sightline.corruptions.corruption import (
+    LidarCorruption,
+    Parameter,
+    PointsChange,
+    Sweep,
+    check_number,
+    everywhere,
+)
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarGaussianNoise(LidarCorruption):
+    """Independent normal noise on each coordinate of each point."""
+
+    kind = "lidar_gaussian_noise"
+
+    sigma_m: float
+    """Standard deviation."""
+
+    def __post_init__(self) -> None:
+        """Checks the deviation."""
+        check_number("sigma_m", self.sigma_m, 0)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws the same noise for every deviation, but for its size."""
+        noise_m = self.sigma_m * rng.standard_normal((len(points), 3), dtype=np.float32)
+        return _moved(points, noise_m, sample, {"sigma_m": self.sigma_m})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarUniformNoise(LidarCorruption):
+    """Independent even noise on each coordinate of each point."""
+
+    kind = "lidar_uniform_noise"
+
+    half_width_m: float
+    """Largest noise."""
+
+    def __post_init__(self) -> None:
+        """Checks the width."""
+        check_number("half_width_m", self.half_width_m, 0)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws the same noise for every width, but for its size."""
+        noise_m = self.half_width_m * (2 * rng.random((len(points), 3), dtype=np.float32) - 1)
+        return _moved(points, noise_m, sample, {"half_width_m": self.half_width_m})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarImpulseNoise(LidarCorruption):
+    """Some points are off by a fixed step in each coordinate, forth or back."""
+
+    kind = "lidar_impulse_noise"
+
+    share: float
+    """Of the points, rounded down."""
+    step_m: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Checks share and step."""
+        check_number("share", self.share, 0, 1)
+        check_number("step_m", self.step_m, 0)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws an order, of which the first are off, and all signs."""
+        chosen = rng.permutation(len(points))[: int(self.share * len(points) + 1e-9)]
+        signs = 2 * rng.integers(0, 2, (len(points), 3)) - 1
+        noise_m = _only_at(chosen, (self.step_m * signs).astype(np.float32))
+        return _moved(points, noise_m, sample, {"num_points": len(chosen)})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarCrosstalk(LidarCorruption):
+    """Pulses of other LiDARs are taken for its own: some points are far off, normally distributed.
+
+    Levels as Dong et al. 2023, "Benchmarking robustness of 3D object detection to common
+    corruptions", have them.
+    """
+
+    kind = "lidar_crosstalk"
+
+    share: float
+    """Of the points, rounded."""
+    sigma_m: float = 3.0
+    """Standard deviation in each coordinate."""
+
+    def __post_init__(self) -> None:
+        """Checks share and deviation."""
+        check_number("share", self.share, 0, 1)
+        check_number("sigma_m", self.sigma_m, 0)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws an order, of which the first are off, and the noise of all."""
+        chosen = rng.permutation(len(points))[: round(self.share * len(points))]
+        noise_m = self.sigma_m * rng.standard_normal((len(points), 3), dtype=np.float32)
+        noise_m = _only_at(chosen, noise_m)
+        return _moved(points, noise_m, sample, {"num_points": len(chosen)})
+
+
+def _only_at(
+    chosen: Int64[np.ndarray, " num_chosen"], noise_m: Float32[np.ndarray, "num_points 3"]
+) -> Float32[np.ndarray, "num_points 3"]:
+    kept = np.zeros_like(noise_m)
+    kept[chosen] = noise_m[chosen]
+    return kept
+
+
+def _moved(
+    points: Sweep,
+    shifts_m: Float32[np.ndarray, "num_points 3"],
+    sample: CameraLidarSample,
+    parameters: dict[str, Parameter],
+) -> PointsChange:
+    moved = points.clone()
+    moved[:, :3] += torch.from_numpy(shifts_m)
+    return PointsChange(moved, torch.arange(len(points)), everywhere(sample), parameters)

@@ -1,0 +1,167 @@
+"""Rain and snow before a LiDAR: Kilic et al. 2021, "LISA"."""
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from sightline.corruptions.corruption import (
+    LidarCorruption,
+    PointsChange,
+    Sweep,
+    check_number,
+    everywhere,
+)
+from sightline.corruptions.echoes import clear_air_reflectances, faintest_power
+from sightline.corruptions.precipitation import Precipitation, rain, snow
+from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.structures.sample import CameraLidarSample
+
+_RESOLUTION_M: Final = 0.09  # of a range, at a signal as strong as the noise
+_LARGEST_MM: Final = 6.0  # melted; larger drops break up
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarRain(LidarCorruption):
+    """Rain: echoes fade and scatter, and near drops give false ones; see `fall_before`."""
+
+    kind = "lidar_rain"
+
+    rate_mm_per_h: float
+    lidar: SpinningLidar = HDL_64E
+
+    def __post_init__(self) -> None:
+        """Checks the rate."""
+        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """See `fall_before`."""
+        change = fall_before(points, sample, rain(self.rate_mm_per_h), self.lidar, rng)
+        rate = {"rate_mm_per_h": self.rate_mm_per_h}
+        return change._replace(parameters={**rate, **change.parameters})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarSnow(LidarCorruption):
+    """Snow: as rain, with larger and whiter particles; see `fall_before`."""
+
+    kind = "lidar_snow"
+
+    rate_mm_per_h: float
+    """Of the melted snow."""
+    lidar: SpinningLidar = HDL_64E
+
+    def __post_init__(self) -> None:
+        """Checks the rate."""
+        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """See `fall_before`."""
+        change = fall_before(points, sample, snow(self.rate_mm_per_h), self.lidar, rng)
+        rate = {"rate_mm_per_h": self.rate_mm_per_h}
+        return change._replace(parameters={**rate, **change.parameters})
+
+
+class Echoes(NamedTuple):
+    """The strongest echo of a particle in each beam."""
+
+    ranges_m: Float64[np.ndarray, " num_beams"]
+    reflectances: Float64[np.ndarray, " num_beams"]
+    """That the particle seems to have, by what reaches it and comes back; 0 where there is none."""
+
+
+def fall_before(
+    points: Sweep,
+    sample: CameraLidarSample,
+    particles: Precipitation,
+    lidar: SpinningLidar,
+    rng: np.random.Generator,
+) -> PointsChange:
+    """The sweep in rain or snow: after Kilic et al. 2021.
+
+    Powers are reflectance exp(-2 extinction range) / range^2. The strongest echo is taken, that of
+    the target or of a particle in the beam before it; one that is below the noise is lost. The
+    target's range scatters by 0.09 m / sqrt(2 power / noise).
+
+    Departures: extinction is by geometric optics (`Precipitation.extinction_per_m`), not Mie's
+    theory; particles that are too far away ever to be the strongest are not drawn; targets that
+    were found in clear air are taken to have had an echo above the noise.
+    """
+    ranges_m = np.linalg.norm(points[:, :3].double().numpy(), axis=1)
+    reflectances = clear_air_reflectances(points, ranges_m, lidar, rng)
+    echoes = strongest_particles(particles, lidar, ranges_m, rng)
+    fading = np.exp(-2 * particles.extinction_per_m * ranges_m)
+    noise = faintest_power(lidar)
+    squares = np.maximum(ranges_m, 1e-9) ** 2
+    power = reflectances * fading / squares
+    particle_power = echoes.reflectances / np.maximum(echoes.ranges_m, 1e-9) ** 2
+    is_particle = particle_power > power
+    found = np.maximum(power, particle_power) >= noise
+    spread_m = _RESOLUTION_M / np.sqrt(2 * np.maximum(power / noise, 1))
+    new_ranges_m = np.where(
+        is_particle, echoes.ranges_m, ranges_m + spread_m * rng.standard_normal(len(points))
+    )
+    factors = np.maximum(new_ranges_m, 0) / np.maximum(ranges_m, 1e-9)
+    read = np.where(
+        is_particle, np.minimum(echoes.reflectances, 1), points[:, 3].double().numpy() * fading
+    )
+    wet = points.clone()
+    wet[:, :3] *= torch.from_numpy(factors.astype(np.float32))[:, None]
+    wet[:, 3] = torch.from_numpy(read.astype(np.float32))
+    rows = torch.from_numpy(np.flatnonzero(found))
+    said = {
+        "extinction_per_m": particles.extinction_per_m,
+        "num_lost": int(len(points) - found.sum()),
+        "num_particle_echoes": int((found & is_particle).sum()),
+    }
+    return PointsChange(wet[rows], rows, everywhere(sample), said)
+
+
+def strongest_particles(
+    particles: Precipitation,
+    lidar: SpinningLidar,
+    ranges_m: Float64[np.ndarray, " num_beams"],
+    rng: np.random.Generator,
+) -> Echoes:
+    """Draws the particles in each beam, a cone, and picks the strongest echo before the target.
+
+    A particle that fills a part of the beam throws back that part.
+    """
+    reach_m = _reach_m(particles, lidar)
+    half_angle = lidar.beam_divergence_mrad * 1e-3 / 2
+    volume_m3 = math.pi / 3 * half_angle**2 * reach_m**3
+    counts = rng.poisson(particles.per_cubic_metre * volume_m3, len(ranges_m))
+    beams = np.repeat(np.arange(len(ranges_m)), counts)
+    places_m = reach_m * np.cbrt(rng.random(len(beams)))
+    diameters_m = particles.draw_diameters_m(len(beams), rng)
+    filled = np.minimum((diameters_m / (2 * half_angle * places_m)) ** 2, 1)
+    seeming = particles.reflectance * filled
+    seeming *= np.exp(-2 * particles.extinction_per_m * places_m)
+    is_before = (places_m >= lidar.min_range_m) & (places_m < ranges_m[beams])
+    powers = np.where(is_before, seeming / places_m**2, 0.0)
+    first = np.flatnonzero(np.diff(beams, prepend=-1))
+    chosen_ranges, chosen_seeming = np.zeros(len(ranges_m)), np.zeros(len(ranges_m))
+    if len(first):
+        best = np.repeat(np.maximum.reduceat(powers, first), counts[counts > 0])
+        # The strongest writes; of equal ones, which have no power, it does not matter which.
+        is_best = (powers == best) & (powers > 0)
+        chosen_ranges[beams[is_best]] = places_m[is_best]
+        chosen_seeming[beams[is_best]] = seeming[is_best]
+    return Echoes(chosen_ranges, chosen_seeming)
+
+
+def _reach_m(particles: Precipitation, lidar: SpinningLidar) -> float:
+    """Where the largest particle's echo is as faint as the noise, if it fills a part of the beam.
+
+    Reflectance (diameter / (divergence range))^2 / range^2 is the noise there.
+    """
+    size_m = particles.swelling * _LARGEST_MM * 1e-3 / (lidar.beam_divergence_mrad * 1e-3)
+    ratio = particles.reflectance / faintest_power(lidar)
+    return min(math.sqrt(math.sqrt(ratio) * size_m), lidar.max_range_m)

@@ -1,0 +1,126 @@
+"""LiDARs that are not where, or not when, the calibration says.
+
+Image, calibration and labels stay as they are; the sweep is what it would be in the true frame of
+the LiDAR. KITTI's labels are in the camera's frame, so all of them now miss the points alike.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from sightline.corruptions.corruption import (
+    LidarCorruption,
+    Parameter,
+    PointsChange,
+    Sweep,
+    check_number,
+    check_range,
+    everywhere,
+)
+from sightline.geometry.transforms import transform_points
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SpatialMisalignment(LidarCorruption):
+    """The LiDAR has turned and moved in its mount: about an axis and in a direction, each random.
+
+    Angle and distance are exactly what is set, and what is applied is a rotation.
+    """
+
+    kind = "misalignment_spatial"
+
+    rotation_deg: float
+    translation_m: float
+
+    def __post_init__(self) -> None:
+        """Checks angle and distance."""
+        check_number("rotation_deg", self.rotation_deg, 0, 180)
+        check_number("translation_m", self.translation_m, 0)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """Draws axis and direction, each evenly on the sphere."""
+        axis, direction = _direction(rng), _direction(rng)
+        turn = Rotation.from_rotvec(math.radians(self.rotation_deg) * axis)
+        moved_from_lidar = torch.eye(4, dtype=torch.float64)
+        moved_from_lidar[:3, :3] = torch.from_numpy(turn.as_matrix())
+        moved_from_lidar[:3, 3] = torch.from_numpy(self.translation_m * direction)
+        drawn: dict[str, Parameter] = {
+            "axis": axis.tolist(),
+            "rotation_deg": self.rotation_deg,
+            "translation_m": (self.translation_m * direction).tolist(),
+        }
+        return _seen_from(moved_from_lidar, points, sample, drawn)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TemporalMisalignment(LidarCorruption):
+    """The sweep is older than the image, by a latency in which the car has gone on.
+
+    Nothing of the scene moves: the sweep is that of now, seen from where the LiDAR was then. The
+    car has driven ahead at a constant speed while it turned evenly.
+    """
+
+    kind = "misalignment_temporal"
+
+    latency_s: float
+    speed_mps: float = 10.0
+    yaw_rate_dps: tuple[float, float] = (-10.0, 10.0)
+    """Degrees a second, counter-clockwise; drawn evenly."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_number("latency_s", self.latency_s, 0)
+        check_number("speed_mps", self.speed_mps, 0)
+        check_range("yaw_rate_dps", self.yaw_rate_dps, -180, 180)
+
+    def change_points(
+        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> PointsChange:
+        """See `ego_motion`."""
+        yaw_rate_dps = rng.uniform(*self.yaw_rate_dps)
+        then_from_now = ego_motion(self.speed_mps, yaw_rate_dps, self.latency_s)
+        drawn: dict[str, Parameter] = {
+            "latency_s": self.latency_s,
+            "speed_mps": self.speed_mps,
+            "yaw_rate_dps": yaw_rate_dps,
+        }
+        return _seen_from(then_from_now, points, sample, drawn)
+
+
+def ego_motion(speed_mps: float, yaw_rate_dps: float, time_s: float) -> Float64[Tensor, "4 4"]:
+    """The LiDAR's pose after a time in its frame at its beginning, on an arc (LiDAR frame)."""
+    yaw = math.radians(yaw_rate_dps) * time_s
+    # Chord of the arc, by sin(x) / x and its kin, which hold where there is no turn.
+    ahead_m = speed_mps * time_s * float(np.sinc(yaw / math.pi))
+    aside_m = speed_mps * time_s * math.sin(yaw / 2) * float(np.sinc(yaw / 2 / math.pi))
+    then_from_now = torch.eye(4, dtype=torch.float64)
+    then_from_now[:3, :3] = torch.from_numpy(Rotation.from_euler("z", yaw).as_matrix())
+    then_from_now[:2, 3] = torch.tensor([ahead_m, aside_m])
+    return then_from_now
+
+
+def _direction(rng: np.random.Generator) -> Float64[np.ndarray, "3"]:
+    while True:
+        drawn = rng.standard_normal(3)
+        length = float(np.linalg.norm(drawn))
+        if length > 1e-6:
+            return drawn / length
+
+
+def _seen_from(
+    other_from_lidar: Float64[Tensor, "4 4"],
+    points: Sweep,
+    sample: CameraLidarSample,
+    drawn: dict[str, Parameter],
+) -> PointsChange:
+    moved = points.clone()
+    moved[:, :3] = transform_points(other_from_lidar, points[:, :3].double()).float()
+    return PointsChange(moved, torch.arange(len(points)), everywhere(sample), drawn)

@@ -1,0 +1,136 @@
+"""Cameras that do not hold still or are out of focus, and pictures that are stored too small."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float32, UInt8
+from torch import Tensor
+
+from sightline.corruptions.corruption import (
+    CameraCorruption,
+    Image,
+    ImageChange,
+    check_number,
+    everywhere,
+)
+from sightline.structures.sample import CameraLidarSample
+
+_FINE = 8  # parts of a pixel's side that a disc is sampled with
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraMotionBlur(CameraCorruption):
+    """The image moves evenly along a line while it is exposed."""
+
+    kind = "camera_motion_blur"
+
+    length_px: float
+
+    def __post_init__(self) -> None:
+        """Checks the length."""
+        check_number("length_px", self.length_px, 1, 1000)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """Draws the angle evenly; see `line_kernel`."""
+        angle_deg = rng.uniform(0, 180)
+        blurred = blur(image, line_kernel(self.length_px, angle_deg))
+        drawn = {"length_px": self.length_px, "angle_deg": angle_deg}
+        return ImageChange(blurred, everywhere(sample), drawn)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraDefocus(CameraCorruption):
+    """Each point of the scene is a disc in the image."""
+
+    kind = "camera_defocus"
+
+    radius_px: float
+
+    def __post_init__(self) -> None:
+        """Checks the radius."""
+        check_number("radius_px", self.radius_px, 0, 1000)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `disc_kernel`; draws nothing."""
+        del rng
+        blurred = blur(image, disc_kernel(self.radius_px))
+        return ImageChange(blurred, everywhere(sample), {"radius_px": self.radius_px})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraJpeg(CameraCorruption):
+    """A picture that was stored as a JPEG file of low quality."""
+
+    kind = "camera_jpeg"
+
+    quality: int
+    """As libjpeg counts, from 1 to 100."""
+
+    def __post_init__(self) -> None:
+        """Checks the quality."""
+        check_number("quality", self.quality, 1, 100)
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """Draws nothing."""
+        del rng
+        pixels = np.ascontiguousarray(image.numpy().transpose(1, 2, 0)[..., ::-1])
+        is_stored, stored = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
+        assert is_stored, "an 8-bit image can be stored"
+        read = cv2.imdecode(stored, cv2.IMREAD_COLOR)
+        assert read is not None, "what was stored can be read"
+        planes = np.ascontiguousarray(read[..., ::-1].transpose(2, 0, 1))
+        return ImageChange(torch.from_numpy(planes), everywhere(sample), {"quality": self.quality})
+
+
+def line_kernel(length_px: float, angle_deg: float) -> Float32[np.ndarray, "side side"]:
+    """A line through the middle, counter-clockwise from the right, of sum 1.
+
+    Its points, a hundredth of a pixel apart or less, are shared among the four pixels around each.
+    """
+    reach = (length_px - 1) / 2
+    half = math.ceil(reach)
+    places = np.linspace(-reach, reach, 100 * half + 1)
+    x = half + places * math.cos(math.radians(angle_deg))
+    y = half - places * math.sin(math.radians(angle_deg))
+    kernel = np.zeros((2 * half + 3, 2 * half + 3))  # with room on the border for the rounding
+    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    right, below = x - column, y - row
+    for down, of_row in ((0, 1 - below), (1, below)):
+        for across, of_column in ((0, 1 - right), (1, right)):
+            np.add.at(kernel, (row + down + 1, column + across + 1), of_row * of_column)
+    normed: Float32[np.ndarray, "side side"] = (kernel / kernel.sum()).astype(np.float32)
+    return normed
+
+
+def disc_kernel(radius_px: float) -> Float32[np.ndarray, "side side"]:
+    """A disc of even weight and sum 1; a pixel on its rim counts as far as it is in it."""
+    half = math.ceil(radius_px)
+    parts = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    places = (np.arange(-half, half + 1)[:, None] + parts).reshape(-1)
+    inside = places**2 + places[:, None] ** 2 <= radius_px**2
+    side = 2 * half + 1
+    kernel = inside.reshape(side, _FINE, side, _FINE).mean(axis=(1, 3))
+    if not kernel.any():
+        kernel[half, half] = 1
+    normed: Float32[np.ndarray, "side side"] = (kernel / kernel.sum()).astype(np.float32)
+    return normed
+
+
+def blur(
+    image: UInt8[Tensor, "channels height width"], kernel: Float32[np.ndarray, "side side"]
+) -> UInt8[Tensor, "channels height width"]:
+    """The image filtered, rounded; beyond the border it is mirrored about the outermost pixels."""
+    planes = [
+        cv2.filter2D(np.ascontiguousarray(plane), -1, kernel, borderType=cv2.BORDER_REFLECT_101)
+        for plane in image.numpy()
+    ]
+    return torch.from_numpy(np.stack(planes).astype(np.uint8, copy=False))

@@ -1,0 +1,144 @@
+"""How far away everything in an image is, as weather needs it: fast, and good to some percent."""
+
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, UInt8
+from torch import Tensor
+
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.sample import CameraLidarSample
+
+_DENSE_SHARE = 0.5  # of the pixels below the horizon: with more of them a depth map is dense
+_BESIDE_PX = 6.0  # of a measurement: nearer, what looks like sky is a wall or a car
+_BLUER = 1.15  # blue by red of a blue sky, at least
+_WHITE_LEVEL = 225  # of an overexposed one
+_WINDOW_PX = 15
+_SMOOTH_LEVELS = 12.0  # of the guide, whose smaller changes are no edges
+_NEVER_M = 1e6  # the sky
+
+
+class SceneRanges(NamedTuple):
+    """Distances along the camera's rays."""
+
+    ranges_m: Float32[np.ndarray, "height width"]
+    """Of the sky a million."""
+    source: Literal["depth", "sweep", "flat road"]
+    """What they are from."""
+
+
+def scene_ranges(sample: CameraLidarSample) -> SceneRanges:
+    """The distance of what each pixel shows.
+
+    Of a dense depth map, where the sample has one: what it does not know is sky. Else of the sweep
+    (with the measured pixels of a sparse depth map): each pixel has the inverse depth of the
+    nearest measured one. Above the horizon it is sky where that one is below, as a LiDAR that looks
+    up a little has had no echo there, and where the image, beside all measurements, is blue or
+    white as the sky is. Edges then follow the image's: a guided filter, He et al. 2010, as
+    Sakaridis et al. 2018 use it on the transmittance. Without any measurement, of a flat road
+    below the horizon. Takes about 20 ms; surfaces end within some pixels of where they do.
+    """
+    height, width = sample.image_size
+    known = np.zeros((height, width), dtype=np.float32)
+    if sample.depth is not None:
+        known = sample.depth.numpy()
+    horizon = _horizon_row(sample)
+    below = known[min(horizon, height - 1) :]
+    source: Literal["depth", "sweep", "flat road"] = "depth"
+    if (below > 0).mean() >= _DENSE_SHARE:
+        depth_m = np.where(known > 0, known, np.float32(_NEVER_M))
+    else:
+        if sample.points is not None:
+            of_sweep = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+            known = np.where(known > 0, known, of_sweep.numpy())
+        if known.any():
+            depth_m, source = _filled(known, horizon, sample.image), "sweep"
+        else:
+            depth_m, source = _flat_road(sample, horizon), "flat road"
+    ranges_m = np.minimum(depth_m * _ray_lengths(sample.calibration, height, width), _NEVER_M)
+    return SceneRanges(ranges_m.astype(np.float32, copy=False), source)
+
+
+def _horizon_row(sample: CameraLidarSample) -> int:
+    """Where the horizon is, if the camera looks straight ahead."""
+    row = float(sample.calibration.image_from_camera[1, 2])
+    return int(np.clip(round(row), 0, sample.image_size[0]))
+
+
+def _filled(
+    known_m: Float32[np.ndarray, "height width"],
+    horizon: int,
+    image: UInt8[Tensor, "3 height width"] | None,
+) -> Float32[np.ndarray, "height width"]:
+    is_known = known_m > 0
+    distance_px, labels = cv2.distanceTransformWithLabels(
+        (~is_known).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    rows, columns = np.nonzero(is_known)
+    row_of = np.zeros(labels.max() + 1, dtype=np.int32)
+    inverse_of = np.zeros(labels.max() + 1, dtype=np.float32)
+    of_known = labels[rows, columns]
+    row_of[of_known] = rows
+    inverse_of[of_known] = 1 / known_m[rows, columns]
+    inverse = inverse_of[labels]
+    above = slice(0, horizon)
+    is_sky = row_of[labels[above]] > horizon
+    if image is not None:
+        is_sky |= _sky_colored(image.numpy()[:, above]) & (distance_px[above] > _BESIDE_PX)
+    inverse[above][is_sky] = 0
+    guide = inverse if image is None else image.numpy().max(axis=0).astype(np.float32)
+    inverse = _guided(inverse, guide)
+    depth_m: Float32[np.ndarray, "height width"] = 1 / np.maximum(inverse, np.float32(1 / _NEVER_M))
+    return depth_m.astype(np.float32, copy=False)
+
+
+def _sky_colored(
+    planes: UInt8[np.ndarray, "3 height width"],
+) -> Bool[np.ndarray, "height width"]:
+    red, green, blue = planes.astype(np.int16)
+    is_blue = (blue > _BLUER * red) & (blue >= green)
+    is_white = planes.min(axis=0) >= _WHITE_LEVEL
+    is_sky: Bool[np.ndarray, "height width"] = is_white | is_blue
+    return is_sky
+
+
+def _guided(
+    values: Float32[np.ndarray, "height width"], guide: Float32[np.ndarray, "height width"]
+) -> Float32[np.ndarray, "height width"]:
+    """Values as a linear function of the guide in each window, these functions averaged."""
+
+    def mean(of: Float32[np.ndarray, "height width"]) -> Float32[np.ndarray, "height width"]:
+        return cv2.blur(of, (_WINDOW_PX, _WINDOW_PX)).astype(np.float32, copy=False)
+
+    of_guide, of_values = mean(guide), mean(values)
+    spread = mean(guide * guide) - of_guide * of_guide
+    slope = (mean(guide * values) - of_guide * of_values) / (spread + _SMOOTH_LEVELS**2)
+    filtered: Float32[np.ndarray, "height width"] = mean(slope) * guide
+    filtered += mean(of_values - slope * of_guide)
+    return filtered
+
+
+def _flat_road(sample: CameraLidarSample, horizon: int) -> Float32[np.ndarray, "height width"]:
+    height, width = sample.image_size
+    focal_px = float(sample.calibration.image_from_camera[1, 1])
+    rows_below = np.maximum(np.arange(height) - horizon, 0)
+    camera_height_m = KITTI_LIDAR_HEIGHT_M  # less some centimetres
+    depth_m = focal_px * camera_height_m / np.maximum(rows_below, 1e-3)
+    column = np.minimum(depth_m, _NEVER_M).astype(np.float32)
+    return np.repeat(column[:, None], width, axis=1)
+
+
+def _ray_lengths(
+    calibration: Calibration, height: int, width: int
+) -> Float32[np.ndarray, "height width"]:
+    """Metres along each pixel's ray for a metre of depth."""
+    intrinsics = calibration.image_from_camera[:, :3].numpy()
+    x = (np.arange(width) - intrinsics[0, 2]) / intrinsics[0, 0]
+    y = (np.arange(height) - intrinsics[1, 2]) / intrinsics[1, 1]
+    lengths: Float32[np.ndarray, "height width"] = np.sqrt(1 + x**2 + (y**2)[:, None]).astype(
+        np.float32
+    )
+    return lengths

@@ -1,0 +1,84 @@
+"""What corruptions need to know of a spinning LiDAR."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Int64
+from torch import Tensor
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SpinningLidar:
+    """A LiDAR whose beams, each at its own elevation, turn about the vertical axis.
+
+    Raises:
+        ValueError: There is no beam, elevations do not fall or are no angles, or a range is none.
+    """
+
+    beam_elevations_deg: tuple[float, ...]
+    """From the top."""
+    max_range_m: float = 120.0
+    """Where a target that reflects 90 % is just seen in clear air."""
+    min_range_m: float = 0.9
+    """From where on it sees anything."""
+    beam_divergence_mrad: float = 3.0
+    """Full angle of a beam."""
+
+    def __post_init__(self) -> None:
+        """Checks beams and ranges."""
+        elevations = np.array(self.beam_elevations_deg)
+        if not (len(elevations) and (np.abs(elevations) <= 90).all()):
+            raise ValueError(
+                f"beam_elevations_deg must be angles from -90 to 90, got {self.beam_elevations_deg}"
+            )
+        if not (np.diff(elevations) < 0).all():
+            raise ValueError("beam_elevations_deg must fall from the top beam to the lowest")
+        if not 0 < self.min_range_m < self.max_range_m < np.inf:
+            raise ValueError(
+                "the ranges must be finite, min_range_m above 0 and below max_range_m; got "
+                f"{self.min_range_m} and {self.max_range_m}"
+            )
+        if not 0 < self.beam_divergence_mrad < np.inf:
+            raise ValueError(
+                f"beam_divergence_mrad must be finite and above 0, got {self.beam_divergence_mrad}"
+            )
+
+    @property
+    def num_beams(self) -> int:
+        """How many beams it has."""
+        return len(self.beam_elevations_deg)
+
+    def ring_of(self, points: Float32[Tensor, "num_points fields"]) -> Int64[Tensor, " num_points"]:
+        """The beam, from the top, whose elevation is nearest to each point's (x, y, z first [m]).
+
+        Seen from the LiDAR's origin: of sensors whose beams do not start there, what is near may
+        count to a neighbour.
+        """
+        places = points[:, :3].numpy()
+        elevations = np.degrees(np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1])))
+        rising = np.array(self.beam_elevations_deg[::-1])
+        below = np.searchsorted((rising[1:] + rising[:-1]) / 2, elevations)
+        return torch.from_numpy(self.num_beams - 1 - below)
+
+
+def evenly_spaced(num_beams: int, top_deg: float, bottom_deg: float) -> SpinningLidar:
+    """A LiDAR of so many beams from the top elevation to the lowest, in even steps."""
+    return SpinningLidar(
+        beam_elevations_deg=tuple(np.linspace(top_deg, bottom_deg, num_beams).tolist())
+    )
+
+
+HDL_64E: Final = SpinningLidar(
+    beam_elevations_deg=(
+        *np.linspace(2.0, -8.333, 32).round(3).tolist(),
+        *np.linspace(-8.833, -24.333, 32).round(3).tolist(),
+    )
+)
+"""KITTI's, by its data sheet: 32 beams a third of a degree apart above 32 half a degree apart."""
+
+HDL_32E: Final = evenly_spaced(32, 10.67, -30.67)
+"""That of nuScenes."""
+
+VLP_16: Final = evenly_spaced(16, 15.0, -15.0)

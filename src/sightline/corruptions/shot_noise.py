@@ -1,0 +1,46 @@
+"""Photons that are counted, fast."""
+
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Float64, UInt8
+from scipy.stats import poisson
+from torch import Tensor
+
+_DRAWS: Final = 1 << 16
+
+
+def detect_photons(
+    image: UInt8[Tensor, "channels height width"],
+    mean_photons: Float64[np.ndarray, "256"],
+    levels_per_photon: float,
+    rng: np.random.Generator,
+) -> UInt8[Tensor, "channels height width"]:
+    """The image of a sensor that counts photons: a Poisson number for each value by itself.
+
+    Numbers are drawn by inverting the distribution function at 2^16 evenly spaced places, so that
+    chances are exact to 1e-5; drawing them one by one takes three times as long.
+
+    Args:
+        image: Without noise.
+        mean_photons: Of each of its 256 levels.
+        levels_per_photon: What a photon adds to the level; rounded, kept in [0, 255].
+        rng: Where all randomness comes from.
+    """
+    table = np.stack([_outcomes(mean, levels_per_photon) for mean in mean_photons.tolist()])
+    drawn = rng.integers(0, _DRAWS, image.shape, dtype=np.uint16)
+    places = image.numpy().astype(np.int32)
+    places <<= 16
+    places |= drawn
+    return torch.from_numpy(table.reshape(-1)[places])
+
+
+def _outcomes(mean: float, levels_per_photon: float) -> UInt8[np.ndarray, "draws"]:
+    """Levels of all draws, from the fewest photons to the most."""
+    most = int(mean + 7 * np.sqrt(mean) + 12)
+    counts = np.arange(most + 1)
+    up_to = np.rint(_DRAWS * poisson.cdf(counts, mean)).astype(np.int64)
+    up_to[-1] = _DRAWS
+    levels = np.clip(np.rint(levels_per_photon * counts), 0, 255).astype(np.uint8)
+    return np.repeat(levels, np.diff(up_to, prepend=0))

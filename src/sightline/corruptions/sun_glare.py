@@ -1,0 +1,160 @@
+"""A low sun, which blinds the camera and the LiDAR alike."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+
+from sightline.corruptions.corruption import (
+    Corrupted,
+    Corruption,
+    Parameter,
+    PointsChange,
+    Sweep,
+    check_number,
+    check_range,
+    everywhere,
+    nowhere,
+    record_of,
+)
+from sightline.corruptions.haze import to_levels
+from sightline.corruptions.illumination import disc_mask
+from sightline.corruptions.point_pixels import region_of
+from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.geometry.projection import project_points, unproject_pixels
+from sightline.structures.sample import CameraLidarSample
+
+_FAR_M: Final = 1e5
+_HALO_LEVELS: Final = (255.0, 245.0, 220.0)  # that are added at the disc's rim, RGB
+_GHOST_REFLECTANCE: Final = 0.1  # at most
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SunGlare(Corruption):
+    """A low sun: a white disc and its halo in the image; in the LiDAR its direction is blind.
+
+    Points that fall in the disc are lost, and the sun's light makes ghosts: points of random ranges
+    in its direction, within the LiDAR's own field of view. After the sunlight of Dong et al. 2023.
+    """
+
+    kind = "sun_glare"
+    sensors = ("camera", "lidar")
+
+    radius_px: float
+    """Of the disc that is all white."""
+    ghost_share: float
+    """Ghosts by points of the sweep, rounded."""
+    ghost_range_m: tuple[float, float] = (1.5, 80.0)
+    """Drawn evenly."""
+    lidar: SpinningLidar = HDL_64E
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        check_number("radius_px", self.radius_px, 0, 10000)
+        check_number("ghost_share", self.ghost_share, 0, 1)
+        check_range("ghost_range_m", self.ghost_range_m, 0.1, 1000)
+
+    def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
+        """Draws the sun's middle, from the top of the image to the horizon; see `shine`."""
+        height, width = sample.image_size
+        horizon = min(max(float(sample.calibration.image_from_camera[1, 2]), 0), height - 1)
+        centre_px = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, horizon)
+        found = Corrupted(
+            sample=sample,
+            record=record_of(self, {}),
+            camera_mask=nowhere(sample),
+            lidar_mask=nowhere(sample),
+        )
+        drawn: dict[str, Parameter] = {"centre_px": centre_px, "radius_px": self.radius_px}
+        if sample.image is not None:
+            found = replace(
+                found,
+                sample=replace(sample, image=shine(sample.image, centre_px, self.radius_px)),
+                record=record_of(self, drawn),
+                camera_mask=everywhere(sample),
+            )
+        if sample.points is not None:
+            change = self._blind(sample.points, sample, centre_px, rng)
+            found = replace(
+                found,
+                sample=replace(found.sample, points=change.points),
+                record=record_of(self, {**drawn, **change.parameters}),
+                lidar_mask=change.mask,
+                broken_points=change.broken(sample.points),
+                point_sources=change.sources,
+            )
+        return found
+
+    def _blind(
+        self,
+        points: Sweep,
+        sample: CameraLidarSample,
+        centre_px: tuple[float, float],
+        rng: np.random.Generator,
+    ) -> PointsChange:
+        """The sweep without the points in the disc, then the ghosts."""
+        pixels = project_points(points[:, :3].double(), sample.calibration).pixels
+        distances = torch.linalg.vector_norm(pixels - pixels.new_tensor(centre_px), dim=1)
+        # Written so that NaN, the pixel of what is not in front of the camera, is outside.
+        lost = distances <= self.radius_px
+        rows = (~lost).nonzero()[:, 0]
+        ghosts = self._ghosts(round(self.ghost_share * len(points)), sample, centre_px, rng)
+        changed = torch.cat((points[lost], ghosts)).numpy()
+        mask = region_of(changed, sample)
+        if len(points):
+            mask |= disc_mask(sample.image_size, centre_px, self.radius_px)
+        said = {"num_lost": int(lost.sum()), "num_ghosts": len(ghosts)}
+        sources = torch.cat((rows, torch.full((len(ghosts),), -1)))
+        return PointsChange(torch.cat((points[rows], ghosts)), sources, mask, said)
+
+    def _ghosts(
+        self,
+        count: int,
+        sample: CameraLidarSample,
+        centre_px: tuple[float, float],
+        rng: np.random.Generator,
+    ) -> Sweep:
+        """Points in the sun's direction, at elevations that the LiDAR has beams for."""
+        radii_px = self.radius_px * np.sqrt(rng.random(count))
+        angles = rng.uniform(0, 2 * math.pi, count)
+        pixels = np.array(centre_px) + radii_px[:, None] * np.stack(
+            (np.cos(angles), np.sin(angles)), axis=1
+        )
+        far = unproject_pixels(
+            torch.from_numpy(pixels), torch.full((count,), _FAR_M).double(), sample.calibration
+        ).numpy()
+        azimuths = np.arctan2(far[:, 1], far[:, 0])
+        elevations = np.arctan2(far[:, 2], np.hypot(far[:, 0], far[:, 1]))
+        beams = np.radians(self.lidar.beam_elevations_deg)
+        elevations = np.clip(elevations, beams[-1], beams[0])
+        ranges_m = rng.uniform(*self.ghost_range_m, count)
+        flat_m = ranges_m * np.cos(elevations)
+        columns = (
+            flat_m * np.cos(azimuths),
+            flat_m * np.sin(azimuths),
+            ranges_m * np.sin(elevations),
+            _GHOST_REFLECTANCE * rng.random(count),
+        )
+        return torch.from_numpy(np.stack(columns, axis=1).astype(np.float32))
+
+
+def shine(
+    image: UInt8[Tensor, "3 height width"], centre_px: tuple[float, float], radius_px: float
+) -> UInt8[Tensor, "3 height width"]:
+    """The image with a white disc and a halo that falls with the square of the distance.
+
+    As the light that an eye or a lens scatters does: Vos 1984. It is added, up to 255.
+    """
+    height, width = image.shape[1:]
+    x = (np.arange(width, dtype=np.float32) - centre_px[0]) ** 2
+    y = (np.arange(height, dtype=np.float32) - centre_px[1]) ** 2
+    shares = radius_px**2 / np.maximum(x + y[:, None], max(radius_px, 1e-3) ** 2)
+    shares = shares.astype(np.float32)
+    lit = image.numpy().astype(np.float32)
+    lit += np.array(_HALO_LEVELS, dtype=np.float32)[:, None, None] * shares
+    lit[:, shares >= 1] = 255
+    return to_levels(lit)

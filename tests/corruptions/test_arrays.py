@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+import torch
+
+from sightline.corruptions.arrays import corrupt_arrays
+from sightline.corruptions.kinds import KINDS
+from sightline.data.faults import fault_rng
+from tests.data.scenes import sample_of
+
+SAMPLE = sample_of(depth=None, objects=None)
+MATRICES = {
+    "image_from_camera": SAMPLE.calibration.image_from_camera.numpy(),
+    "camera_from_lidar": SAMPLE.calibration.camera_from_lidar.numpy(),
+}
+IMAGE = SAMPLE.image.numpy().transpose(1, 2, 0)
+POINTS = SAMPLE.points.numpy()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_arrays_become_what_a_sample_becomes_and_stay_as_they_are(kind):
+    image, points = IMAGE.copy(), POINTS.copy()
+    found = corrupt_arrays(
+        kind, 4, image=image, points=points, **MATRICES, seed=5, name=SAMPLE.sample_id
+    )
+    expected = KINDS[kind].at(4).corrupt(SAMPLE, fault_rng(SAMPLE, 5, kind))
+    assert np.array_equal(found.image.transpose(2, 0, 1), expected.sample.image.numpy())
+    assert np.array_equal(found.points, expected.sample.points.numpy())
+    assert found.record == expected.record
+    for name in ("camera_mask", "lidar_mask", "broken_points", "point_sources"):
+        mask = getattr(expected, name)
+        assert (getattr(found, name) is None) == (mask is None)
+        assert mask is None or torch.equal(torch.from_numpy(getattr(found, name)), mask)
+    found.image[:], found.points[:] = 3, 3
+    assert np.array_equal(image, IMAGE)
+    assert np.array_equal(points, POINTS)
+
+
+def test_a_lidar_alone_needs_the_size_of_the_image():
+    found = corrupt_arrays("lidar_fog", 5, points=POINTS, image_size=(120, 400), **MATRICES)
+    assert found.image is None
+    assert found.lidar_mask.shape == (120, 400)
+    with pytest.raises(ValueError, match="image_size"):
+        corrupt_arrays("lidar_fog", 5, points=POINTS, **MATRICES)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"image": IMAGE.astype(np.float32)}, "image must be uint8, height x width x 3; got float"),
+        ({"image": IMAGE.transpose(2, 0, 1)}, "got uint8 of shape 3 x 120 x 400"),
+        ({"points": POINTS[:, :3]}, "points must be finite .* got float32 of shape 300 x 3"),
+        ({"points": np.full((1, 4), np.nan)}, "points must be finite"),
+        ({"image_from_camera": np.eye(3)}, "image_from_camera must be 3 x 4 numbers"),
+        ({"depth": np.zeros((3, 3, 3))}, "depth must be floating point, height x width"),
+        ({"image_size": (5, 5)}, "image is 120x400, expected image_size 5x5"),
+        ({"seed": -1}, "seed must not be negative"),
+    ],
+)
+def test_what_is_no_such_array_is_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        corrupt_arrays("camera_fog", 1, **{"image": IMAGE, **MATRICES, **wrong})
