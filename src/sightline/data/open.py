@@ -75,7 +75,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
 
 
 def open_dataset(
-    path: Path,
+    path: Path | str,
     *,
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne = "velodyne",
@@ -87,6 +87,12 @@ def open_dataset(
     anonymous test frames or `train`, the first that is there; name the split's own folder for
     another.
 
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> dataset = sightline.open_dataset(PACKAGED_FRAMES)
+    >>> dataset.sample_ids, dataset[0].image_size
+    (('000000', '000001'), (375, 1242))
+
     Args:
         path: Folder of the tree, of one of its splits, or of a drive.
         sample_list: Which samples; see `read_sample_list`. None: all.
@@ -96,6 +102,7 @@ def open_dataset(
     Raises:
         ValueError: `path` is none of the three, or lacks files.
     """
+    path = Path(path)
     if not path.is_dir():
         what = "is no folder" if path.exists() else "does not exist"
         raise ValueError(f"{path} {what}; give the folder of a KITTI data set")

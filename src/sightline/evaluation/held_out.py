@@ -121,6 +121,14 @@ def evaluate_held_out(
     without a prediction take the nearest one (Euclidean, in the image). Samples are drawn one at a
     time.
 
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> samples = sightline.open_dataset(PACKAGED_FRAMES, sample_list=("000000",))
+    >>> predictor = sightline.load("depth-fast-cpu")
+    >>> report = sightline.evaluate_held_out(samples, predictor, beams=(16,))
+    >>> [score.beams for score in report.scores]
+    [16]
+
     Args:
         samples: Frames with a sweep in KITTI's order.
         complete: The method. It gets a cropped sample with the rings it may see, without truth.

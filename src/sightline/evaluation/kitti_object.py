@@ -22,8 +22,8 @@ _MAX_RESAMPLES = 100_000  # the interval's ends then stand to a tenth of their l
 
 
 def evaluate_objects(
-    results_dir: Path,
-    labels_dir: Path,
+    results_dir: Path | str,
+    labels_dir: Path | str,
     *,
     sample_list: Path | str | Sequence[str] | None = None,
     overlaps: MinimumOverlaps = STRICT,
@@ -34,6 +34,17 @@ def evaluate_objects(
     """Evaluates result files against label files as KITTI's official program does.
 
     Frames are read and dropped one after the other; what is kept grows with the scores.
+
+    >>> import sightline, tempfile
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> labels = PACKAGED_FRAMES / "training" / "label_2"
+    >>> with tempfile.TemporaryDirectory() as results:
+    ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
+    ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
+    ...         _ = Path(results, path.name).write_text("\\n".join(lines))
+    ...     report = sightline.evaluate_objects(results, labels)
+    >>> report.frames
+    2
 
     Args:
         results_dir: One file a frame, 16 fields a line; empty where nothing was found.
@@ -59,7 +70,7 @@ def evaluate_objects(
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     minima = overlaps.as_array()
-    frames = read_frames(results_dir, labels_dir, sample_list, progress=progress)
+    frames = read_frames(Path(results_dir), Path(labels_dir), sample_list, progress=progress)
     parts: list[MatchingData] = []
     for batch in _batches(frames):
         detections, labels = zip(*batch, strict=True)

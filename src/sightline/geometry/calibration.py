@@ -19,6 +19,12 @@ class Calibration:
     baseline between the two in its last column. Depth is therefore its third homogeneous
     coordinate: metres along the optical axis from the centre of camera 2, as in KITTI's depth maps.
 
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> calibration = sightline.open_dataset(PACKAGED_FRAMES)[0].calibration
+    >>> calibration.image_from_lidar.shape, calibration.crop(100, 50).image_from_camera[0, 2].item()
+    (torch.Size([3, 4]), 509.5593)
+
     Raises:
         ValueError: A matrix is not finite or singular, or camera_from_lidar is not rigid.
     """

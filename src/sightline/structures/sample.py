@@ -19,6 +19,13 @@ class CameraLidarSample:
     radians; pixel (0, 0) is the centre of the top-left pixel. A sensor that delivered nothing is
     None; a sweep of zero points is a sweep.
 
+    >>> import dataclasses, sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+    >>> blind = dataclasses.replace(sample, image=None)  # the camera delivered nothing
+    >>> blind.image_size, blind.points.shape[1]
+    ((375, 1242), 4)
+
     Raises:
         ValueError: The image or the depth map is not of `image_size`.
     """
