@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from sightline.data.check import check_tree as check_tree
     from sightline.data.image_file import write_rgb as write_rgb
+    from sightline.data.importing.import_recording import import_recording as import_recording
     from sightline.data.open import open_dataset as open_dataset
+    from sightline.data.undistortion import undistort as undistort
     from sightline.depth_completion.predictor import DepthPredictor as DepthPredictor
     from sightline.detection2d.predictor import DetectionPredictor as DetectionPredictor
     from sightline.evaluation.depth import evaluate_depth as evaluate_depth
@@ -56,10 +58,12 @@ _MODULES: Final = {
     "evaluate_proposals": "evaluation.kitti_object_proposals",
     "evaluate_realism": "evaluation.realism",
     "frame_sheet": "visualization.sheet",
+    "import_recording": "data.importing.import_recording",
     "load": "tasks",
     "open_dataset": "data.open",
     "project_points": "geometry.projection",
     "sparse_depth_map": "geometry.projection",
+    "undistort": "data.undistortion",
     "write_rgb": "data.image_file",
 }
 """Where each name is defined, below this package."""

@@ -41,7 +41,9 @@ class DepthCompleter:
     method: Method
 
     parts: ClassVar[tuple[Part, ...]] = ("points",)
-    """What it needs of a sample."""
+    """What it looks at of a sample."""
+    needs: ClassVar[tuple[Part, ...]] = ("points",)
+    """Those without which it has no answer."""
     gives: ClassVar[tuple[str, ...]] = ("depth",)
     """Which of the task's outputs its answers have."""
     made_by: ClassVar[dict[str, str]] = {}
@@ -79,7 +81,9 @@ class DepthPredictor:
     """
 
     parts: ClassVar[tuple[Part, ...]] = ("image", "points")
-    """What it needs of a sample."""
+    """What it looks at of a sample."""
+    needs: ClassVar[tuple[Part, ...]] = ("points",)
+    """Those without which it has no answer."""
 
     def __init__(
         self,

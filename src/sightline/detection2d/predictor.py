@@ -111,8 +111,13 @@ class DetectionPredictor:
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """What it needs of a sample."""
+        """What it looks at of a sample."""
         return tuple(self._PARTS[name] for name in self._input_names)
+
+    @property
+    def needs(self) -> tuple[Part, ...]:
+        """Of a network that looks at one sensor, that one; either may be missing for the others."""
+        return self.parts if len(self.parts) == 1 else ()
 
     @property
     def gives(self) -> tuple[str, ...]:

@@ -123,9 +123,9 @@ def evaluate_held_out(
 
     >>> import sightline
     >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> samples = sightline.open_dataset(PACKAGED_FRAMES, sample_list=("000000",))
+    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
     >>> predictor = sightline.load("depth-fast-cpu")
-    >>> report = sightline.evaluate_held_out(samples, predictor, beams=(16,))
+    >>> report = sightline.evaluate_held_out([sample], predictor, beams=(16,))
     >>> [score.beams for score in report.scores]
     [16]
 

@@ -31,7 +31,7 @@ def evaluate_objects(
     seed: int = 0,
     progress: bool = False,
 ) -> ObjectReport:
-    """Evaluates result files against label files as KITTI's official program does.
+    r"""Evaluates result files against label files as KITTI's official program does.
 
     Frames are read and dropped one after the other; what is kept grows with the scores.
 
@@ -41,7 +41,7 @@ def evaluate_objects(
     >>> with tempfile.TemporaryDirectory() as results:
     ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
     ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
-    ...         _ = Path(results, path.name).write_text("\\n".join(lines))
+    ...         _ = Path(results, path.name).write_text("\n".join(lines))
     ...     report = sightline.evaluate_objects(results, labels)
     >>> report.frames
     2

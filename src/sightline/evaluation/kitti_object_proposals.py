@@ -36,7 +36,7 @@ def evaluate_proposals(
     max_proposals: int | None = None,
     progress: bool = False,
 ) -> ProposalReport:
-    """Recall of the proposals in result files, by class, metric, overlap and difficulty.
+    r"""Recall of the proposals in result files, by class, metric, overlap and difficulty.
 
     An object is found if a proposal of its class overlaps it by `iou` or more. Reported over all
     objects, as the mean over the frames that have objects, and as the mean over all frames, those
@@ -48,7 +48,7 @@ def evaluate_proposals(
     >>> with tempfile.TemporaryDirectory() as results:
     ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
     ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
-    ...         _ = Path(results, path.name).write_text("\\n".join(lines))
+    ...         _ = Path(results, path.name).write_text("\n".join(lines))
     ...     report = sightline.evaluate_proposals(results, labels, ious=(0.7,))
     >>> all(entry.n_found == entry.n_gt for entry in report.entries)
     True
@@ -70,7 +70,9 @@ def evaluate_proposals(
         raise ValueError(f"max_proposals must be positive, got {max_proposals}: None takes all")
     is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
     parts: list[_Truths] = []
-    for proposals, labels in read_frames(Path(results_dir), Path(labels_dir), sample_list, progress=progress):
+    for proposals, labels in read_frames(
+        Path(results_dir), Path(labels_dir), sample_list, progress=progress
+    ):
         boxes, codes = _best_proposals(proposals, max_proposals)
         is_evaluated |= find_evaluated(boxes, codes)
         parts.append(_find_truths(len(parts), labels, boxes, codes))
