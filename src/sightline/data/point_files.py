@@ -127,7 +127,7 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
 
 
 def _read_pcd(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
-    from pypcd4 import PointCloud  # with pydantic, whose import takes a moment
+    from pypcd4.pypcd4 import PointCloud  # with pydantic, whose import takes a moment
 
     content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
     _check_announced_size(content, path)

@@ -88,7 +88,8 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
     if calibration.max_intensity != 1:
         said["max_intensity"] = calibration.max_intensity
     # A line a row, as one writes a matrix by hand.
-    return yaml.safe_dump(said, default_flow_style=None, sort_keys=False)
+    text: str = yaml.safe_dump(said, default_flow_style=None, sort_keys=False)
+    return text
 
 
 def _matrices(said: Mapping[str, object]) -> CalibrationMatrices:
