@@ -72,7 +72,7 @@ class BagMaker:
         self._writer = Writer(path, version=9, storage_plugin=storage)
         self._connections: dict[str, object] = {}
 
-    def __enter__(self) -> "BagMaker":
+    def __enter__(self):
         self._writer.open()
         return self
 

@@ -81,7 +81,7 @@ def test_frames_of_two_cameras_and_sensors_have_calibrations_of_their_own(tmp_pa
     write_rgb(tmp_path / "images" / "b.png", cv2.resize(IMAGE, (621, 188)))
     write_cloud_file(tmp_path / "points" / "b.npy", POINTS[::7])
     own = calibration_entries(camera_matrix=(np.diag([0.5, 0.5, 1]) @ CAMERA_MATRIX).tolist())
-    with pytest.raises(FileError, match="is 188x621 .*, expected 375x1242 as a.jpg"):
+    with pytest.raises(FileError, match=r"is 188x621 .*, expected 375x1242 as a.jpg"):
         open_dataset(tmp_path)[1]
     assert "is 188x621" in str(next(iter(check_tree(tmp_path))))
     (tmp_path / "calibration").mkdir()
@@ -108,7 +108,7 @@ def test_a_recording_of_one_sensor_is_opened_and_has_no_problems(tmp_path, folde
 def test_a_lens_is_made_good_for_only_where_that_is_asked_for(tmp_path):
     lens = {"model": "plumb_bob", "coefficients": [-0.2, 0.05, 0, 0]}
     write_recording(tmp_path, ("a",), picture=".png", lens=lens)
-    with pytest.raises(FileError, match="lens distorts, .* write `undistort: true`"):
+    with pytest.raises(FileError, match=r"lens distorts, .* write `undistort: true`"):
         open_dataset(tmp_path)[0]
     rewrite_calibration(tmp_path, lens=lens | {"undistort": True})
     straight = open_dataset(tmp_path)[0].image.permute(1, 2, 0).numpy()
@@ -207,14 +207,14 @@ def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
 def test_frames_are_chosen_by_name_and_absent_ones_named(tmp_path):
     write_recording(tmp_path)
     assert open_dataset(tmp_path, sample_list=("b",)).sample_ids == ("b",)
-    with pytest.raises(ValueError, match="has no frame c: .*there are 2, from a to b"):
+    with pytest.raises(ValueError, match=r"has no frame c: .*there are 2, from a to b"):
         open_dataset(tmp_path, sample_list=("c",))
 
 
 def test_a_line_of_times_that_is_none_is_named(tmp_path):
     write_recording(tmp_path, ("a",))
     (tmp_path / "times.txt").write_text("a 1\n12\n")
-    with pytest.raises(FileError, match="times.txt: line 2 is no frame's name and a time"):
+    with pytest.raises(FileError, match=r"times.txt: line 2 is no frame's name and a time"):
         open_dataset(tmp_path)
 
 

@@ -110,8 +110,8 @@ def _matrices(said: Mapping[str, object]) -> CalibrationMatrices:
     error = np.abs(rigid[:3, :3] @ rigid[:3, :3].T - np.eye(3)).max()
     if error > 1e-3 or np.linalg.det(rigid[:3, :3]) < 0:
         raise ValueError(
-            f"camera_from_lidar holds no rotation: its rows are {error:.3g} off orthonormal and its "
-            f"determinant is {np.linalg.det(rigid[:3, :3]):.3g}, expected 0 and 1"
+            f"camera_from_lidar holds no rotation: its rows are {error:.3g} off orthonormal and "
+            f"its determinant is {np.linalg.det(rigid[:3, :3]):.3g}, expected 0 and 1"
         )
     return CalibrationMatrices(
         image_from_camera=np.pad(camera, ((0, 0), (0, 4 - camera.shape[1]))),

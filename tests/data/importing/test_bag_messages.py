@@ -70,7 +70,7 @@ def test_a_picture_that_was_sent_as_a_file_stays_as_it_is():
     sent = SimpleNamespace(format="jpeg", data=encoded.ravel())
     assert picture_file_of(sent, "/camera") == (".jpg", encoded.tobytes(), IMAGE.shape[:2])
     sent.data = encoded.ravel()[: len(encoded) // 2]
-    with pytest.raises(ValueError, match="topic /camera.* is cut short"):
+    with pytest.raises(ValueError, match=r"topic /camera.* is cut short"):
         picture_file_of(sent, "/camera")
     _, depth = cv2.imencode(".png", np.zeros((4, 5), np.uint16))
     with pytest.raises(ValueError, match="pictures of 16 bits, expected 8"):

@@ -58,7 +58,7 @@ def test_a_lone_mcap_file_needs_no_metadata_and_check_has_no_complaint(bag, tmp_
 def test_an_interrupted_import_goes_on_and_gives_the_same(bag, tmp_path, monkeypatch):
     import_recording(bag, tmp_path / "whole")
 
-    def stop(path, content):
+    def stop(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
@@ -77,7 +77,7 @@ def test_an_interrupted_import_goes_on_and_gives_the_same(bag, tmp_path, monkeyp
 
 def test_another_import_does_not_mix_with_one_that_is_there(bag, tmp_path):
     import_recording(bag, tmp_path / "out")
-    with pytest.raises(ValueError, match="made with max_gap_s 0.05 instead of 0.01"):
+    with pytest.raises(ValueError, match=r"made with max_gap_s 0\.05 instead of 0\.01"):
         import_recording(bag, tmp_path / "out", max_gap_s=0.01)
 
 
