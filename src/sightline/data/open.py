@@ -112,7 +112,8 @@ def open_dataset(
         what = "is no folder" if path.exists() else "does not exist"
         raise ValueError(f"{path} {what}; give the folder of a data set")
     if parts is None:
-        parts, needs = ("image", "points", "objects"), () if needs is None else needs
+        parts = ("image", "points", "objects")
+        needs = () if needs is None else needs
     allow_gaps = needs is not None and not {"image", "points"} <= set(needs)
     path = _by_its_name(path)
     if is_recording(path):

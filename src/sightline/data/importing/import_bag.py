@@ -222,4 +222,5 @@ def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: _Pairs) -> float:
 
 
 def _finite(points: Float32[np.ndarray, "num_points 4"]) -> Float32[np.ndarray, "kept 4"]:
-    return points[np.isfinite(points).all(axis=1)]
+    finite: Float32[np.ndarray, "kept 4"] = points[np.isfinite(points).all(axis=1)]
+    return finite
