@@ -1,6 +1,7 @@
 """Starts the command line."""
 
 import sys
+import warnings
 
 
 def run() -> int:
@@ -10,7 +11,9 @@ def run() -> int:
 
         postpone_interrupts_while_importing()
         from sightline.cli.main import main
+        from sightline.cli.parser import format_warning
 
+        warnings.formatwarning = format_warning
         return main()
     except KeyboardInterrupt:
         print("sightline: interrupted", file=sys.stderr)

@@ -166,6 +166,37 @@ def choose_task(name: str | None, weights: str | Path | None) -> Task:
     return find_task(told)
 
 
+def load(
+    weights: str | Path,
+    *,
+    engine: "EngineName" = "torch",
+    device: str = "cpu",
+    threads: int | None = None,
+) -> "Predictor":
+    """A predictor of whatever task the weights are of.
+
+        >>> import sightline
+        >>> predictor = sightline.load("depth-fast-cpu")
+        >>> predictor.name, predictor.parts
+        ('depth-fast-cpu', ('image', 'points'))
+
+    It takes a `CameraLidarSample` and gives a `DepthMap`, a `DetectorAnswer` or `Detections3D`.
+
+    Args:
+        weights: Name of weights that come with the package (`sightline tasks` lists them), or a
+            file (.safetensors, .ckpt).
+        engine: What runs the network: torch, onnxruntime or openvino.
+        device: cpu or cuda, where PyTorch runs it.
+        threads: Of the CPU; None: the engine's own choice.
+
+    Raises:
+        ValueError: There are no such weights, they are of no task that this version has, or the
+            engine is not installed or cannot run on the device.
+    """
+    task = choose_task(None, weights)
+    return task.predictor(weights=weights, engine=engine, device=device, threads=threads)
+
+
 def weights_of(task: Task) -> tuple[str, ...]:
     """Names of the weights that come with the package for a task."""
     return tuple(

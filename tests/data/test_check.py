@@ -101,6 +101,21 @@ def test_an_empty_folder_among_full_ones_is_one_problem_however_many_frames(tree
     assert line.startswith(f"{tree / 'velodyne'}: holds no files of the frames; extract")
 
 
+@pytest.mark.parametrize("part", ["image_2", "velodyne", "label_2"])
+def test_a_part_that_a_tree_does_without_is_no_problem_and_counted_as_none(tree, part):
+    shutil.rmtree(tree / part)
+    assert lines(tree.parent) == []
+    (summary,) = summarize_tree(tree.parent)
+    assert f"{part} 0" in str(summary)
+
+
+@pytest.mark.parametrize("part", ["image_02", "velodyne"])
+def test_a_drive_of_one_sensor_is_no_problem(tmp_path, part):
+    drive = write_drive(tmp_path / "drive", official=False)
+    shutil.rmtree(drive / part)
+    assert lines(drive) == []
+
+
 @pytest.mark.parametrize(
     "file",
     ["image_2/000002.png", "velodyne/000002.bin", "calib/000002.txt", "label_2/000002.txt"],

@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.open import open_dataset
+from tests.data.trees import IMAGE_SIZE, write_drive
+from tests.data.trees import write_object_tree as write_whole_object_tree
 from tests.inference.trees import write_object_tree
 
 DRIVE = "2011_09_26_drive_0002_sync"
@@ -114,3 +117,48 @@ def test_a_real_drive_and_the_real_frames_open(kitti_root):
     assert isinstance(drive, KittiRawDrive)
     assert len(drive) == 78
     assert len(open_dataset(kitti_root, sample_list="sample_val")) == 29
+
+
+@pytest.mark.parametrize("folder", ["image_2", "velodyne", "label_2"])
+def test_whatever_part_is_missing_the_rest_is_opened_where_nothing_is_asked_for(tmp_path, folder):
+    write_whole_object_tree(tmp_path, "000001", "000002")
+    shutil.rmtree(tmp_path / "training" / folder)
+    samples = list(open_dataset(tmp_path))
+    attribute = {"image_2": "image", "velodyne": "points", "label_2": "objects"}[folder]
+    held = {"image", "points", "objects"} - {attribute}
+    for sample in samples:
+        assert getattr(sample, attribute) is None
+        assert all(getattr(sample, name) is not None for name in held)
+
+
+def test_a_frame_whose_camera_failed_is_a_sample_without_an_image_of_the_others_size(tmp_path):
+    write_whole_object_tree(tmp_path, "000001", "000002")
+    (tmp_path / "training" / "image_2" / "000002.png").unlink()
+    first, second = open_dataset(tmp_path, parts=("image", "points"), needs=("points",))
+    assert first.image is not None
+    assert second.image is None
+    assert second.image_size == first.image_size
+    with pytest.raises(ValueError, match=r"lacks image_2 of 1 of 2 frames \(000002\)"):
+        open_dataset(tmp_path, parts=("image", "points"))
+
+
+def test_without_any_picture_the_principal_point_is_taken_for_the_centre(tmp_path):
+    write_whole_object_tree(tmp_path / "objects", "000001")
+    shutil.rmtree(tmp_path / "objects" / "training" / "image_2")
+    drive = write_drive(tmp_path / "drive", official=False)
+    shutil.rmtree(drive / "image_02")
+    for path in (tmp_path / "objects", drive):
+        assert open_dataset(path)[0].image_size == IMAGE_SIZE
+
+
+def test_reduced_sweeps_are_not_taken_for_none(tmp_path):
+    write_whole_object_tree(tmp_path, "000001")
+    (tmp_path / "training" / "velodyne").rename(tmp_path / "training" / "velodyne_reduced")
+    assert open_dataset(tmp_path)[0].points is not None
+
+
+def test_calibrations_and_labels_of_frames_that_are_not_there_are_no_frames(tmp_path):
+    write_whole_object_tree(tmp_path, "000001", "000002")
+    for name in ("image_2/000002.png", "velodyne/000002.bin"):
+        (tmp_path / "training" / name).unlink()
+    assert open_dataset(tmp_path).sample_ids == ("000001",)

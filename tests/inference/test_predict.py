@@ -32,6 +32,7 @@ class Answering:
     answer: Callable
     name: str = "sparse"
     parts: tuple[str, ...] = ("points",)
+    needs: tuple[str, ...] = ()
     gives: tuple[str, ...] = ("depth",)
     made_by: dict[str, str] = field(default_factory=dict)
 

@@ -14,6 +14,7 @@ class FinderPredictor:
     """The cells in which objects are likely, as boxes of a cell's size."""
 
     parts = ("image", "points")
+    needs = ("points",)
     gives = ("results", "likelihood")
 
     def __init__(self, task, weights, engine, device, threads) -> None:

@@ -46,7 +46,7 @@ def health(
     monitor = DriveMonitor(HealthMonitor(read_limits(limits or SHIPPED)))
     sensors: tuple[Part, ...] = ("image", "points")
     dataset = open_dataset(
-        data, sample_list=sample_list, velodyne=velodyne, parts=sensors, may_lack=sensors
+        data, sample_list=sample_list, velodyne=velodyne, parts=sensors, needs=()
     )
     samples = (dataset[index] for index in range(len(dataset)))
     shown = track(samples, description="looking at sensors", total=len(dataset))

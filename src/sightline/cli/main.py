@@ -23,6 +23,7 @@ from sightline.cli.evaluate import (
     evaluate_realism,
 )
 from sightline.cli.health import health, health_limits
+from sightline.cli.importing import import_command
 from sightline.cli.parser import REFUSED, OneLineParser, fail
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
@@ -157,6 +158,7 @@ def _commands() -> dict[str, Any]:
     """All commands; those of the tasks as the registry has them now."""
     return {
         "demo": demo,
+        "import": import_command,
         "check": check,
         "show": show,
         "simulate": simulate_command(),

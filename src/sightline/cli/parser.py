@@ -87,6 +87,18 @@ class _ValueList(argparse.Action):
         setattr(namespace, self.dest, parsed)
 
 
+def format_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    line: str | None = None,
+) -> str:
+    """A warning as one line for whoever gave the command; as `warnings.formatwarning`."""
+    del category, filename, lineno, line
+    return f"sightline: warning: {' '.join(str(message).split())}\n"
+
+
 def fail(message: str, status: int) -> int:
     """Writes a message in one line to standard error; gives the exit status back."""
     one_line = re.sub(r"\s+", " ", message).strip()

@@ -16,7 +16,7 @@ from sightline.data.jobs import (
     shard,
 )
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import ObjectFrame, Velodyne, list_object_frames
+from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_object_frames
 from sightline.data.open import open_dataset
 
 
@@ -119,7 +119,8 @@ class _FrameWork:
 def _open(
     data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
 ) -> KittiObjectDataset:
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
+    parts: tuple[Part, ...] = ("image", "points", "objects")
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     if not isinstance(dataset, KittiObjectDataset):
         raise ValueError(
             f"{data} is another data set of KITTI's, expected an object tree; name a folder that "

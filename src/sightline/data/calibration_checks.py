@@ -7,8 +7,8 @@ from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.problem import Problem
+from sightline.geometry.mount import MAX_OFFSET_M
 
-_MAX_OFFSET_M = 20.0  # between two sensors on the longest lorry
 _REMEDY = "correct it or extract the calibration archive again"
 
 
@@ -28,9 +28,9 @@ def check_matrices(
         "the LiDAR from the camera": matrices.camera_from_lidar[:3, 3],
     }
     far = [
-        f"puts {what} {np.linalg.norm(offset):.4g} m away, expected up to {_MAX_OFFSET_M:.0f} m"
+        f"puts {what} {np.linalg.norm(offset):.4g} m away, expected up to {MAX_OFFSET_M:.0f} m"
         for what, offset in offsets_m.items()
-        if np.linalg.norm(offset) > _MAX_OFFSET_M
+        if np.linalg.norm(offset) > MAX_OFFSET_M
     ]
     return check_intrinsics(intrinsics, size, path) + _problems(far, path)
 

@@ -24,8 +24,8 @@ from sightline.data.object_tree import ObjectFrame
 from sightline.data.problem import FileError, Problem
 from sightline.data.velodyne import read_sweep
 from sightline.data.view import is_in_view
+from sightline.geometry.mount import MAX_RANGE_M
 
-_MAX_RANGE_M = 300.0  # beyond every LiDAR on the road; a sweep in millimetres is far beyond
 _OUTSIDE_SHARE = 0.1  # of the image's size, by which a box may reach over its edge
 _MAX_ANGLE = np.pi + 0.01  # KITTI rounds to two digits
 _OCCLUSIONS = (-1, 0, 1, 2, 3)
@@ -112,13 +112,13 @@ def _image_size(path: Path | None, problems: list[Problem]) -> tuple[int, int] |
 def _check_points(points: Float32[np.ndarray, "num_points 4"], path: Path) -> list[Problem]:
     problems = []
     squared_range = np.square(points[:, :3].astype(np.float64)).sum(axis=1)
-    far = np.count_nonzero(squared_range > _MAX_RANGE_M**2)
+    far = np.count_nonzero(squared_range > MAX_RANGE_M**2)
     if far:
         problems.append(
             Problem(
                 path=path,
                 problem=f"holds {far} of {len(points)} points farther away than "
-                f"{_MAX_RANGE_M:.0f} m, up to {np.sqrt(squared_range.max()):.4g} m",
+                f"{MAX_RANGE_M:.0f} m, up to {np.sqrt(squared_range.max()):.4g} m",
                 remedy="check that it is in metres, four float32 values a point",
             )
         )

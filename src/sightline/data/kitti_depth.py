@@ -53,6 +53,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         raw_root: Path | str | None = None,
         cameras: Sequence[Camera] = ("image_02",),
         load_images: bool = True,
+        allow_gaps: bool = False,
     ) -> None:
         """Looks up the files.
 
@@ -64,6 +65,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
             cameras: Left and right colour camera, for `train` and `val`; the other two splits are
                 taken as they are.
             load_images: Whether samples hold an image.
+            allow_gaps: Whether a frame may lack its image or its truth, which is then None.
 
         Raises:
             ValueError: There are no frames, or some lack a part.
@@ -82,9 +84,9 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
                 "completion benchmark; give the folder that its archives were extracted to"
             )
         needed = {"sparse": "velodyne_raw", "intrinsics": "intrinsics (calib_cam_to_cam.txt)"}
-        if load_images:
+        if load_images and not allow_gaps:
             needed["image"] = "image"
-        if split != "test_depth_completion_anonymous":
+        if split != "test_depth_completion_anonymous" and not allow_gaps:
             needed["truth"] = "groundtruth"
         _check_whole(self.root, frames, needed)
         self._frames = tuple(frames)

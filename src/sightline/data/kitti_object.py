@@ -22,6 +22,7 @@ from sightline.data.object_tree import (
 from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.calibration import centred_image_size
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -41,7 +42,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         sample_list: str | Path | Sequence[str] | None = None,
         velodyne: Velodyne = "velodyne",
         parts: Collection[Part] = ("image", "points", "objects"),
-        may_lack: Collection[Part] = (),
+        needs: Collection[Part] | None = None,
     ) -> None:
         """Looks up the files.
 
@@ -52,8 +53,9 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             velodyne: The sweeps' folder; KITTI tools keep those cut to the image's view apart.
             parts: What samples hold. Calibrations and the sizes of images are always read; where
                 a simulation left the camera out, leave out "image": the depth maps tell the size.
-            may_lack: Those parts that are None where a frame lacks them, and no error. An image
-                that is not there has the size of the first one that is.
+            needs: Those of the parts that no frame may lack; of the others a sample holds what
+                there is. None: all. A frame without any picture has the size of the others'; where
+                there is none at all, the principal point is taken for the centre.
 
         Raises:
             ValueError: There are no frames, the list names absent ones, or a frame lacks a part.
@@ -65,9 +67,14 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         folder = self.root / split
         has_images = (folder / part_folder("image")).is_dir()
         sized: Part = "image" if has_images or "image" in self.parts else "depth"
-        needed: tuple[Part, ...] = (sized, "calibration")
-        needed += tuple(part for part in ("points", "objects", "depth") if part in self.parts)
-        found = list_object_frames(folder, needed, velodyne)
+        listed: tuple[Part, ...] = (sized, "calibration")
+        listed += tuple(part for part in ("points", "objects", "depth") if part in self.parts)
+        needed: tuple[Part, ...] = listed
+        found = list_object_frames(folder, listed, velodyne)
+        if needs is not None:
+            needed = ("calibration", *(part for part in listed if part in needs))
+            # Calibrations and labels alone, of which some extract too many, are no frame.
+            found = {name: frame for name, frame in found.items() if _has_sensor(frame)}
         if not found:
             folders = ", ".join(f"{split}/{part_folder(part, velodyne)}" for part in needed)
             raise ValueError(
@@ -75,10 +82,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
                 f"give the folder that has {split}/ in it"
             )
         wanted = tuple(found) if sample_list is None else read_sample_list(sample_list, self.root)
-        asked_for = tuple(part for part in needed if part not in may_lack)
-        _check_whole(folder, wanted, found, asked_for, velodyne)
-        self._first_image = next((each.image for each in found.values() if each.image), None)
+        _check_whole(folder, wanted, found, needed, velodyne)
         self._frames = tuple(found[frame_id] for frame_id in wanted)
+        pictures = (frame.image or frame.depth for frame in found.values())
+        self._any_picture = next((path for path in pictures if path is not None), None)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -97,12 +104,16 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         """
         keep_opencv_to_one_thread_in_workers()
         frame = self._frames[index]
-        sized = frame.image or frame.depth or self._first_image
-        assert sized is not None, f"{frame.sample_id} passed the check without a picture"
+        sized = frame.image or frame.depth or self._any_picture
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)
         image = read_image(frame.image) if frame.image and "image" in self.parts else None
-        height, width = read_image_size(sized) if image is None else image.shape[1:]
+        if image is not None:
+            height, width = image.shape[1:]
+        elif sized is not None:
+            height, width = read_image_size(sized)
+        else:
+            height, width = centred_image_size(calibration)
         depth = read_depth(frame.depth) if frame.depth and "depth" in self.parts else None
         if frame.depth is not None and depth is not None and depth.shape != (height, width):
             raise FileError(
@@ -124,6 +135,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             ),
             depth=depth,
         )
+
+
+def _has_sensor(frame: ObjectFrame) -> bool:
+    return any(each is not None for each in (frame.image, frame.points, frame.depth))
 
 
 def _check_whole(

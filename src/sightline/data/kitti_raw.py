@@ -12,6 +12,7 @@ from sightline.data.kitti_files import read_image, read_points, read_raw_calibra
 from sightline.data.object_tree import describe_absent
 from sightline.data.problem import FileError
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.calibration import centred_image_size
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -35,7 +36,8 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
             poses: A file of `world_from_lidar`, one line of 12 numbers for each frame (3x4, row by
                 row), in order; or "oxts", to calculate them from the drive's GPS and IMU readings.
             allow_gaps: Whether a frame may lack its image or its sweep, which is then None: some
-                of the published drives miss a few sweeps.
+                of the published drives miss a few sweeps. Where there is no image at all, the
+                principal point is taken for the centre of the image.
 
         Raises:
             ValueError: There are no frames or no calibration, frames lack a part, or the poses or
@@ -58,11 +60,9 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self._times = _times(files)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]
-        if not images:
-            raise ValueError(
-                f"{self.folder} holds no image, so the camera's size is unknown; extract image_02"
-            )
-        self._image_size = read_image_size(images[0])
+        self._image_size = (
+            read_image_size(images[0]) if images else centred_image_size(self.calibration)
+        )
 
     @property
     def sample_ids(self) -> tuple[str, ...]:

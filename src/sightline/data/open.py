@@ -23,6 +23,8 @@ from sightline.data.object_tree import (
     list_object_frames,
     suggest_frames,
 )
+from sightline.data.recording import RecordingDataset
+from sightline.data.recording_tree import is_recording
 from sightline.data.sample_list import read_sample_list
 from sightline.structures.sample import CameraLidarSample
 
@@ -75,56 +77,76 @@ class NamedSubset(Dataset[CameraLidarSample]):
 
 
 def open_dataset(
-    path: Path,
+    path: Path | str,
     *,
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne = "velodyne",
-    parts: Collection[Part] = ("image", "points", "objects"),
-    may_lack: Collection[Part] = (),
+    parts: Collection[Part] | None = None,
+    needs: Collection[Part] | None = None,
 ) -> SampleDataset:
-    """Opens KITTI's object tree, its depth completion tree or a raw drive, whichever `path` is.
+    """Opens a recording, KITTI's object tree, its depth tree or a raw drive, whichever `path` is.
 
     A tree of several splits gives `training`, or the depth tree's cropped selection, `val`,
     anonymous test frames or `train`, the first that is there; name the split's own folder for
     another.
 
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> dataset = sightline.open_dataset(PACKAGED_FRAMES)
+    >>> dataset.sample_ids, dataset[0].image_size
+    (('000000', '000001'), (375, 1242))
+
     Args:
-        path: Folder of the tree, of one of its splits, or of a drive.
+        path: Folder of the recording, the tree, one of its splits, or the drive.
         sample_list: Which samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree.
-        parts: What samples hold; images may be there all the same.
-        may_lack: Of an object tree, what a frame may lack; see `KittiObjectDataset`.
+        parts: What samples hold; images may be there all the same. None: image, points and objects,
+            as far as they are there.
+        needs: Those of the parts that no frame may lack. None: all that are named.
 
     Raises:
-        ValueError: `path` is none of the three, or lacks files.
+        ValueError: `path` is none of these, or lacks files.
     """
+    path = Path(path)
     if not path.is_dir():
         what = "is no folder" if path.exists() else "does not exist"
-        raise ValueError(f"{path} {what}; give the folder of a KITTI data set")
+        raise ValueError(f"{path} {what}; give the folder of a data set")
+    if parts is None and needs is None:
+        needs = ()
+    wanted: Collection[Part] = ("image", "points", "objects") if parts is None else parts
+    allow_gaps = needs is not None and not {"image", "points"} <= set(needs)
     path = _by_its_name(path)
+    if is_recording(path):
+        return RecordingDataset(path, sample_list=sample_list, parts=wanted, needs=needs)
     root = path.parent if path.name in _OBJECT_SPLITS else path
     names = _OBJECT_SPLITS if root == path else (path.name,)
     for split in names:
+        if allow_gaps and (root / split / "velodyne_reduced").is_dir():
+            # The only sweeps there are must not be taken for none.
+            velodyne = velodyne if (root / split / velodyne).is_dir() else "velodyne_reduced"
         if list_object_frames(root / split, ("image", "points"), velodyne):
             return KittiObjectDataset(
                 root,
                 "training" if split == "training" else "testing",
                 sample_list=sample_list,
                 velodyne=velodyne,
-                parts=parts,
-                may_lack=may_lack,
+                parts=wanted,
+                needs=needs,
             )
     if list_object_frames(path, ("image", "points"), velodyne) and (path / "image_2").is_dir():
         raise ValueError(
             f"{path} holds the parts of an object split; rename it to training or testing, as in "
             "KITTI's tree"
         )
-    dataset = _open_depth_tree(path, load_images="image" in parts) or _open_drive(path)
+    dataset = _open_depth_tree(
+        path, load_images="image" in wanted, allow_gaps=allow_gaps
+    ) or _open_drive(path, allow_gaps=allow_gaps)
     if dataset is None:
         raise ValueError(
-            f"{path} is no KITTI data set, expected an object tree (training/image_2, ..), a depth "
-            "completion tree (val_selection_cropped/velodyne_raw, val/DRIVE/proj_depth, ..) or a "
-            "raw drive (image_02, velodyne_points, ..); name the folder that holds those"
+            f"{path} is no data set, expected a recording (calibration.yaml, images, points), or "
+            "of KITTI's an object tree (training/image_2, ..), a depth completion tree "
+            "(val_selection_cropped/velodyne_raw, val/DRIVE/proj_depth, ..) or a raw drive "
+            "(image_02, velodyne_points, ..); name the folder that holds those"
         )
     if sample_list is None:
         return dataset
@@ -138,12 +160,12 @@ def _by_its_name(path: Path) -> Path:
     return resolved if path.name not in known and resolved.name in known else path
 
 
-def _open_depth_tree(path: Path, *, load_images: bool) -> SampleDataset | None:
+def _open_depth_tree(path: Path, *, load_images: bool, allow_gaps: bool) -> SampleDataset | None:
     split = _find_depth_split(path)
     if split is None:
         return None
     root = path.parent if path.name == split and split in _DRIVE_SPLITS else path
-    return KittiDepthDataset(root, split, load_images=load_images)
+    return KittiDepthDataset(root, split, load_images=load_images, allow_gaps=allow_gaps)
 
 
 def _find_depth_split(path: Path) -> DriveSplit | SelectedSplit | None:
@@ -161,5 +183,5 @@ def _find_depth_split(path: Path) -> DriveSplit | SelectedSplit | None:
     return "train" if list_drive_frames(path, "train", path, ("image_02",)) else None
 
 
-def _open_drive(path: Path) -> SampleDataset | None:
-    return KittiRawDrive(path) if list_drive(path).frames else None
+def _open_drive(path: Path, *, allow_gaps: bool) -> SampleDataset | None:
+    return KittiRawDrive(path, allow_gaps=allow_gaps) if list_drive(path).frames else None

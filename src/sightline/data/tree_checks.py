@@ -1,7 +1,7 @@
 """The trees that a folder holds, with what each lacks and what there is to check in it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -20,6 +20,21 @@ from sightline.data.drive_tree import DriveFrame, list_drive
 from sightline.data.frame_checks import check_depth_frame, check_drive_frame, check_object_frame
 from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_object_frames, part_folder
 from sightline.data.problem import FileError, Problem
+from sightline.data.recording_checks import (
+    check_recording_calibration,
+    check_recording_frame,
+    first_whole,
+    reference_images,
+    view_of_recording,
+)
+from sightline.data.recording_tree import (
+    CALIBRATIONS,
+    IMAGES,
+    LABELS,
+    POINTS,
+    is_recording,
+    list_recording,
+)
 
 _REMEDY = "extract the archive again"
 
@@ -53,11 +68,14 @@ class TreeSummary:
     """E.g. "object frames"."""
     num_frames: int
     parts: tuple[PartCount, ...]
+    note: str = ""
+    """What else there is to say, in one clause."""
 
     def __str__(self) -> str:
         """The folder, its number of frames and of the files of each part."""
         parts = ", ".join(f"{part.name} {part.num_files}" for part in self.parts)
-        return f"{self.folder}: {self.num_frames} {self.kind} ({parts})"
+        note = f"; {self.note}" if self.note else ""
+        return f"{self.folder}: {self.num_frames} {self.kind} ({parts}){note}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -78,6 +96,8 @@ class _ExpectedPart:
     folder: Path
     suffix: str = ""
     """How its files end that are named like the frame; empty where they have other names."""
+    optional: bool = False
+    """Whether a tree may do without it: whoever has no labels, say, has no folder of them."""
 
 
 def find_trees(root: Path) -> list[Tree]:
@@ -95,6 +115,7 @@ def find_trees(root: Path) -> list[Tree]:
         *(_drives_tree(root, split) for split in drive_splits),
         *(_selection_tree(root, folder, split) for folder, split in by_folder.items()),
         _raw_drive_tree(root),
+        _recording_tree(root),
     ]
     return [tree for tree in trees if tree is not None]
 
@@ -120,7 +141,12 @@ def _object_tree(folder: Path) -> Tree | None:
         others = list_object_frames(folder, points, "velodyne_reduced").values()
         checks += _frame_checks(check_object_frame, list(others))
     expected = [
-        _ExpectedPart(attribute=part, folder=folder / part_folder(part, velodyne), suffix=suffix)
+        _ExpectedPart(
+            attribute=part,
+            folder=folder / part_folder(part, velodyne),
+            suffix=suffix,
+            optional=part != "calibration",
+        )
         for part, suffix in suffixes.items()
     ]
     return _tree(folder, "object frames", frames, expected, checks)
@@ -152,10 +178,10 @@ def _selection_tree(root: Path, folder: Path, split: SelectedSplit) -> Tree | No
 
 def _raw_drive_tree(folder: Path) -> Tree | None:
     files = list_drive(folder)
-    if not files.image_folder.is_dir():
+    if not (files.image_folder.is_dir() or files.calibration is not None):
         return None
     expected = [
-        _ExpectedPart(attribute=attribute, folder=place, suffix=suffix)
+        _ExpectedPart(attribute=attribute, folder=place, suffix=suffix, optional=True)
         for attribute, place, suffix in (
             ("image", files.image_folder, ".png"),
             ("points", files.points_folder, ".bin"),
@@ -165,6 +191,47 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     checks = [Check(subject="the calibration", run=read_calibration)]
     checks += _frame_checks(check_drive_frame, files.frames)
     return _tree(folder, "raw frames", files.frames, expected, checks)
+
+
+def _recording_tree(folder: Path) -> Tree | None:
+    if not is_recording(folder):
+        return None
+    frames = list_recording(folder).frames
+    expected = [
+        _ExpectedPart(
+            attribute=attribute, folder=folder / name, optional=attribute != "calibration"
+        )
+        for attribute, name in (
+            ("image", IMAGES),
+            ("points", POINTS),
+            ("calibration", CALIBRATIONS),
+            ("objects", LABELS),
+        )
+    ]
+    references = reference_images(frames)
+    checks = [
+        Check(
+            subject=f"calibration {path.name}",
+            run=partial(check_recording_calibration, path, image),
+        )
+        for path, image in references.items()
+    ]
+    checks += [
+        Check(
+            subject=f"frame {frame.sample_id}",
+            run=partial(
+                check_recording_frame,
+                frame,
+                reference=None if frame.calibration is None else references.get(frame.calibration),
+            ),
+        )
+        for frame in frames
+    ]
+    tree = _tree(folder, "frames", frames, expected, checks)
+    view = view_of_recording(first_whole(frames))
+    if tree is None or view is None:
+        return tree
+    return replace(tree, summary=replace(tree.summary, note=str(view)))
 
 
 def _frame_checks(
@@ -200,6 +267,8 @@ def _tree(
         name = part.folder.parent.name if part.folder.name == "data" else part.folder.name
         parts.append(PartCount(name=name, num_files=len(frames) - len(absent)))
         if len(absent) == len(frames):
+            if part.optional and not part.folder.exists():
+                continue  # the summary tells
             gaps.append(
                 Problem(path=part.folder, problem="holds no files of the frames", remedy=_REMEDY)
             )

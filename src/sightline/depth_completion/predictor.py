@@ -41,7 +41,9 @@ class DepthCompleter:
     method: Method
 
     parts: ClassVar[tuple[Part, ...]] = ("points",)
-    """What it needs of a sample."""
+    """What it looks at of a sample."""
+    needs: ClassVar[tuple[Part, ...]] = ("points",)
+    """Those without which it has no answer."""
     gives: ClassVar[tuple[str, ...]] = ("depth",)
     """Which of the task's outputs its answers have."""
     made_by: ClassVar[dict[str, str]] = {}
@@ -63,8 +65,14 @@ class DepthCompleter:
 class DepthPredictor:
     """Completes depth with a trained network.
 
-        predictor = DepthPredictor.load("depth-best")
-        dense = predictor.complete_points(points, calibration, image_size, image)
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+    >>> predictor = sightline.DepthPredictor.load("depth-fast-cpu")
+    >>> dense = predictor(sample)  # or, without a sample and without a camera:
+    >>> blind = predictor.complete_points(sample.points, sample.calibration, sample.image_size)
+    >>> dense.depth_m.shape == blind.depth_m.shape == sample.image_size
+    True
 
     Takes images of any size and sweeps of any number of beams. Where the camera is missing (no
     image, or a black one), depth comes of the sweep alone. An empty sweep gives an empty map, as
@@ -73,7 +81,9 @@ class DepthPredictor:
     """
 
     parts: ClassVar[tuple[Part, ...]] = ("image", "points")
-    """What it needs of a sample."""
+    """What it looks at of a sample."""
+    needs: ClassVar[tuple[Part, ...]] = ("points",)
+    """Those without which it has no answer."""
 
     def __init__(
         self,

@@ -44,8 +44,13 @@ class DetectorAnswer:
 class DetectionPredictor:
     """Detects cars, pedestrians and cyclists with a trained network.
 
-        predictor = DetectionPredictor.load("weights.safetensors")
-        found = predictor(sample).detections
+    >>> import dataclasses, sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+    >>> predictor = sightline.DetectionPredictor.load("detection2d-fast-cpu")
+    >>> answer = predictor(dataclasses.replace(sample, image=None))  # the camera is dead
+    >>> "Car" in answer.detections.class_names, float(answer.camera_gate.max()) < 0.5
+    (True, True)
 
     Takes images of any size and sweeps of any number of beams. Either sensor may be missing, and a
     black image or an empty sweep is as good as none: a network that was trained with faults knows
@@ -106,8 +111,13 @@ class DetectionPredictor:
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """What it needs of a sample."""
+        """What it looks at of a sample."""
         return tuple(self._PARTS[name] for name in self._input_names)
+
+    @property
+    def needs(self) -> tuple[Part, ...]:
+        """Of a network that looks at one sensor, that one; either may be missing for the others."""
+        return self.parts if len(self.parts) == 1 else ()
 
     @property
     def gives(self) -> tuple[str, ...]:

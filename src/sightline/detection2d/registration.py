@@ -108,10 +108,13 @@ class Detection2DTask(DetectionNetworkTask):
     def picture(
         self, sample: "CameraLidarSample", predictor: "DetectionPredictor"
     ) -> "UInt8[np.ndarray, 'height width 3']":
-        """All there is to see of a sample, with what was detected."""
+        """All there is to see of a sample, with what was detected where a sensor was there."""
         from sightline.visualization.sheet import frame_sheet
 
-        return frame_sheet(sample, detections2d=predictor(sample).detections)
+        can_answer = any(getattr(sample, part) is not None for part in predictor.parts)
+        return frame_sheet(
+            sample, detections2d=predictor(sample).detections if can_answer else None
+        )
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """See `run_detection_demo`."""

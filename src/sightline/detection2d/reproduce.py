@@ -13,7 +13,7 @@ from typing import Final, get_args
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Velodyne, part_folder
+from sightline.data.object_tree import Part, Velodyne, part_folder
 from sightline.data.open import open_dataset
 from sightline.data.progress import track
 from sightline.data.sample_list import read_sample_list
@@ -168,7 +168,8 @@ def _load(
 def _open(
     data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
 ) -> KittiObjectDataset:
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
+    parts: tuple[Part, ...] = ("image", "points", "objects")
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     if not isinstance(dataset, KittiObjectDataset) or "objects" not in dataset.parts:
         raise ValueError(
             f"{data} has no labels to score against, expected KITTI's object tree; name a folder "

@@ -33,6 +33,7 @@ class Detection3DPredictor:
     """
 
     parts: tuple[Part, ...] = ("points",)
+    needs: tuple[Part, ...] = ("points",)
     gives: tuple[str, ...] = ("results",)
 
     def __init__(

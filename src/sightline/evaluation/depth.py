@@ -99,7 +99,7 @@ class DepthReport:
 
 
 def evaluate_depth(
-    predictions: Path, truth: Path, *, workers: int = 2, progress: bool = True
+    predictions: Path | str, truth: Path | str, *, workers: int = 2, progress: bool = True
 ) -> DepthReport:
     """Scores predicted depth maps against ground truth, file by file.
 
@@ -107,6 +107,12 @@ def evaluate_depth(
     inside the folder without its suffix. The benchmark's own names match as well: what its files
     call `groundtruth_depth`, `velodyne_raw` or `image`, and the folders of its annotated drives,
     stand for one and the same frame. Only scores are kept in memory.
+
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> truth = PACKAGED_FRAMES / "training" / "depth"
+    >>> sightline.evaluate_depth(truth, truth).mean.rmse_mm
+    0.0
 
     Args:
         predictions: Prediction file or folder.
@@ -119,6 +125,7 @@ def evaluate_depth(
         ValueError: Names the file that is missing, no 16-bit depth PNG, of another size than its
             ground truth, or without any ground truth.
     """
+    predictions, truth = Path(predictions), Path(truth)
     if predictions.is_file() and truth.is_file():
         pairs, unused = [_Pair(truth.stem, predictions, truth)], 0
     else:

@@ -24,8 +24,8 @@ _MAX_RESAMPLES = 100_000  # the interval's ends then stand to a tenth of their l
 
 
 def evaluate_objects(
-    results_dir: Path,
-    labels_dir: Path,
+    results_dir: Path | str,
+    labels_dir: Path | str,
     *,
     sample_list: Path | str | Sequence[str] | None = None,
     overlaps: MinimumOverlaps = STRICT,
@@ -35,9 +35,20 @@ def evaluate_objects(
     missing_as_empty: bool = False,
     progress: bool = False,
 ) -> ObjectReport:
-    """Evaluates result files against label files as KITTI's official program does.
+    r"""Evaluates result files against label files as KITTI's official program does.
 
     Frames are read and dropped one after the other; what is kept grows with the scores.
+
+    >>> import sightline, tempfile
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> labels = PACKAGED_FRAMES / "training" / "label_2"
+    >>> with tempfile.TemporaryDirectory() as results:
+    ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
+    ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
+    ...         _ = Path(results, path.name).write_text("\n".join(lines))
+    ...     report = sightline.evaluate_objects(results, labels)
+    >>> report.frames
+    2
 
     Args:
         results_dir: One file a frame, 16 fields a line; empty where nothing was found.
@@ -66,6 +77,7 @@ def evaluate_objects(
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     minima = overlaps.as_array()
     check_edges(by_distance)
+    results_dir, labels_dir = Path(results_dir), Path(labels_dir)
     names = frame_names(labels_dir, sample_list)
     missing = _missing_results(results_dir, names) if missing_as_empty else set()
     frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)

@@ -28,19 +28,30 @@ from sightline.ops.compiled import compiled
 
 
 def evaluate_proposals(
-    results_dir: Path,
-    labels_dir: Path,
+    results_dir: Path | str,
+    labels_dir: Path | str,
     *,
     sample_list: Path | str | None = None,
     ious: Sequence[float] = (0.5, 0.7),
     max_proposals: int | None = None,
     progress: bool = False,
 ) -> ProposalReport:
-    """Recall of the proposals in result files, by class, metric, overlap and difficulty.
+    r"""Recall of the proposals in result files, by class, metric, overlap and difficulty.
 
     An object is found if a proposal of its class overlaps it by `iou` or more. Reported over all
     objects, as the mean over the frames that have objects, and as the mean over all frames, those
     without objects counted as 0; and besides the difficulties for all objects whatever theirs.
+
+    >>> import sightline, tempfile
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> labels = PACKAGED_FRAMES / "training" / "label_2"
+    >>> with tempfile.TemporaryDirectory() as results:
+    ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
+    ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
+    ...         _ = Path(results, path.name).write_text("\n".join(lines))
+    ...     report = sightline.evaluate_proposals(results, labels, ious=(0.7,))
+    >>> all(entry.n_found == entry.n_gt for entry in report.entries)
+    True
 
     Args:
         results_dir: One file a frame, as for `evaluate_objects`; the class of a proposal counts.
@@ -59,7 +70,9 @@ def evaluate_proposals(
         raise ValueError(f"max_proposals must be positive, got {max_proposals}: None takes all")
     is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
     parts: list[_Truths] = []
-    for proposals, labels in read_frames(results_dir, labels_dir, sample_list, progress=progress):
+    for proposals, labels in read_frames(
+        Path(results_dir), Path(labels_dir), sample_list, progress=progress
+    ):
         boxes, codes = _best_proposals(proposals, max_proposals)
         is_evaluated |= find_evaluated(boxes, codes)
         parts.append(_find_truths(len(parts), labels, boxes, codes))

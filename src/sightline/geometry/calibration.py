@@ -1,11 +1,19 @@
 """What relates the LiDAR to the camera and the camera to its image."""
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from beartype import beartype
 from jaxtyping import Float64, jaxtyped
 from torch import Tensor
+
+from sightline.geometry.mount import mount_doubt
+
+Matrix = Tensor | np.ndarray | Sequence[Sequence[float]]
+"""Numbers of any type in rows, as users have them."""
 
 _ROTATION_TOLERANCE = 1e-3
 
@@ -18,6 +26,12 @@ class Calibration:
     KITTI's `P2` maps the rectified frame of camera 0 to the image of camera 2 and holds the
     baseline between the two in its last column. Depth is therefore its third homogeneous
     coordinate: metres along the optical axis from the centre of camera 2, as in KITTI's depth maps.
+
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> calibration = sightline.open_dataset(PACKAGED_FRAMES)[0].calibration
+    >>> calibration.image_from_lidar.shape, calibration.crop(100, 50).image_from_camera[0, 2].item()
+    (torch.Size([3, 4]), 509.5593)
 
     Raises:
         ValueError: A matrix is not finite or singular, or camera_from_lidar is not rigid.
@@ -53,6 +67,62 @@ class Calibration:
                 "the last row of camera_from_lidar is not 0 0 0 1, so it is no rigid transform; "
                 "build it with rigid_transform"
             )
+
+    @classmethod
+    def from_matrices(
+        cls,
+        camera_matrix: Matrix,
+        camera_from_lidar: Matrix,
+        *,
+        distortion: Sequence[float] | np.ndarray | Tensor | None = None,
+    ) -> "Calibration":
+        """The calibration of a camera and a LiDAR of your own.
+
+        Warns, with the likely mistake, where no vehicle carries its sensors so.
+
+        >>> calibration = Calibration.from_matrices(
+        ...     [[1100, 0, 959.5], [0, 1100, 599.5], [0, 0, 1]],
+        ...     [[0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3], [0, 0, 0, 1]],
+        ... )
+        >>> calibration.image_from_camera.dtype
+        torch.float64
+
+        Args:
+            camera_matrix: 3x3, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, or 3x4. Pixel
+                (0, 0) is the centre of the top-left pixel.
+            camera_from_lidar: 4x4 or 3x4: the camera's optical frame (x right, y down, z forward)
+                from the LiDAR frame (x forward, y left, z up), metres.
+            distortion: The lens', in any model; anything but zeros is refused.
+
+        Raises:
+            ValueError: A matrix is of another shape, not finite or cannot be what it is called, or
+                there is lens distortion.
+        """
+        _refuse_distortion(distortion)
+        camera = _numbers(camera_matrix, "camera_matrix", ((3, 3), (3, 4)))
+        rigid = _numbers(camera_from_lidar, "camera_from_lidar", ((4, 4), (3, 4)))
+        if np.abs(camera[2, :3] - (0, 0, 1)).max() > _ROTATION_TOLERANCE:
+            hint = "; it is probably transposed" if not camera[:2, 2].any() else ""
+            raise ValueError(
+                f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
+            )
+        if (np.diag(camera)[:2] <= 0).any():
+            raise ValueError(
+                f"camera_matrix has focal lengths of {camera[0, 0]:.6g} and {camera[1, 1]:.6g} px, "
+                "expected both above 0; give fx and fy in pixels"
+            )
+        if len(rigid) == 4 and rigid[3, :3].any() and not rigid[:3, 3].any():
+            raise ValueError("camera_from_lidar is transposed; give its transpose")
+        calibration = cls(
+            image_from_camera=torch.from_numpy(np.pad(camera, ((0, 0), (0, 4 - camera.shape[1])))),
+            camera_from_lidar=torch.from_numpy(
+                rigid if len(rigid) == 4 else np.vstack((rigid, (0.0, 0.0, 0.0, 1.0)))
+            ),
+        )
+        doubt = mount_doubt(calibration.camera_from_lidar.numpy())
+        if doubt is not None:
+            warnings.warn(f"camera_from_lidar {doubt}", stacklevel=2)
+        return calibration
 
     @property
     def image_from_lidar(self) -> Float64[Tensor, "*batch 3 4"]:
@@ -91,3 +161,42 @@ class Calibration:
             image_from_camera=new_from_old @ self.image_from_camera,
             camera_from_lidar=self.camera_from_lidar,
         )
+
+
+def _numbers(
+    matrix: Matrix, name: str, shapes: Sequence[tuple[int, int]]
+) -> Float64[np.ndarray, "rows columns"]:
+    plain = matrix.detach().cpu().numpy() if isinstance(matrix, Tensor) else matrix
+    try:
+        numbers = np.array(plain, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape not in shapes:
+        expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
+        got = "x".join(map(str, numbers.shape)) if numbers.size else "something else"
+        raise ValueError(f"{name} is {got}, expected a matrix of {expected} numbers")
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name} holds NaN or infinite values; calibrate again")
+    return numbers
+
+
+def _refuse_distortion(distortion: Sequence[float] | np.ndarray | Tensor | None) -> None:
+    if distortion is None:
+        return
+    plain = distortion.detach().cpu().numpy() if isinstance(distortion, Tensor) else distortion
+    coefficients = np.ravel(np.asarray(plain, dtype=np.float64))
+    if coefficients.any():
+        shown = ", ".join(f"{value:.4g}" for value in coefficients)
+        raise ValueError(
+            f"the lens distorts by {shown}, and a calibration is that of straight pictures; "
+            "straighten each by sightline.undistort and leave the distortion out"
+        )
+
+
+def centred_image_size(calibration: Calibration) -> tuple[int, int]:
+    """Height and width [px] of an image whose centre is the principal point.
+
+    A guess for a camera of which there is no picture: KITTI's are 22 px wider and 28 px higher.
+    """
+    x, y = calibration.image_from_camera[:2, 2].tolist()
+    return max(round(2 * y + 1), 1), max(round(2 * x + 1), 1)

@@ -39,7 +39,15 @@ class ProjectedPoints(NamedTuple):
 def project_points(
     points: Float[Tensor, "*batch num_points 3"], calibration: Calibration
 ) -> ProjectedPoints:
-    """Pixels and depths of LiDAR points [m]; calculated in float64, returned in their dtype."""
+    """Pixels and depths of LiDAR points [m]; calculated in float64, returned in their dtype.
+
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+    >>> projected = sightline.project_points(sample.points[:, :3], sample.calibration)
+    >>> float(projected.in_image(sample.image_size).float().mean()) > 0.99  # swept, then cut to it
+    True
+    """
     homogeneous = transform_points(calibration.image_from_lidar, points.double())
     depths = homogeneous[..., 2]
     in_front = torch.where(depths > 0, depths, torch.nan)
@@ -70,6 +78,13 @@ def sparse_depth_map(
     """Projects a sweep (x, y, z first [m]) to a depth map [m] of (height, width); 0 = no point.
 
     Where several points fall on one pixel the nearest stays.
+
+    >>> import sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+    >>> sparse = sightline.sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+    >>> sparse.shape == sample.image_size, 0.01 < float((sparse > 0).float().mean()) < 0.1
+    (True, True)
     """
     height, width = image_size
     flat, depths, _ = _visible(points, calibration, image_size)

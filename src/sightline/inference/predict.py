@@ -59,7 +59,13 @@ def predict(
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     places = _places(task, predictor, out, also or {})
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=predictor.parts)
+    dataset = open_dataset(
+        data,
+        sample_list=sample_list,
+        velodyne=velodyne,
+        parts=predictor.parts,
+        needs=predictor.needs,
+    )
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = dataset.sample_ids
     present = _answered(places)

@@ -24,7 +24,12 @@ class Predictor(Protocol):
 
     @property
     def parts(self) -> "Collection[Part]":
-        """What it needs of a sample."""
+        """What it looks at of a sample."""
+        ...
+
+    @property
+    def needs(self) -> "Collection[Part]":
+        """Those of the parts without which it has no answer."""
         ...
 
     @property

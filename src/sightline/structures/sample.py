@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 from beartype import beartype
 from jaxtyping import Float32, Float64, UInt8, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
+from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 
 
@@ -18,6 +20,13 @@ class CameraLidarSample:
     LiDAR frame: x forward, y left, z up. Camera frame: x right, y down, z forward. Metres and
     radians; pixel (0, 0) is the centre of the top-left pixel. A sensor that delivered nothing is
     None; a sweep of zero points is a sweep.
+
+    >>> import dataclasses, sightline
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+    >>> blind = dataclasses.replace(sample, image=None)  # the camera delivered nothing
+    >>> blind.image_size, blind.points.shape[1]
+    ((375, 1242), 4)
 
     Raises:
         ValueError: The image or the depth map is not of `image_size`.
@@ -49,3 +58,59 @@ class CameraLidarSample:
                     f"(height x width), expected {self.image_size[0]}x{self.image_size[1]} like "
                     "the camera; resize both or none"
                 )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        calibration: Calibration,
+        *,
+        image: np.ndarray | Tensor | None = None,
+        points: np.ndarray | Tensor | None = None,
+        image_size: tuple[int, int] | None = None,
+        max_intensity: float = 1.0,
+        sample_id: str = "sample",
+    ) -> "CameraLidarSample":
+        """A sample of arrays of your own; warns where hardly a point falls into the image.
+
+        >>> import numpy as np, sightline
+        >>> sample = sightline.CameraLidarSample.from_arrays(
+        ...     sightline.Calibration.from_matrices(
+        ...         [[1100, 0, 959.5], [0, 1100, 599.5], [0, 0, 1]],
+        ...         [[0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3]],
+        ...     ),
+        ...     image=np.zeros((1200, 1920, 3), np.uint8),
+        ...     points=np.array([[10.0, 1.0, -1.0, 40.0], [20.0, -3.0, 0.5, 255.0]]),
+        ...     max_intensity=255,
+        ... )
+        >>> sample.points[1].tolist()
+        [20.0, -3.0, 0.5, 1.0]
+
+        Args:
+            calibration: `Calibration.from_matrices` makes one.
+            image: RGB or grey of 8 bits: an array of height, width (, 3), or a tensor of
+                3, height, width. None: there is no camera.
+            points: x, y, z [m] and, if it is known, intensity first; numbers of any type. Rows
+                that are not finite, where no echo came back, are left out. None: no LiDAR.
+            image_size: Height, width [px], where there is no image.
+            max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
+            sample_id: What errors call it.
+
+        Raises:
+            ValueError: An array is of another shape or type, there is neither image nor image_size,
+                intensities lie above max_intensity, or the points are hardly in metres.
+        """
+        planes = None if image is None else image_planes(image)
+        if planes is not None:
+            image_size = (planes.shape[1], planes.shape[2])
+        if image_size is None:
+            raise ValueError("a sample without an image needs image_size: give height and width")
+        sweep = None if points is None else sweep_points(points, max_intensity)
+        if sweep is not None:
+            warn_of_view(sweep, calibration, image_size)
+        return cls(
+            sample_id=sample_id,
+            calibration=calibration,
+            image_size=image_size,
+            image=planes,
+            points=sweep,
+        )

@@ -1,0 +1,53 @@
+"""`sightline import`: drives of other formats become recordings."""
+
+from pathlib import Path
+from typing import Literal
+
+
+def import_command(
+    source: Path,
+    out: Path,
+    *,
+    camera_topic: str | None = None,
+    lidar_topic: str | None = None,
+    info_topic: str | None = None,
+    calibration: Path | None = None,
+    max_gap_s: float = 0.05,
+    clock: Literal["header", "received"] = "header",
+    undistort: bool = False,
+    max_intensity: float | None = None,
+) -> None:
+    """Makes a recording of a ROS 2 bag, an MCAP file or nuScenes, for every other command.
+
+    Tells what was paired and dropped, and which share of the points falls into the image. An
+    interrupted run is finished by running it again. Bags need `pip install "sightline[ros]"`.
+
+    Args:
+        source: A bag (its folder, .mcap, .db3 or ROS 1's .bag), or the folder of nuScenes that
+            holds v1.0-mini or another version's tables.
+        out: Folder for the recording.
+        camera_topic: Topic of the images, or nuScenes' channel. Default: the only one; CAM_FRONT.
+        lidar_topic: Topic of the clouds, or nuScenes' channel. Default: the only one; LIDAR_TOP.
+        info_topic: Topic of the CameraInfo. Default: the one beside the images.
+        calibration: A calibration file (docs/recordings.md) instead of CameraInfo and TF.
+        max_gap_s: Images and sweeps that are farther apart are no pair.
+        clock: Which time counts: the header's, when a sensor took it, or when it was received.
+        undistort: Straightens the images of a lens that distorts, whenever they are read.
+        max_intensity: What stands for a reflectance of 1. Default: 1, 255 or 65535, by the first
+            sweep.
+    """
+    from sightline.data.importing.import_recording import import_recording
+
+    report = import_recording(
+        source,
+        out,
+        camera_topic=camera_topic,
+        lidar_topic=lidar_topic,
+        info_topic=info_topic,
+        calibration=calibration,
+        max_gap_s=max_gap_s,
+        clock=clock,
+        undistort=undistort,
+        max_intensity=max_intensity,
+    )
+    print(report)

@@ -1,0 +1,1 @@
+"""Drives recorded elsewhere, made into recordings: ROS bags, MCAP, nuScenes."""

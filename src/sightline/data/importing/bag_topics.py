@@ -1,0 +1,102 @@
+"""Which topics of a bag are the camera, the LiDAR and the camera's calibration."""
+
+from dataclasses import dataclass
+
+from sightline.data.importing.bag import CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMAGE, Bag, Topic
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChosenTopics:
+    """What is imported."""
+
+    camera: Topic
+    lidar: Topic
+    info: Topic | None
+    """CameraInfo of the camera; None where the bag has none of it."""
+
+    @property
+    def is_rectified(self) -> bool:
+        """Whether the images are straight already, by ROS' names: image_rect, image_rect_color."""
+        return "rect" in _picture_name(self.camera.name)
+
+
+def choose_topics(
+    bag: Bag, camera: str | None, lidar: str | None, info: str | None
+) -> ChosenTopics:
+    """The topics that are named, or the only ones of their kind.
+
+    Of a camera's raw and compressed images the compressed ones are taken, whose bytes stay as they
+    are.
+
+    Raises:
+        ValueError: A topic that is named is not there, or there are none or several of a kind; the
+            error lists what was found and says what to give.
+    """
+    pictures = bag.of_kind(IMAGE, COMPRESSED_IMAGE)
+    chosen = _choose(bag, pictures, camera, "--camera-topic", "images (Image, CompressedImage)")
+    return ChosenTopics(
+        camera=chosen,
+        lidar=_choose(bag, bag.of_kind(CLOUD), lidar, "--lidar-topic", "clouds (PointCloud2)"),
+        info=_choose_info(bag, chosen, info),
+    )
+
+
+def _choose(
+    bag: Bag, candidates: tuple[Topic, ...], name: str | None, option: str, what: str
+) -> Topic:
+    listed = ", ".join(map(str, candidates))
+    if name is not None:
+        named = next((topic for topic in candidates if topic.name == name), None)
+        if named is None:
+            found = listed or f"none; its topics are {_listed(bag)}"
+            raise ValueError(f"{bag.path} has no topic {name} of {what}; it has {found}")
+        return named
+    if not candidates:
+        raise ValueError(
+            f"{bag.path} has no topic of {what}; its topics are {_listed(bag)}; import a bag that "
+            "holds a camera and a LiDAR"
+        )
+    compressed = {
+        _picture_base(topic.name) for topic in candidates if topic.kind == COMPRESSED_IMAGE
+    }
+    kept = [
+        topic
+        for topic in candidates
+        if topic.kind != IMAGE or _picture_base(topic.name) not in compressed
+    ]
+    if len(kept) > 1:
+        raise ValueError(
+            f"{bag.path} has {len(kept)} topics of {what}: {listed}; choose one by {option}"
+        )
+    return kept[0]
+
+
+def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
+    candidates = bag.of_kind(CAMERA_INFO)
+    if name is not None:
+        return _choose(bag, candidates, name, "--info-topic", "calibrations (CameraInfo)")
+    # By ROS' custom it stands beside the images: /front/image_raw, /front/camera_info.
+    place = _picture_base(camera.name).rpartition("/")[0]
+    beside = [topic for topic in candidates if topic.name.rpartition("/")[0] == place]
+    if len(beside) == 1:
+        return beside[0]
+    if len(candidates) > 1:
+        listed = ", ".join(map(str, candidates))
+        raise ValueError(
+            f"{bag.path} has {len(candidates)} topics of CameraInfo, none of them beside "
+            f"{camera.name}: {listed}; choose one by --info-topic"
+        )
+    return candidates[0] if candidates else None
+
+
+def _picture_base(name: str) -> str:
+    """The topic that a compressed one was made of."""
+    return name.removesuffix("/compressed")
+
+
+def _picture_name(name: str) -> str:
+    return _picture_base(name).rpartition("/")[2]
+
+
+def _listed(bag: Bag) -> str:
+    return ", ".join(map(str, bag.topics)) or "none"

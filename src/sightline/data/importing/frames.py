@@ -1,0 +1,72 @@
+"""Coordinate frames: chains of transforms, and a LiDAR frame that looks where the camera does."""
+
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+_TURNED_FROM_DEG = 30.0  # up to here a camera looks ahead
+_UPRIGHT = 0.9  # cosine between what is up for camera and LiDAR
+
+Rigid = Float64[np.ndarray, "4 4"]
+
+
+def rigid_from_quaternion(
+    quaternion_xyzw: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]
+) -> Rigid:
+    """The 4x4 matrix that rotates by a quaternion, then moves [m].
+
+    Raises:
+        ValueError: A number is not finite, or the quaternion is zero.
+    """
+    rigid = np.eye(4)
+    if not (np.isfinite(quaternion_xyzw).all() and np.isfinite(translation).all()):
+        raise ValueError("a transform holds NaN or infinite values; calibrate again")
+    rigid[:3, :3] = Rotation.from_quat(quaternion_xyzw).as_matrix()
+    rigid[:3, 3] = translation
+    return rigid
+
+
+def find_transform(
+    parent_from_child: Mapping[tuple[str, str], Rigid], target: str, source: str
+) -> Rigid | None:
+    """target_from_source along the fewest known transforms; None where no way leads there.
+
+    Args:
+        parent_from_child: Transforms by (parent, child).
+        target: Name of a frame.
+        source: Name of a frame.
+    """
+    steps: dict[str, dict[str, Rigid]] = {}
+    for (parent, child), rigid in parent_from_child.items():
+        steps.setdefault(child, {})[parent] = rigid
+        steps.setdefault(parent, {})[child] = np.linalg.inv(rigid)
+    reached = {source: np.eye(4)}
+    waiting = deque([source])
+    while waiting and target not in reached:
+        at = waiting.popleft()
+        for frame, frame_from_at in steps.get(at, {}).items():
+            if frame not in reached:
+                reached[frame] = frame_from_at @ reached[at]
+                waiting.append(frame)
+    return reached.get(target)
+
+
+def turn_ahead(camera_from_lidar: Rigid) -> tuple[Rigid, float]:
+    """A LiDAR frame turned about its z axis so that x points where the camera looks.
+
+    That is what detectors expect: nuScenes' LiDAR has x to the right, and a camera may look aside.
+
+    Returns:
+        new_from_old, and the angle [deg], counter-clockwise, from the old x axis to the new; the
+        identity and 0 where the camera looks ahead (within 30 degrees), or is not upright.
+    """
+    is_upright = -camera_from_lidar[1, 2] >= _UPRIGHT
+    angle = float(np.arctan2(camera_from_lidar[2, 1], camera_from_lidar[2, 0]))
+    if not is_upright or abs(np.degrees(angle)) <= _TURNED_FROM_DEG:
+        return np.eye(4), 0.0
+    new_from_old = np.eye(4)
+    new_from_old[:3, :3] = Rotation.from_euler("z", -angle).as_matrix()
+    return new_from_old, float(np.degrees(angle))

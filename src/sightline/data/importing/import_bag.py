@@ -1,0 +1,226 @@
+"""A drive from a bag: images and sweeps paired by time, written as a recording."""
+
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+from jaxtyping import Float32, Int64
+
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.image_file import write_rgb
+from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
+from sightline.data.importing.bag_calibration import calibration_of_bag
+from sightline.data.importing.bag_messages import cloud_of, picture_file_of, picture_of
+from sightline.data.importing.bag_topics import ChosenTopics, choose_topics
+from sightline.data.importing.frames import Rigid, turn_ahead
+from sightline.data.importing.pairing import pair_nearest
+from sightline.data.importing.writer import (
+    RESULTS,
+    ImportReport,
+    describe_view,
+    names_present,
+    turned,
+    write_calibration,
+    write_cloud,
+    write_times,
+)
+from sightline.data.jobs import claim_folder, data_name
+from sightline.data.point_files import checked_cloud
+from sightline.data.progress import track
+from sightline.data.recording_calibration import (
+    RecordingCalibration,
+    read_recording_calibration,
+    recording_calibration_text,
+)
+from sightline.data.recording_tree import IMAGES, POINTS
+
+Clock = Literal["header", "received"]
+"""Which time pairs messages: when a sensor took them, or when the bag got them."""
+
+_INTENSITIES: Final = (1.0, 255.0, 65535.0)
+"""What sensors mean by a reflectance of 1."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Pairs:
+    """The frames of a drive."""
+
+    positions: Int64[np.ndarray, "num_pairs 2"]
+    """Numbers of image and sweep among the messages of their topics."""
+    times_s: tuple[float, ...]
+    """Of the sweeps."""
+    note: str
+
+
+def import_bag(
+    source: Path,
+    out: Path,
+    *,
+    camera_topic: str | None,
+    lidar_topic: str | None,
+    info_topic: str | None,
+    calibration: Path | None,
+    max_gap_s: float,
+    clock: Clock,
+    undistort: bool,
+    max_intensity: float | None,
+) -> ImportReport:
+    """Imports a drive; arguments and errors as of `import_recording`."""
+    with open_bag(source) as bag:
+        topics = choose_topics(bag, camera_topic, lidar_topic, info_topic)
+        if calibration is None:
+            given = calibration_of_bag(bag, topics, undistort=undistort)
+        else:
+            given = read_recording_calibration(calibration)
+        pairs = _pair(bag, topics, max_gap_s, clock)
+        intensity = max_intensity or given.max_intensity
+        if intensity == 1 and max_intensity is None:
+            intensity = _guess_intensity(bag, topics, pairs)
+        new_from_old, angle_deg = turn_ahead(given.matrices.camera_from_lidar)
+        written = replace(turned(given, new_from_old), max_intensity=1.0)
+        settings = {
+            "sightline": version("sightline"),
+            "source": data_name(source),
+            "camera_topic": topics.camera.name,
+            "lidar_topic": topics.lidar.name,
+            "max_gap_s": max_gap_s,
+            "clock": clock,
+            "max_intensity": intensity,
+            "calibration": recording_calibration_text(written),
+        }
+        claim_folder(out, settings, results=RESULTS)
+        write_calibration(out, written)
+        names = [f"{number:06}" for number in range(len(pairs.positions))]
+        write_times(out, dict(zip(names, pairs.times_s, strict=True)))
+        present = names_present(out, IMAGES, POINTS)
+        pending = [number for number, name in enumerate(names) if name not in present]
+        frames = _Frames(out, topics, written, intensity, new_from_old)
+        frames.write(bag, {names[number]: pairs.positions[number] for number in pending})
+    notes = [
+        f"camera {topics.camera}, LiDAR {topics.lidar}, calibration "
+        f"{calibration or topics.info}; intensities of 0 to {intensity:g}",
+        pairs.note,
+    ]
+    if angle_deg:
+        notes.append(
+            f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x "
+            "axis: clouds are turned, so that x points where it looks"
+        )
+    return ImportReport(
+        out=out,
+        written=len(pending),
+        skipped=len(names) - len(pending),
+        notes=(*notes, *describe_view(out)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """Writes images and clouds as they come out of the bag."""
+
+    out: Path
+    topics: ChosenTopics
+    calibration: RecordingCalibration
+    max_intensity: float
+    new_from_old: Rigid
+
+    def write(self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]]) -> None:
+        """The frames of these names, from the messages of these numbers."""
+        camera, lidar = self.topics.camera.name, self.topics.lidar.name
+        names: dict[tuple[str, int], str] = {}
+        for name, (image, sweep) in positions.items():
+            names[camera, int(image)] = name
+            names[lidar, int(sweep)] = name
+        if not names:
+            return
+        messages = bag.messages({camera, lidar}, wanted=names)
+        for message in track(messages, description="importing", total=len(names)):
+            name = names[message.topic, message.number]
+            if message.topic == camera:
+                self._write_image(name, message)
+            else:
+                self._write_cloud(name, message)
+
+    def _write_image(self, name: str, message: Message) -> None:
+        topic = self.topics.camera
+        if topic.kind == COMPRESSED_IMAGE:
+            suffix, content, size = picture_file_of(message.content, topic.name)
+            self._check_size(size, message)
+            atomic_write_bytes(self.out / IMAGES / f"{name}{suffix}", content)
+            return
+        picture = picture_of(message.content, topic.name)
+        self._check_size((picture.shape[0], picture.shape[1]), message)
+        write_rgb(self.out / IMAGES / f"{name}.png", picture)
+
+    def _check_size(self, size: tuple[int, int], message: Message) -> None:
+        expected = self.calibration.image_size
+        if expected is not None and size != expected:
+            raise ValueError(
+                f"topic {message.topic}: image {message.number} is {size[0]}x{size[1]} (height x "
+                f"width), but its calibration is for {expected[0]}x{expected[1]}; choose the topic "
+                "that was calibrated, or give its calibration by --calibration"
+            )
+
+    def _write_cloud(self, name: str, message: Message) -> None:
+        points = _finite(cloud_of(message.content, message.topic))
+        if self.max_intensity in _INTENSITIES:  # sensors exceed the scale for retroreflectors
+            points[:, 3] = points[:, 3].clip(0, self.max_intensity)
+        points = checked_cloud(points, self.max_intensity, f"topic {message.topic}")
+        write_cloud(self.out, name, points, self.new_from_old)
+
+
+def _pair(bag: Bag, topics: ChosenTopics, max_gap_s: float, clock: Clock) -> _Pairs:
+    times_ns: dict[str, list[int]] = {topics.camera.name: [], topics.lidar.name: []}
+    for message in bag.messages(set(times_ns)):
+        is_stamped = clock == "header" and message.stamp_ns
+        times_ns[message.topic].append(message.stamp_ns if is_stamped else message.received_ns)
+    camera, lidar = (np.array(each, dtype=np.int64) for each in times_ns.values())
+    by_time = np.argsort(camera, kind="stable"), np.argsort(lidar, kind="stable")
+    pairs = pair_nearest(camera[by_time[0]], lidar[by_time[1]], round(max_gap_s * 1e9))
+    positions = np.stack([order[pairs[:, axis]] for axis, order in enumerate(by_time)], axis=1)
+    if not len(positions):
+        raise ValueError(_nothing_pairs(bag, topics, (camera, lidar), max_gap_s, clock))
+    gaps_ms = np.abs(camera[positions[:, 0]] - lidar[positions[:, 1]]) / 1e6
+    return _Pairs(
+        positions=positions,
+        times_s=tuple((lidar[positions[:, 1]] / 1e9).tolist()),
+        note=f"paired {len(positions)} of {len(camera)} images and {len(lidar)} sweeps by {clock} "
+        f"time, {gaps_ms.max():.1f} ms apart at most; dropped {len(camera) - len(positions)} "
+        f"images and {len(lidar) - len(positions)} sweeps",
+    )
+
+
+def _nothing_pairs(
+    bag: Bag,
+    topics: ChosenTopics,
+    times_ns: tuple[Int64[np.ndarray, " num_images"], Int64[np.ndarray, " num_sweeps"]],
+    max_gap_s: float,
+    clock: Clock,
+) -> str:
+    camera, lidar = (np.sort(each) for each in times_ns)
+    image, sweep = pair_nearest(camera, lidar, np.iinfo(np.int64).max)[0]
+    gap_s = abs(int(camera[image]) - int(lidar[sweep])) / 1e9
+    other = "received" if clock == "header" else "header"
+    return (
+        f"{bag.path}: no image of {topics.camera.name} and sweep of {topics.lidar.name} lie within "
+        f"{max_gap_s:g} s; the first are {gap_s:.3g} s apart by their {clock} "
+        f"time; try --clock {other} or a larger --max-gap-s"
+    )
+
+
+def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: _Pairs) -> float:
+    """The least of the usual scales that holds the first sweep's intensities."""
+    lidar = topics.lidar.name
+    first = int(pairs.positions[0, 1])
+    highest = 0.0
+    for message in bag.messages([lidar], wanted={(lidar, first)}):
+        points = _finite(cloud_of(message.content, lidar))
+        highest = float(points[:, 3].max(initial=0.0))
+    return next((scale for scale in _INTENSITIES if highest <= scale), _INTENSITIES[-1])
+
+
+def _finite(points: Float32[np.ndarray, "num_points 4"]) -> Float32[np.ndarray, "kept 4"]:
+    finite: Float32[np.ndarray, "kept 4"] = points[np.isfinite(points).all(axis=1)]
+    return finite

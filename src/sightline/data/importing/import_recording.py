@@ -1,0 +1,87 @@
+"""`sightline import`: whatever a drive was recorded as becomes a recording."""
+
+from pathlib import Path
+
+from sightline.data.importing.bag import SUFFIXES, is_bag
+from sightline.data.importing.import_bag import Clock, import_bag
+from sightline.data.importing.import_nuscenes import import_nuscenes
+from sightline.data.importing.nuscenes import find_tables
+from sightline.data.importing.writer import ImportReport
+
+
+def import_recording(
+    source: Path | str,
+    out: Path | str,
+    *,
+    camera_topic: str | None = None,
+    lidar_topic: str | None = None,
+    info_topic: str | None = None,
+    calibration: Path | str | None = None,
+    max_gap_s: float = 0.05,
+    clock: Clock = "header",
+    undistort: bool = False,
+    max_intensity: float | None = None,
+) -> ImportReport:
+    """Writes a ROS bag, an MCAP file or nuScenes as a recording that every command takes.
+
+    A frame appears whole or not at all, and those that are there are skipped: an import that was
+    stopped goes on when it is run again. Where the camera looks aside of the LiDAR's x axis by more
+    than 30 degrees, clouds are turned about z until it looks ahead.
+
+    >>> import pathlib, sightline
+    >>> sightline.import_recording("drive.mcap", "recording")
+    Traceback (most recent call last):
+    ValueError: drive.mcap does not exist; name a bag or a folder of nuScenes
+
+    Args:
+        source: A ROS 2 bag (its folder, .mcap or .db3), a ROS 1 .bag, or the folder of nuScenes
+            that holds v1.0-mini or another version's tables.
+        out: Folder for the recording.
+        camera_topic: The images' topic, or nuScenes' channel (CAM_FRONT). None: the only one.
+        lidar_topic: The clouds' topic, or channel (LIDAR_TOP). None: the only one.
+        info_topic: The CameraInfo's topic. None: that beside the images.
+        calibration: A recording's calibration file instead of CameraInfo and TF.
+        max_gap_s: Images and sweeps that are farther apart are no pair.
+        clock: Which time counts, of a bag.
+        undistort: Whether images of a lens that distorts are to be straightened as they are read.
+        max_intensity: What stands for a reflectance of 1. None: 1, 255 or 65535, by the first
+            sweep.
+
+    Raises:
+        ValueError: The source cannot be read, lacks something or offers a choice; or `out` holds
+            another import.
+    """
+    source, out = Path(source), Path(out)
+    if not source.exists():
+        raise ValueError(f"{source} does not exist; name a bag or a folder of nuScenes")
+    if not 0 <= max_gap_s < 10:
+        raise ValueError(f"max_gap_s must be between 0 and 10, got {max_gap_s}; often it is 0.05")
+    if max_intensity is not None and not 0 < max_intensity < 1e9:
+        raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
+    if is_bag(source):
+        return import_bag(
+            source,
+            out,
+            camera_topic=camera_topic,
+            lidar_topic=lidar_topic,
+            info_topic=info_topic,
+            calibration=None if calibration is None else Path(calibration),
+            max_gap_s=max_gap_s,
+            clock=clock,
+            undistort=undistort,
+            max_intensity=max_intensity,
+        )
+    tables = find_tables(source)
+    if tables is None:
+        raise ValueError(
+            f"{source} is neither a bag (a folder with metadata.yaml, or a file that ends in "
+            f"{', '.join(SUFFIXES)}) nor nuScenes (a folder with v1.0-mini/sample.json); a folder "
+            "of images and clouds needs no import, see docs/recordings.md"
+        )
+    return import_nuscenes(
+        tables,
+        out,
+        camera=camera_topic or "CAM_FRONT",
+        lidar=lidar_topic or "LIDAR_TOP",
+        max_intensity=max_intensity or 255.0,
+    )

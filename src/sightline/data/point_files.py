@@ -1,0 +1,149 @@
+"""Point clouds of recordings that are not KITTI's: .npy, .pcd and KITTI's own .bin."""
+
+import io
+import struct
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float32
+
+from sightline.data.plain_file import read_bytes
+from sightline.data.problem import FileError
+from sightline.data.velodyne import read_sweep
+from sightline.geometry.mount import MAX_RANGE_M
+
+CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd")
+"""File names that a cloud may end in."""
+
+INTENSITY_NAMES: Final = ("intensity", "reflectance", "reflectivity", "intensities", "i")
+"""What the field is called that says how bright an echo is, the first that is there."""
+
+_MAX_BYTES = 2**28  # 4 million points of 64 bytes
+_REMEDY = "export the cloud again, with fields x, y, z [m] and intensity"
+_COMPRESSED = b"\nDATA binary_compressed"
+
+
+def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarray, "num_points 4"]:
+    """Reads x, y, z [m] (LiDAR frame) and reflectance [0, 1].
+
+    `.bin`: float32 x, y, z, intensity as KITTI has it. `.npy`: an array of three columns or more,
+    the fourth of which is the intensity, or a structured one with the names of a PCD's fields.
+    `.pcd`: with fields x, y, z and perhaps intensity. Without one, reflectance is 0. Points that
+    are not finite, which some drivers write where no echo came back, are left out.
+
+    Args:
+        path: The file.
+        max_intensity: What stands for a reflectance of 1.
+
+    Raises:
+        FileError: The file cannot be read, lacks a coordinate, is not in metres, or has intensities
+            outside [0, max_intensity].
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".bin":
+        points = read_sweep(path, drop_non_finite=True)
+    elif suffix == ".npy":
+        points = _read_npy(path)
+    else:
+        points = _read_pcd(path)
+    return checked_cloud(points, max_intensity, path)
+
+
+def checked_cloud(
+    points: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
+) -> Float32[np.ndarray, "num_points 4"]:
+    """The finite points with reflectances in [0, 1].
+
+    Raises:
+        FileError: Points are not in metres, or intensities lie outside [0, max_intensity]; names
+            `source`, a file or a topic.
+    """
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return points
+    middle_m = float(np.median(np.linalg.norm(points[:, :3].astype(np.float64), axis=1)))
+    if middle_m > MAX_RANGE_M:
+        raise FileError(
+            source,
+            f"holds {len(points)} points, half of them farther away than {middle_m:.4g} m, "
+            f"expected up to {MAX_RANGE_M:.0f} m: they are probably in millimetres",
+            "write them in metres",
+        )
+    lowest, highest = float(points[:, 3].min()), float(points[:, 3].max())
+    if lowest < 0 or highest > max_intensity:
+        raise FileError(
+            source,
+            f"holds intensities from {lowest:.4g} to {highest:.4g}, expected 0 to "
+            f"{max_intensity:.6g}",
+            "set max_intensity (calibration file) or --max-intensity (import) to what stands for a "
+            "reflectance of 1, often 255",
+        )
+    points[:, 3] /= max_intensity
+    return points
+
+
+def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "num_points 4"]:
+    """x, y, z and intensity (else 0) of a structured array.
+
+    Raises:
+        FileError: It lacks a coordinate; names `source`.
+    """
+    names = fields.dtype.names or ()
+    lacking = [name for name in ("x", "y", "z") if name not in names]
+    if lacking:
+        raise FileError(
+            source,
+            f"has the fields {', '.join(names) or 'none'}, and lacks {', '.join(lacking)}",
+            _REMEDY,
+        )
+    points = np.zeros((fields.size, 4), np.float32)
+    for column, name in enumerate(("x", "y", "z")):
+        points[:, column] = fields[name].ravel()
+    by_lower = {name.lower(): name for name in names}
+    intensity = next((by_lower[name] for name in INTENSITY_NAMES if name in by_lower), None)
+    if intensity is not None:
+        points[:, 3] = fields[intensity].ravel()
+    return points
+
+
+def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
+    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
+    try:
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+    except (ValueError, EOFError, OSError, SyntaxError) as error:
+        raise FileError(path, "is no whole .npy file", _REMEDY) from error
+    if array.dtype.names:
+        return columns_of(array, path)
+    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu":
+        raise FileError(
+            path,
+            f"holds {array.dtype} of shape {array.shape}, expected rows of x, y, z (, intensity)",
+            _REMEDY,
+        )
+    points = np.zeros((len(array), 4), np.float32)
+    points[:, : min(array.shape[1], 4)] = array[:, :4]
+    return points
+
+
+def _read_pcd(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
+    from pypcd4.pypcd4 import PointCloud  # with pydantic, whose import takes a moment
+
+    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
+    _check_announced_size(content, path)
+    try:
+        fields = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content))).pc_data
+    except Exception as error:
+        raise FileError(path, "is no whole PCD file", _REMEDY) from error
+    return columns_of(np.atleast_1d(fields), path)
+
+
+def _check_announced_size(content: bytes, path: Path | str) -> None:
+    """A forged header must not cost gigabytes of memory."""
+    start = content.find(_COMPRESSED, 0, 4096)
+    body = content.find(b"\n", start + 1) + 1
+    if start < 0 or body + 8 > len(content):
+        return
+    _, size = struct.unpack_from("<II", content, body)
+    if size > _MAX_BYTES:
+        raise FileError(path, f"announces {size} bytes, expected up to {_MAX_BYTES}", _REMEDY)

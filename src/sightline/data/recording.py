@@ -1,0 +1,191 @@
+"""Recordings of your own: images and clouds in folders, and how they fit."""
+
+import warnings
+from collections.abc import Collection, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from sightline.data.image_file import read_rgb
+from sightline.data.image_header import read_image_size
+from sightline.data.kitti_files import read_depth
+from sightline.data.kitti_labels import read_labels
+from sightline.data.object_labels import labels_from_kitti
+from sightline.data.object_tree import ObjectFrame, Part, describe_absent, suggest_frames
+from sightline.data.point_files import read_cloud
+from sightline.data.problem import FileError
+from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
+from sightline.data.recording_checks import (
+    first_whole,
+    reference_images,
+    size_misfit,
+    view_of_recording,
+)
+from sightline.data.recording_tree import list_recording, read_times
+from sightline.data.sample_list import read_sample_list
+from sightline.data.undistortion import undistort
+from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.calibration import Calibration, centred_image_size
+from sightline.structures.sample import CameraLidarSample
+
+_REMEDY = "see docs/recordings.md for the layout"
+
+
+class RecordingDataset(Dataset[CameraLidarSample]):
+    """The frames of a recording, by name; `list_recording` says which files it has.
+
+    Sizes of images and numbers of beams may differ from frame to frame. Images of a lens that
+    distorts are straightened as they are read. Warns once, with the likely cause, where the LiDAR
+    can hardly sit as the calibration says.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        *,
+        sample_list: str | Path | Sequence[str] | None = None,
+        parts: Collection[Part] = ("image", "points", "objects"),
+        needs: Collection[Part] | None = None,
+    ) -> None:
+        """Looks up the files.
+
+        Args:
+            folder: The recording.
+            sample_list: Which frames; see `read_sample_list`. None: all.
+            parts: What samples hold.
+            needs: Those of the parts that no frame may lack. None: all.
+
+        Raises:
+            ValueError: There are no frames, the list names absent ones, or a frame lacks a part or
+                a calibration.
+        """
+        self.folder = Path(folder)
+        self.parts = frozenset(parts)
+        files = list_recording(self.folder)
+        if not files.frames:
+            raise ValueError(f"{self.folder} holds neither images/ nor points/; {_REMEDY}")
+        known = {frame.sample_id: frame for frame in files.frames}
+        wanted = tuple(known)
+        if sample_list is not None:
+            wanted = read_sample_list(sample_list, self.folder)
+        absent = [name for name in wanted if name not in known]
+        if absent:
+            raise ValueError(
+                f"{self.folder} has no frame {describe_absent(absent)}: "
+                f"{suggest_frames(absent[0], tuple(known))}; name others or another folder"
+            )
+        self._frames = tuple(known[name] for name in wanted)
+        self._check_whole(self.parts if needs is None else self.parts & set(needs))
+        pictures = (frame.image or frame.depth for frame in files.frames)
+        self._any_picture = next((path for path in pictures if path is not None), None)
+        self._reference_images = reference_images(files.frames)
+        self._times = None if files.times is None else read_times(files.times)
+        self._start_s = min(self._times.values(), default=0.0) if self._times else 0.0
+        view = view_of_recording(first_whole(self._frames))
+        if view is not None and view.doubt is not None:
+            warnings.warn(str(view.doubt), stacklevel=3)
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        """The frames' names, as the files have them, in order."""
+        return tuple(frame.sample_id for frame in self._frames)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self._frames)
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        """Reads a frame.
+
+        Raises:
+            ValueError: A file of it cannot be understood; the error names it.
+        """
+        keep_opencv_to_one_thread_in_workers()
+        frame = self._frames[index]
+        assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
+        said, calibration = _read_calibration(frame.calibration)
+        image = None
+        if frame.image is not None and "image" in self.parts:
+            image = _straight_image(frame.image, said)
+            size = (image.shape[1], image.shape[2])
+            reference = self._reference_images[frame.calibration]
+            misfit = size_misfit(frame.image, size, said, reference)
+            if misfit is not None:
+                raise FileError(misfit.path, misfit.problem, misfit.remedy)
+        points = None
+        if frame.points is not None and "points" in self.parts:
+            points = torch.from_numpy(read_cloud(frame.points, said.max_intensity))
+        objects = None
+        if frame.objects is not None and "objects" in self.parts:
+            objects = labels_from_kitti(read_labels(frame.objects), calibration)
+        try:
+            return CameraLidarSample(
+                sample_id=frame.sample_id,
+                calibration=calibration,
+                image_size=self._image_size(frame, image, said, calibration),
+                image=image,
+                points=points,
+                objects=objects,
+                depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
+                timestamp_s=self._time_of(frame.sample_id),
+            )
+        except ValueError as error:
+            if isinstance(error, FileError):
+                raise
+            raise FileError(self.folder, str(error), _REMEDY) from error
+
+    def _image_size(
+        self,
+        frame: ObjectFrame,
+        image: UInt8[Tensor, "3 height width"] | None,
+        said: RecordingCalibration,
+        calibration: Calibration,
+    ) -> tuple[int, int]:
+        if image is not None:
+            return image.shape[1], image.shape[2]
+        picture = frame.image or frame.depth
+        if picture is not None:
+            return read_image_size(picture)
+        if said.image_size is not None:
+            return said.image_size
+        if self._any_picture is not None:
+            return read_image_size(self._any_picture)
+        return centred_image_size(calibration)
+
+    def _time_of(self, name: str) -> float | None:
+        if self._times is None or name not in self._times:
+            return None
+        return self._times[name] - self._start_s
+
+    def _check_whole(self, needed: Collection[Part]) -> None:
+        attributes = {"image": "images", "points": "points", "objects": "labels", "depth": "depth"}
+        for part in ("calibration", *(part for part in attributes if part in needed)):
+            absent = [each.sample_id for each in self._frames if getattr(each, part) is None]
+            if absent:
+                raise ValueError(
+                    f"{self.folder} lacks {attributes.get(part, part)} of {len(absent)} of "
+                    f"{len(self._frames)} frames ({describe_absent(absent)}); add them or name a "
+                    "list of the frames that are there"
+                )
+
+
+@lru_cache(maxsize=1)  # of one file for all frames, read once
+def _read_calibration(path: Path) -> tuple[RecordingCalibration, Calibration]:
+    said = read_recording_calibration(path)
+    return said, Calibration(
+        image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
+        camera_from_lidar=torch.from_numpy(said.matrices.camera_from_lidar),
+    )
+
+
+def _straight_image(path: Path, said: RecordingCalibration) -> UInt8[Tensor, "3 height width"]:
+    image = read_rgb(path)
+    if said.lens is not None:
+        camera_matrix = said.matrices.image_from_camera[:, :3]
+        image = undistort(image, camera_matrix, said.lens.coefficients, model=said.lens.model)
+    return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))

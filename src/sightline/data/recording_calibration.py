@@ -1,0 +1,182 @@
+"""The calibration file of a recording: YAML or JSON, written by hand or by an import."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, cast, get_args
+
+import numpy as np
+import yaml
+from jaxtyping import Float64
+
+from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.plain_text import read_text
+from sightline.data.problem import FileError
+from sightline.data.undistortion import LensModel, check_lens
+
+_KEYS: Final = ("camera_matrix", "camera_from_lidar", "image_size", "lens", "max_intensity")
+_REMEDY = "see docs/recordings.md for an example"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Lens:
+    """A lens that distorts, and is to be made good for when a picture is read."""
+
+    model: LensModel
+    coefficients: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RecordingCalibration:
+    """What the file says."""
+
+    matrices: CalibrationMatrices
+    image_size: tuple[int, int] | None = None
+    """Height, width [px]; needed only where there are no images."""
+    lens: Lens | None = None
+    """None: the pictures are straight."""
+    max_intensity: float = 1.0
+    """What stands for a reflectance of 1 in the clouds."""
+
+
+def read_recording_calibration(path: Path | str) -> RecordingCalibration:
+    """Reads a calibration file; JSON is YAML, so that both are read alike.
+
+    Raises:
+        FileError: It is no such file, lacks a matrix, or what it says makes no sense.
+    """
+    try:
+        said = yaml.safe_load(read_text(path))
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(path, "is neither YAML nor JSON", _REMEDY) from error
+    if not isinstance(said, dict):
+        raise FileError(path, "holds no names with values", _REMEDY)
+    unknown = [str(key) for key in said if key not in _KEYS]
+    if unknown:
+        raise FileError(
+            path, f"has the unknown entry {unknown[0][:40]!r}, expected {', '.join(_KEYS)}", _REMEDY
+        )
+    try:
+        return RecordingCalibration(
+            matrices=_matrices(said),
+            image_size=_image_size(said.get("image_size")),
+            lens=_lens(said.get("lens")),
+            max_intensity=_max_intensity(said.get("max_intensity", 1.0)),
+        )
+    except ValueError as error:
+        raise FileError(path, str(error), _REMEDY) from error
+
+
+def recording_calibration_text(calibration: RecordingCalibration) -> str:
+    """The file's text, exact to the last bit."""
+    camera = calibration.matrices.image_from_camera
+    said: dict[str, Any] = {
+        "camera_matrix": (camera if camera[:, 3].any() else camera[:, :3]).tolist(),
+        "camera_from_lidar": calibration.matrices.camera_from_lidar.tolist(),
+    }
+    if calibration.image_size is not None:
+        height, width = calibration.image_size
+        said["image_size"] = {"width": width, "height": height}
+    if calibration.lens is not None:
+        said["lens"] = {
+            "model": calibration.lens.model,
+            "coefficients": list(calibration.lens.coefficients),
+            "undistort": True,
+        }
+    if calibration.max_intensity != 1:
+        said["max_intensity"] = calibration.max_intensity
+    # A line a row, as one writes a matrix by hand.
+    text: str = yaml.safe_dump(said, default_flow_style=None, sort_keys=False)
+    return text
+
+
+def _matrices(said: Mapping[str, object]) -> CalibrationMatrices:
+    camera = _matrix(said, "camera_matrix", ((3, 3), (3, 4)))
+    rigid = _matrix(said, "camera_from_lidar", ((4, 4), (3, 4)))
+    if np.abs(camera[2, :3] - (0, 0, 1)).max() > 1e-9:
+        hint = ": it is probably transposed" if not camera[:2, 2].any() else ""
+        raise ValueError(
+            f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
+        )
+    if (np.diag(camera)[:2] <= 0).any():
+        raise ValueError("camera_matrix has focal lengths that are not above 0")
+    if len(rigid) == 4 and np.abs(rigid[3] - (0, 0, 0, 1)).max() > 1e-9:
+        hint = ": it is probably transposed" if not rigid[:3, 3].any() else ""
+        raise ValueError(
+            f"camera_from_lidar has the last row {rigid[3].tolist()}, expected 0 0 0 1{hint}"
+        )
+    error = np.abs(rigid[:3, :3] @ rigid[:3, :3].T - np.eye(3)).max()
+    if error > 1e-3 or np.linalg.det(rigid[:3, :3]) < 0:
+        raise ValueError(
+            f"camera_from_lidar holds no rotation: its rows are {error:.3g} off orthonormal and "
+            f"its determinant is {np.linalg.det(rigid[:3, :3]):.3g}, expected 0 and 1"
+        )
+    return CalibrationMatrices(
+        image_from_camera=np.pad(camera, ((0, 0), (0, 4 - camera.shape[1]))),
+        camera_from_lidar=np.vstack((rigid[:3], (0.0, 0.0, 0.0, 1.0))),
+    )
+
+
+def _matrix(
+    said: Mapping[str, object], name: str, shapes: tuple[tuple[int, int], ...]
+) -> Float64[np.ndarray, "rows columns"]:
+    expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
+    if name not in said:
+        raise ValueError(f"lacks {name}, expected a matrix of {expected}")
+    try:
+        matrix = np.array(said[name], dtype=np.float64)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape not in shapes:
+        raise ValueError(f"{name} is no matrix of {expected} numbers")
+    if not (np.abs(matrix) < 1e9).all():  # NaN compares false
+        raise ValueError(f"{name} holds NaN, infinite or absurdly large values")
+    return matrix
+
+
+def _image_size(said: object) -> tuple[int, int] | None:
+    if said is None:
+        return None
+    if not isinstance(said, dict) or set(said) != {"width", "height"}:
+        raise ValueError("image_size is no {width: .., height: ..}")
+    height, width = said["height"], said["width"]
+    if not (isinstance(height, int) and isinstance(width, int) and min(height, width) > 0):
+        raise ValueError("image_size is no width and height in whole pixels")
+    return height, width
+
+
+def _lens(said: object) -> Lens | None:
+    """None where the lens is straight, or the pictures have been straightened."""
+    if said is None:
+        return None
+    if not isinstance(said, dict) or not {"coefficients"} <= set(said) <= {
+        "model",
+        "coefficients",
+        "undistort",
+    }:
+        raise ValueError("lens is no {model: .., coefficients: [..], undistort: true}")
+    try:
+        coefficients = tuple(float(value) for value in said["coefficients"])
+    except (TypeError, ValueError):
+        raise ValueError("lens has coefficients that are no numbers") from None
+    model = said.get("model", "plumb_bob")
+    if model not in get_args(LensModel):
+        raise ValueError(f"lens has no model of {', '.join(get_args(LensModel))}")
+    check_lens(cast("LensModel", model), coefficients)
+    if not any(coefficients):
+        return None
+    if said.get("undistort") is not True:
+        raise ValueError(
+            "lens distorts, and images must be straight: write `undistort: true` beside its "
+            "coefficients to have them straightened as they are read, or straighten them and leave "
+            "the lens out"
+        )
+    return Lens(model=model, coefficients=coefficients)
+
+
+def _max_intensity(said: object) -> float:
+    if not isinstance(said, int | float) or not 0 < said < 1e9:
+        raise ValueError("max_intensity is no positive number")
+    return float(said)

@@ -1,0 +1,165 @@
+"""Whether a recording's files can be read, hold plausible values and fit each other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from sightline.data.calibration_checks import check_matrices
+from sightline.data.image_file import read_rgb
+from sightline.data.image_header import read_image_size
+from sightline.data.kitti_labels import read_labels
+from sightline.data.object_tree import ObjectFrame
+from sightline.data.point_files import read_cloud
+from sightline.data.problem import FileError, Problem
+from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
+from sightline.data.view import is_in_view
+from sightline.geometry.mount import mount_doubt
+
+_REMEDY = "correct the calibration file; docs/recordings.md says how"
+_LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
+
+Content = TypeVar("Content")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordingView:
+    """How a frame's cloud and image fit."""
+
+    sample_id: str
+    share: float
+    """Of the points, 0 to 1, that the image shows."""
+    doubt: Problem | None
+    """What is implausible about it, with the likely cause."""
+
+    def __str__(self) -> str:
+        """The share in one clause."""
+        share = f"{100 * self.share:.1f} % of the points of frame {self.sample_id}"
+        return f"{share} fall into the image"
+
+
+def first_whole(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
+    """The first frame that has a cloud and a calibration, one with an image before others."""
+    with_points = [each for each in frames if each.points and each.calibration]
+    return next((each for each in with_points if each.image), next(iter(with_points), None))
+
+
+def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
+    """How a frame's parts fit; None where it lacks one, or a file of it cannot be read."""
+    if frame is None or frame.points is None or frame.calibration is None:
+        return None
+    try:
+        said = read_recording_calibration(frame.calibration)
+        size = said.image_size if frame.image is None else read_image_size(frame.image)
+        points = read_cloud(frame.points, said.max_intensity)
+    except FileError:
+        return None  # whoever reads the frame is told
+    if size is None:
+        return None
+    matrices = said.matrices
+    shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
+    share = float(shown.mean()) if len(points) else 0.0
+    doubt = mount_doubt(matrices.camera_from_lidar)
+    problem = None if doubt is None else f"camera_from_lidar {doubt}"
+    if doubt is None and len(points) and share < _LEAST_SHARE:
+        problem = (
+            f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
+            f"into the image of {size[0]}x{size[1]} (height x width)"
+        )
+    return RecordingView(
+        sample_id=frame.sample_id,
+        share=share,
+        doubt=(
+            None
+            if problem is None
+            else Problem(path=frame.calibration, problem=problem, remedy=_REMEDY)
+        ),
+    )
+
+
+def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:
+    """Checks a calibration file against the first image that it is for, where there is one."""
+    problems: list[Problem] = []
+    said = _read(read_recording_calibration, path, problems)
+    if said is None:
+        return problems
+    size = _read(read_image_size, image, []) or said.image_size
+    doubt = mount_doubt(said.matrices.camera_from_lidar)
+    if doubt is not None:
+        return [Problem(path=path, problem=f"camera_from_lidar {doubt}", remedy=_REMEDY)]
+    return check_matrices(said.matrices, size, path)
+
+
+def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list[Problem]:
+    """Checks one frame; parts that are absent, and its calibration, are not spoken of.
+
+    Args:
+        frame: Of the recording.
+        reference: The first image of the same calibration; see `reference_images`.
+    """
+    problems: list[Problem] = []
+    said = _read(read_recording_calibration, frame.calibration, [])
+    image = _read(read_rgb, frame.image, problems)
+    _read(
+        partial(read_cloud, max_intensity=1.0 if said is None else said.max_intensity),
+        frame.points,
+        problems,
+    )
+    _read(read_labels, frame.objects, problems)
+    if said is None or problems or image is None:
+        return problems
+    assert frame.image is not None, "it was read"
+    misfit = size_misfit(frame.image, image.shape[:2], said, reference)
+    if misfit is not None:
+        return [misfit]
+    view = view_of_recording(frame)
+    is_mounted_well = mount_doubt(said.matrices.camera_from_lidar) is None  # told of once for all
+    return [view.doubt] if is_mounted_well and view is not None and view.doubt is not None else []
+
+
+def size_misfit(
+    image: Path, size: tuple[int, int], said: RecordingCalibration, reference: Path | None
+) -> Problem | None:
+    """That an image is not of the size for which its calibration holds; None where it is.
+
+    Args:
+        image: Where it was read.
+        size: Its height and width [px].
+        said: Its calibration.
+        reference: The first image of the same calibration.
+    """
+    expected, source = said.image_size, "the calibration says"
+    if expected is None and reference is not None:
+        expected, source = read_image_size(reference), f"{reference.name}, of the same calibration"
+    if expected is None or expected == size:
+        return None
+    return Problem(
+        path=image,
+        problem=f"is {size[0]}x{size[1]} (height x width), expected {expected[0]}x{expected[1]} as "
+        f"{source}",
+        remedy="give each frame a calibration of its own (calibration/NAME.yaml), or the images "
+        "that were calibrated",
+    )
+
+
+def reference_images(frames: Sequence[ObjectFrame]) -> dict[Path, Path | None]:
+    """The first image of each calibration file; None where it has none."""
+    first: dict[Path, Path | None] = {}
+    for frame in frames:
+        if frame.calibration is not None:
+            first[frame.calibration] = first.get(frame.calibration) or frame.image
+    return first
+
+
+def _read(
+    reader: Callable[[Path], Content], path: Path | None, problems: list[Problem]
+) -> Content | None:
+    """What the reader makes of the file; where it refuses it, None and one problem more."""
+    if path is None:
+        return None
+    try:
+        return reader(path)
+    except FileError as error:
+        problems.append(error.problem)
+        return None

@@ -1,0 +1,93 @@
+"""Which files a recording of your own has, listed without reading them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.data.object_tree import ObjectFrame, list_files
+from sightline.data.plain_text import parse_numbers, read_text
+from sightline.data.point_files import CLOUD_SUFFIXES
+from sightline.data.problem import FileError
+
+IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
+CALIBRATIONS: Final = "calibration"
+"""The folder of one file a frame, and the stem of the one file for all."""
+TIMES_NAME: Final = "times.txt"
+
+_CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordingFiles:
+    """The files of a recording."""
+
+    folder: Path
+    frames: tuple[ObjectFrame, ...]
+    """All that have an image or a cloud, by name; each with the calibration that holds for it."""
+    times: Path | None
+
+
+def is_recording(folder: Path) -> bool:
+    """Whether a folder has a recording's calibration beside its images or clouds."""
+    has_sensor = any((folder / name).is_dir() for name in (IMAGES, POINTS))
+    return has_sensor and bool(
+        _common_calibration(folder) or list_files(folder / CALIBRATIONS, _CALIBRATION_SUFFIXES)
+    )
+
+
+def list_recording(folder: Path) -> RecordingFiles:
+    """Lists a recording: images/NAME.jpg, points/NAME.pcd and calibration.yaml, and what else is.
+
+    Pictures end in .png, .jpg or .jpeg, clouds in .bin, .npy or .pcd, in any case. A calibration
+    is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for each; labels
+    (KITTI's), depth (16-bit PNGs) and times.txt may be there.
+    """
+    images = list_files(folder / IMAGES, _any_case(IMAGE_SUFFIXES))
+    clouds = list_files(folder / POINTS, _any_case(CLOUD_SUFFIXES))
+    labels, depths = list_files(folder / LABELS, (".txt",)), list_files(folder / DEPTH, (".png",))
+    common = _common_calibration(folder)
+    own = list_files(folder / CALIBRATIONS, _CALIBRATION_SUFFIXES)
+    times = folder / TIMES_NAME
+    return RecordingFiles(
+        folder=folder,
+        frames=tuple(
+            ObjectFrame(
+                sample_id=name,
+                image=images.get(name),
+                points=clouds.get(name),
+                calibration=own.get(name, common),
+                objects=labels.get(name),
+                depth=depths.get(name),
+            )
+            for name in sorted({*images, *clouds})
+        ),
+        times=times if times.is_file() else None,
+    )
+
+
+def read_times(path: Path) -> dict[str, float]:
+    """Reads the lines "NAME SECONDS" of a times.txt.
+
+    Raises:
+        FileError: A line is none.
+    """
+    times = {}
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        name, _, seconds = line.strip().rpartition(" ")
+        if not line.strip():
+            continue
+        if not name:
+            problem = f"line {number} is no frame's name and a time in seconds"
+            raise FileError(path, problem, "write lines like `000001 0.1`")
+        (times[name.strip()],) = parse_numbers([seconds], path, f"line {number}:")
+    return times
+
+
+def _common_calibration(folder: Path) -> Path | None:
+    candidates = (folder / f"{CALIBRATIONS}{suffix}" for suffix in _CALIBRATION_SUFFIXES)
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _any_case(suffixes: tuple[str, ...]) -> tuple[str, ...]:
+    return (*suffixes, *(suffix.upper() for suffix in suffixes))

@@ -1,0 +1,112 @@
+"""Whether a LiDAR can sit so against a camera, and the likely mistake where it can not.
+
+Without PyTorch, for checks that start at once.
+"""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+MAX_OFFSET_M: Final = 20.0
+"""Between two sensors on the longest lorry."""
+
+MAX_RANGE_M: Final = 300.0
+"""Beyond every LiDAR on the road; a sweep in millimetres is far beyond."""
+
+_MAX_TILT_DEG = 20.0  # of the camera's vertical against the LiDAR's
+_MAX_ASIDE_DEG = 60.0  # of the view against the LiDAR's x axis
+_SWAPPED_DEG = 15.0  # off axes that are only swapped
+_SMALL_TURN_DEG = 5.0  # what 90 degrees become that are written in radians: 1.6
+_IDENTITY_DEG = 0.01
+_LIDAR_DIRECTIONS = ("forward", "left", "up")
+_OPPOSITE = {"forward": "backward", "left": "right", "up": "down"}
+
+
+def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
+    """What makes a transform doubtful, with the likely cause; None where nothing does.
+
+    Expected is what conventions say: LiDAR x forward, y left, z up; camera x right, y down,
+    z forward; so that both agree on what is up, and the camera looks ahead.
+
+    Returns:
+        The rest of a sentence that begins with the transform's name.
+    """
+    offset_m = float(np.linalg.norm(camera_from_lidar[:3, 3]))
+    if offset_m > MAX_OFFSET_M:
+        return (
+            f"puts the LiDAR {offset_m:.4g} m from the camera, expected up to {MAX_OFFSET_M:.0f} "
+            "m: its last column is probably in millimetres; give metres"
+        )
+    rotation = camera_from_lidar[:3, :3]
+    if _tilt_deg(rotation) <= _MAX_TILT_DEG:
+        return _doubt_of_upright(rotation)
+    turn_deg = _turn_deg(rotation)
+    if turn_deg <= _IDENTITY_DEG:
+        return (
+            "has the identity for its rotation, so that the camera's axes are the LiDAR's "
+            "(forward, left, up), expected right, down, forward: give the camera's optical frame"
+        )
+    if turn_deg <= _SMALL_TURN_DEG:
+        return (
+            f"turns by only {turn_deg:.2f} degrees: its angles are probably in radians where "
+            "degrees were expected, or lead to another frame than the camera's optical one"
+        )
+    if _tilt_deg(rotation.T) <= _MAX_TILT_DEG and _aside_deg(rotation.T) <= _MAX_ASIDE_DEG:
+        return "is probably inverted (lidar_from_camera): give its inverse"
+    axes = _as_axes(rotation)
+    if axes is not None:
+        return (
+            f"has its axes swapped: the camera's x, y, z point {', '.join(axes)}, expected right, "
+            "down, forward in a LiDAR frame of x forward, y left, z up"
+        )
+    return (
+        f"tilts the camera by {_tilt_deg(rotation):.0f} degrees: its angles are probably in "
+        "degrees where radians were expected, or it belongs to another pair of sensors"
+    )
+
+
+def _doubt_of_upright(rotation: Float64[np.ndarray, "3 3"]) -> str | None:
+    aside_deg = _aside_deg(rotation)
+    if aside_deg <= _MAX_ASIDE_DEG:
+        return None
+    side = "left" if rotation[2, 1] > 0 else "right"
+    return (
+        f"lets the camera look {aside_deg:.0f} degrees to the {side} of the LiDAR's x axis: the "
+        "LiDAR's axes are probably swapped, expected x forward, y left, z up; depth is completed "
+        "all the same, detectors want x along the view"
+    )
+
+
+def _tilt_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
+    """Between what is up for the LiDAR (z) and for the camera (-y)."""
+    return _angle_deg(-rotation[1, 2])
+
+
+def _aside_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
+    """From the LiDAR's x axis to the camera's view, seen from above."""
+    return float(abs(np.degrees(np.arctan2(rotation[2, 1], rotation[2, 0]))))
+
+
+def _turn_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
+    # By the chord, which has digits left where the angle is small.
+    chord = np.linalg.norm(rotation - np.eye(3)) / np.sqrt(8)
+    return float(2 * np.degrees(np.arcsin(min(chord, 1.0))))
+
+
+def _angle_deg(cosine: float) -> float:
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def _as_axes(rotation: Float64[np.ndarray, "3 3"]) -> tuple[str, str, str] | None:
+    """Where the camera's axes point in the LiDAR's; None where they are oblique."""
+    nearest = np.argmax(np.abs(rotation), axis=1)
+    swapped = np.zeros((3, 3))
+    swapped[range(3), nearest] = np.sign(rotation[range(3), nearest])
+    if len(set(nearest.tolist())) < 3 or _turn_deg(rotation @ swapped.T) > _SWAPPED_DEG:
+        return None
+    first, second, third = (
+        _LIDAR_DIRECTIONS[axis] if row[axis] > 0 else _OPPOSITE[_LIDAR_DIRECTIONS[axis]]
+        for row, axis in zip(rotation, nearest.tolist(), strict=True)
+    )
+    return first, second, third

@@ -1,0 +1,126 @@
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from sightline.data.importing.bag_messages import cloud_of, picture_file_of, picture_of
+from tests.data.recordings import IMAGE
+
+
+def message(pixels, encoding, *, step_px=0):
+    height, width = pixels.shape[:2]
+    rows = pixels.reshape(height, -1)
+    padded = np.pad(rows, ((0, 0), (0, step_px)))
+    return SimpleNamespace(
+        encoding=encoding, height=height, width=width, step=padded.shape[1], data=padded.ravel()
+    )
+
+
+@pytest.mark.parametrize(
+    ("encoding", "made"),
+    [
+        ("rgb8", lambda rgb: rgb),
+        ("bgr8", lambda rgb: rgb[..., ::-1]),
+        ("rgba8", lambda rgb: np.dstack((rgb, rgb[..., 0]))),
+        ("bgra8", lambda rgb: np.dstack((rgb[..., ::-1], rgb[..., 0]))),
+    ],
+)
+def test_colours_are_the_same_whatever_their_order_and_padding(encoding, made):
+    rgb = IMAGE[:20, :30]
+    for step_px in (0, 5):
+        sent = message(np.ascontiguousarray(made(rgb)), encoding, step_px=step_px)
+        np.testing.assert_array_equal(picture_of(sent, "/camera"), rgb)
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_a_bayer_pattern_is_named_by_its_first_two_rows(pattern):
+    rgb = np.zeros((16, 16, 3), np.uint8)
+    rgb[:] = (200, 120, 40)
+    mosaic = np.empty((16, 16), np.uint8)
+    for at, letter in enumerate(pattern):
+        mosaic[at // 2 :: 2, at % 2 :: 2] = rgb[0, 0, "rgb".index(letter)]
+    np.testing.assert_array_equal(picture_of(message(mosaic, f"bayer_{pattern}8"), "/c"), rgb)
+
+
+def test_grey_becomes_three_equal_channels():
+    grey = IMAGE[:8, :9, 0]
+    np.testing.assert_array_equal(
+        picture_of(message(grey, "mono8"), "/camera"), np.repeat(grey[..., None], 3, axis=2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"encoding": "32FC1"}, "topic /camera holds images of encoding '32FC1', expected one of"),
+        ({"height": 99}, "topic /camera holds an image of .* bytes, expected 99 rows"),
+        ({"step": 3}, "cut short"),
+    ],
+)
+def test_an_image_that_cannot_be_read_names_its_topic(changes, said):
+    sent = message(IMAGE[:20, :30], "rgb8")
+    vars(sent).update(changes)
+    with pytest.raises(ValueError, match=said):
+        picture_of(sent, "/camera")
+
+
+def test_a_picture_that_was_sent_as_a_file_stays_as_it_is():
+    _, encoded = cv2.imencode(".jpg", IMAGE)
+    sent = SimpleNamespace(format="jpeg", data=encoded.ravel())
+    assert picture_file_of(sent, "/camera") == (".jpg", encoded.tobytes(), IMAGE.shape[:2])
+    sent.data = encoded.ravel()[: len(encoded) // 2]
+    with pytest.raises(ValueError, match=r"topic /camera.* is cut short"):
+        picture_file_of(sent, "/camera")
+    _, depth = cv2.imencode(".png", np.zeros((4, 5), np.uint16))
+    with pytest.raises(ValueError, match="pictures of 16 bits, expected 8"):
+        picture_file_of(SimpleNamespace(format="16UC1", data=depth.ravel()), "/camera")
+
+
+def cloud(layout, rows, *, height=1, row_gap=0, is_bigendian=False):
+    values = np.zeros((height, len(rows) // height), layout)
+    for name in layout.names:
+        values[name] = np.arange(len(rows)).reshape(height, -1) + 10 * len(name)
+    datatypes = {"f4": 7, "f8": 8, "u1": 2, "u2": 4}
+    fields = [
+        SimpleNamespace(name=name, offset=offset, count=1, datatype=datatypes[kind.str[1:]])
+        for name, (kind, offset) in layout.fields.items()
+    ]
+    raw = values.view(np.uint8).reshape(height, -1)
+    return values, SimpleNamespace(
+        fields=fields,
+        height=height,
+        width=len(rows) // height,
+        point_step=layout.itemsize,
+        row_step=raw.shape[1] + row_gap,
+        is_bigendian=is_bigendian,
+        data=np.pad(raw, ((0, 0), (0, row_gap))).ravel(),
+    )
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("height", "row_gap"), [(1, 0), (2, 0), (3, 8)])
+def test_a_cloud_is_read_whatever_its_layout(order, height, row_gap):
+    layout = np.dtype(
+        {
+            "names": ["x", "y", "z", "ring", "reflectivity"],
+            "formats": [f"{order}f4", f"{order}f8", f"{order}f4", f"{order}u2", "u1"],
+            "offsets": [0, 8, 16, 20, 30],
+            "itemsize": 32,
+        }
+    )
+    values, sent = cloud(
+        layout, range(6), height=height, row_gap=row_gap, is_bigendian=order == ">"
+    )
+    expected = np.stack([values[name].ravel() for name in ("x", "y", "z", "reflectivity")], axis=1)
+    np.testing.assert_array_equal(cloud_of(sent, "/points"), expected)
+
+
+def test_a_cloud_without_a_coordinate_names_its_topic_and_its_fields():
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("range", "<f4")])
+    _, sent = cloud(layout, range(4))
+    with pytest.raises(ValueError, match="topic /points: has the fields x, y, range, and lacks z"):
+        cloud_of(sent, "/points")
+    sent.row_step = 3
+    with pytest.raises(ValueError, match="topic /points holds a cloud of 48 bytes"):
+        cloud_of(sent, "/points")

@@ -1,0 +1,227 @@
+import cv2
+import numpy as np
+import pytest
+import torch
+import yaml
+from rosbags.rosbag2 import StoragePlugin
+
+from sightline.cli.main import main
+from sightline.data.image_file import read_rgb
+from sightline.data.importing import import_bag
+from sightline.data.importing.import_recording import import_recording
+from sightline.data.open import open_dataset
+from tests.data.recordings import (
+    CAMERA_FROM_BASE,
+    CAMERA_FROM_LIDAR,
+    IMAGE,
+    POINTS,
+    SAMPLE,
+    BagMaker,
+    calibration_entries,
+    write_bag,
+)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bags") / "drive", 2)
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_drive_comes_out_of_a_bag_as_it_was_simulated(tmp_path, storage):
+    bag = write_bag(tmp_path / "drive", 2, storage=storage)
+    report = import_recording(bag, tmp_path / "out")
+    assert (report.written, report.skipped) == (2, 0)
+    text = str(report)
+    assert "paired 2 of 3 images and 2 sweeps by header time, 8.0 ms apart at most" in text
+    assert "dropped 1 images and 0 sweeps" in text
+    assert "% of the points of frame 000000 fall into the image" in text
+    assert "warning" not in text
+    dataset = open_dataset(tmp_path / "out")
+    assert dataset.sample_ids == ("000000", "000001")
+    sample = dataset[1]
+    assert torch.equal(sample.points, SAMPLE.points)
+    assert torch.equal(sample.image, SAMPLE.image)
+    assert sample.timestamp_s == pytest.approx(0.1)
+    ours, true = sample.calibration.image_from_lidar, SAMPLE.calibration.image_from_lidar
+    torch.testing.assert_close(ours, true, rtol=0, atol=1e-9)
+
+
+def test_a_lone_mcap_file_needs_no_metadata_and_check_has_no_complaint(bag, tmp_path, capsys):
+    (path,) = bag.glob("*.mcap")
+    assert main(["import", str(path), str(tmp_path / "out")]) == 0
+    assert "2 frames written" in capsys.readouterr().out
+    assert main(["check", str(tmp_path / "out")]) == 0
+    assert "fall into the image\nno problems" in capsys.readouterr().out
+
+
+def test_an_interrupted_import_goes_on_and_gives_the_same(bag, tmp_path, monkeypatch):
+    import_recording(bag, tmp_path / "whole")
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(import_bag._Frames, "_write_cloud", stop)
+        with pytest.raises(KeyboardInterrupt):
+            import_recording(bag, tmp_path / "out")
+    assert not list((tmp_path / "out" / "points").glob("*"))
+    assert import_recording(bag, tmp_path / "out").written == 2
+    (tmp_path / "out" / "images" / "000001.png").unlink()
+    report = import_recording(bag, tmp_path / "out")
+    assert (report.written, report.skipped) == (1, 1)
+    for path in sorted((tmp_path / "whole").rglob("*")):
+        other = tmp_path / "out" / path.relative_to(tmp_path / "whole")
+        assert path.is_dir() or path.read_bytes() == other.read_bytes()
+
+
+def test_another_import_does_not_mix_with_one_that_is_there(bag, tmp_path):
+    import_recording(bag, tmp_path / "out")
+    with pytest.raises(ValueError, match=r"made with max_gap_s 0\.05 instead of 0\.01"):
+        import_recording(bag, tmp_path / "out", max_gap_s=0.01)
+
+
+def test_compressed_pictures_keep_their_bytes_and_come_before_raw_ones(tmp_path):
+    _, encoded = cv2.imencode(".jpg", IMAGE)
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.jpeg("/front/image_raw/compressed", 10**9, encoded.tobytes())
+        bag.cloud("/points", 10**9)
+    import_recording(tmp_path / "drive", tmp_path / "out")
+    assert (tmp_path / "out" / "images" / "000000.jpg").read_bytes() == encoded.tobytes()
+
+
+def test_lens_distortion_is_refused_and_straightened_on_request(tmp_path):
+    lens = (-0.3, 0.1, 0.0, 0.0, 0.0)
+    bag = write_bag(tmp_path / "drive", 1, distortion=lens)
+    with pytest.raises(ValueError, match=r"/front/camera_info tells of a lens .* give --undistort"):
+        import_recording(bag, tmp_path / "out")
+    import_recording(bag, tmp_path / "out", undistort=True)
+    raw = read_rgb(tmp_path / "out" / "images" / "000000.png")
+    np.testing.assert_array_equal(raw, IMAGE)
+    straight = open_dataset(tmp_path / "out")[0].image.permute(1, 2, 0).numpy()
+    matrix = np.array(calibration_entries()["camera_matrix"])
+    expected = cv2.undistort(IMAGE, matrix, np.array(lens))
+    assert np.abs(straight.astype(int) - expected).mean() < 0.5
+
+
+def two_cameras(bag):
+    for name in ("/left", "/right"):
+        bag.info(f"{name}/camera_info", 10**9)
+        bag.image(f"{name}/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+    bag.transforms("/tf", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+
+
+def no_sweep(bag):
+    bag.info("/camera_info", 10**9)
+    bag.image("/image_raw", 10**9)
+
+
+def no_info(bag):
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+    bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+
+
+def no_way(bag):
+    bag.info("/front/camera_info", 10**9)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+    bag.transforms("/tf_static", 1, camera_optical__base=CAMERA_FROM_BASE)
+
+
+def far_apart(bag):
+    bag.info("/front/camera_info", 10**9)
+    bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 9 * 10**9)
+
+
+def without_z(bag):
+    bag.info("/front/camera_info", 10**9)
+    bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9, names=("x", "y", "range", "intensity"))
+
+
+def other_size(bag):
+    bag.info("/front/camera_info", 10**9, size=(100, 200))
+    bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+
+
+def in_millimetres(bag):
+    bag.info("/front/camera_info", 10**9)
+    bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9, points=POINTS * np.float32([1000, 1000, 1000, 1]))
+
+
+def not_finite(bag):
+    bag.info("/front/camera_info", 10**9)
+    wrong = CAMERA_FROM_LIDAR.copy()
+    wrong[0, 3] = np.nan
+    bag.transforms("/tf_static", 1, camera_optical__lidar=wrong)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+
+
+@pytest.mark.parametrize(
+    ("fill", "said"),
+    [
+        (two_cameras, r"/left/image_raw \(Image, 1\), /right/.*; choose one by --camera-topic"),
+        (no_sweep, r"no topic of clouds \(PointCloud2\); its topics are /camera_info"),
+        (no_info, r"no CameraInfo of /front/image_raw; give a calibration file by --calibration"),
+        (no_way, r"no way from frame 'lidar' \(topic /points\) to 'camera_optical'.* knows base"),
+        (far_apart, r"no image of /front/image_raw and .* 8 s apart .* --clock received or"),
+        (without_z, r"topic /points: has the fields x, y, range, intensity, and lacks z"),
+        (other_size, r"/front/image_raw: image 0 is 375x1242 .* calibration is for 100x200"),
+        (in_millimetres, r"topic /points: .* probably in millimetres; write them in metres"),
+        (not_finite, r"a transform holds NaN or infinite values"),
+    ],
+)
+def test_a_bag_that_cannot_be_used_is_one_line_with_topic_and_remedy(tmp_path, capsys, fill, said):
+    with BagMaker(tmp_path / "drive") as bag:
+        fill(bag)
+    assert main(["import", str(tmp_path / "drive"), str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    with pytest.raises(ValueError, match=said):
+        raise ValueError(error)
+
+
+def test_a_camera_is_chosen_by_its_topic_with_the_calibration_beside_it(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        two_cameras(bag)
+    report = import_recording(tmp_path / "drive", tmp_path / "out", camera_topic="/right/image_raw")
+    assert "camera /right/image_raw" in str(report)
+    assert "calibration /right/camera_info" in str(report)
+
+
+def test_a_calibration_file_replaces_what_a_bag_does_not_tell(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        no_info(bag)
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(calibration_entries()))
+    import_recording(tmp_path / "drive", tmp_path / "out", calibration=path)
+    assert torch.equal(open_dataset(tmp_path / "out")[0].points, SAMPLE.points)
+
+
+def test_a_damaged_bag_or_none_at_all_is_one_line(tmp_path, bag, capsys):
+    (path,) = bag.glob("*.mcap")
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(path.read_bytes()[:5000])
+    (tmp_path / "empty").mkdir()
+    for source, said in (
+        (damaged, "cannot be read as a ROS bag|is damaged"),
+        (tmp_path / "empty", "is neither a bag"),
+        (tmp_path / "nowhere", "does not exist"),
+    ):
+        assert main(["import", str(source), str(tmp_path / "out")]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert any(part in error for part in said.split("|"))

@@ -1,0 +1,102 @@
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pypcd4 import Encoding, PointCloud
+
+from sightline.data.point_files import read_cloud
+from sightline.data.problem import FileError
+from tests.data.recordings import POINTS, write_cloud_file
+
+SCALED = POINTS * np.float32([1, 1, 1, 255])
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".npy", ".pcd", ".PCD"])
+def test_a_cloud_of_any_format_is_the_simulated_one(tmp_path, suffix):
+    path = tmp_path / f"cloud{suffix.lower()}"
+    write_cloud_file(path)
+    path = path.rename(tmp_path / f"cloud{suffix}")
+    np.testing.assert_allclose(read_cloud(path, 255), POINTS, atol=1e-6)
+
+
+@pytest.mark.parametrize("encoding", list(Encoding)[:3])
+def test_every_encoding_of_pcd_is_read(tmp_path, encoding):
+    path = tmp_path / "cloud.pcd"
+    PointCloud.from_xyzi_points(SCALED[:50]).save(path, encoding)
+    np.testing.assert_allclose(read_cloud(path, 255), POINTS[:50], rtol=1e-6, atol=1e-5)
+
+
+def test_fields_are_found_by_name_and_what_is_not_finite_is_left_out(tmp_path):
+    rows = np.zeros(
+        3, [("ring", "u2"), ("z", "f8"), ("Reflectivity", "u1"), ("y", "f4"), ("x", "f4")]
+    )
+    rows["x"], rows["y"], rows["z"] = (1, np.nan, 3), (4, 5, 6), (7, 8, 9)
+    rows["Reflectivity"] = (51, 0, 255)
+    np.save(tmp_path / "cloud.npy", rows)
+    expected = np.float32([[1, 4, 7, 0.2], [3, 6, 9, 1]])
+    np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255), expected)
+
+
+def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(tmp_path):
+    np.save(tmp_path / "cloud.npy", POINTS[:5, :3])
+    assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()
+    np.save(tmp_path / "empty.npy", POINTS[:0])
+    assert read_cloud(tmp_path / "empty.npy").shape == (0, 4)
+    PointCloud.from_xyz_points(POINTS[:7, :3]).save(tmp_path / "cloud.pcd")
+    np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.pcd")[:, :3], POINTS[:7, :3])
+
+
+def save(array):
+    return lambda path: np.save(path, array)
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "said"),
+    [
+        ("a.npy", save(POINTS[:, :2]), "expected rows of x, y, z"),
+        ("a.npy", save(np.array([None])), "is no whole .npy file"),
+        ("a.npy", lambda path: path.write_bytes(b"\x93NUMPY\x01"), "is no whole .npy file"),
+        ("a.npy", save(POINTS * 1000), "probably in millimetres"),
+        ("a.npy", save(SCALED), "intensities from 0 to .* set max_intensity"),
+        ("a.npy", save(np.zeros(2, [("x", "f4"), ("y", "f4")])), "the fields x, y, and lacks z"),
+        ("a.pcd", lambda path: path.write_bytes(b"VERSION .7\nFIELDS x y"), "is no whole PCD file"),
+        ("a.pcd", lambda path: path.write_bytes(b""), "is no whole PCD file"),
+        ("a.bin", lambda path: path.write_bytes(bytes(17)), "holds 17 bytes"),
+    ],
+)
+def test_what_is_no_cloud_is_refused_by_name(tmp_path, name, write, said):
+    path = tmp_path / name
+    write(path)
+    with pytest.raises(FileError, match=said) as caught:
+        read_cloud(path)
+    assert caught.value.problem.path == path
+
+
+def test_a_pcd_that_announces_gigabytes_is_refused_unread(tmp_path):
+    path = tmp_path / "cloud.pcd"
+    PointCloud.from_xyzi_points(SCALED[:50]).save(path)
+    content = path.read_bytes()
+    body = content.index(b"\nDATA binary_compressed\n") + len(b"\nDATA binary_compressed\n")
+    forged = struct.pack("<I", 2**31)
+    path.write_bytes(content[: body + 4] + forged + content[body + 8 :])
+    with pytest.raises(FileError, match="announces 2147483648 bytes"):
+        read_cloud(path)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(data=st.data(), suffix=st.sampled_from([".npy", ".pcd"]))
+def test_any_bytes_give_a_cloud_or_a_file_error(tmp_path, data, suffix):
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud_file(path, POINTS[:9])
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    try:
+        points = read_cloud(path, 255)
+    except FileError:
+        return
+    assert points.shape[1] == 4
+    assert np.isfinite(points).all()

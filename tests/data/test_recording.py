@@ -1,0 +1,224 @@
+import json
+import pickle
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from sightline.data.check import check_tree, summarize_tree
+from sightline.data.image_file import write_rgb
+from sightline.data.kitti_files import write_depth
+from sightline.data.open import open_dataset
+from sightline.data.problem import FileError
+from sightline.data.recording import RecordingDataset
+from sightline.data.recording_calibration import (
+    read_recording_calibration,
+    recording_calibration_text,
+)
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.data.recordings import (
+    CAMERA_FROM_LIDAR,
+    CAMERA_MATRIX,
+    IMAGE,
+    POINTS,
+    SAMPLE,
+    calibration_entries,
+    write_cloud_file,
+    write_recording,
+)
+
+LABELS = PACKAGED_FRAMES / "training" / "label_2" / "000000.txt"
+
+
+def rewrite_calibration(folder, **changes):
+    text = yaml.safe_dump(calibration_entries(**changes))
+    (folder / "calibration.yaml").write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("cloud", "picture"), [(".pcd", ".png"), (".npy", ".jpg"), (".bin", ".png")]
+)
+def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, picture):
+    changes = {"max_intensity": 255}
+    write_recording(tmp_path, cloud=cloud, picture=picture, **changes)
+    dataset = open_dataset(tmp_path)
+    assert isinstance(dataset, RecordingDataset)
+    assert dataset.sample_ids == ("a", "b")
+    sample = dataset[1]
+    torch.testing.assert_close(sample.points, SAMPLE.points, rtol=0, atol=1e-6)
+    assert sample.image_size == SAMPLE.image_size
+    assert (sample.image.float() - SAMPLE.image).abs().mean() < (3 if picture == ".jpg" else 1e-9)
+    ours, true = sample.calibration.image_from_lidar, SAMPLE.calibration.image_from_lidar
+    torch.testing.assert_close(ours, true, rtol=0, atol=1e-9)
+    assert list(check_tree(tmp_path)) == []
+    (summary,) = summarize_tree(tmp_path)
+    assert "2 frames (images 2, points 2, calibration 2, labels 0); " in str(summary)
+    assert "% of the points of frame a fall into the image" in str(summary)
+
+
+def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    (tmp_path / "calibration.yaml").unlink()
+    (tmp_path / "calibration.json").write_text(json.dumps(calibration_entries()))
+    (tmp_path / "labels").mkdir()
+    shutil.copy(LABELS, tmp_path / "labels" / "a.txt")
+    write_depth(tmp_path / "depth" / "a.png", torch.ones(SAMPLE.image_size))
+    (tmp_path / "times.txt").write_text("a 1000.5\nb 1000.75\n")
+    first, second = (
+        open_dataset(tmp_path, parts=("points", "objects", "depth"), needs=())[at] for at in (0, 1)
+    )
+    assert first.objects.class_names == SAMPLE.objects.class_names
+    assert first.depth.mean() == 1
+    assert second.objects is None
+    assert second.timestamp_s == 0.25
+
+
+def test_frames_of_two_cameras_and_sensors_have_calibrations_of_their_own(tmp_path):
+    write_recording(tmp_path, ("a",))
+    write_rgb(tmp_path / "images" / "b.png", cv2.resize(IMAGE, (621, 188)))
+    write_cloud_file(tmp_path / "points" / "b.npy", POINTS[::7])
+    own = calibration_entries(camera_matrix=(np.diag([0.5, 0.5, 1]) @ CAMERA_MATRIX).tolist())
+    with pytest.raises(FileError, match=r"is 188x621 .*, expected 375x1242 as a.jpg"):
+        open_dataset(tmp_path)[1]
+    assert "is 188x621" in str(next(iter(check_tree(tmp_path))))
+    (tmp_path / "calibration").mkdir()
+    (tmp_path / "calibration" / "b.yaml").write_text(yaml.safe_dump(own))
+    first, second = (open_dataset(tmp_path)[at] for at in (0, 1))
+    assert (first.image_size, second.image_size) == ((375, 1242), (188, 621))
+    assert len(second.points) == len(POINTS[::7])
+    assert list(check_tree(tmp_path)) == []
+
+
+@pytest.mark.parametrize("folder", ["images", "points"])
+def test_a_recording_of_one_sensor_is_opened_and_has_no_problems(tmp_path, folder):
+    write_recording(tmp_path)
+    shutil.rmtree(tmp_path / folder)
+    rewrite_calibration(tmp_path, image_size={"width": 1242, "height": 375})
+    sample = open_dataset(tmp_path)[0]
+    assert (sample.image is None, sample.points is None) == (folder == "images", folder == "points")
+    assert sample.image_size == (375, 1242)
+    assert list(check_tree(tmp_path)) == []
+    with pytest.raises(ValueError, match=rf"lacks {folder} of 2 of 2 frames \(a, b\)"):
+        open_dataset(tmp_path, parts=("image", "points"))
+
+
+def test_a_lens_is_made_good_for_only_where_that_is_asked_for(tmp_path):
+    lens = {"model": "plumb_bob", "coefficients": [-0.2, 0.05, 0, 0]}
+    write_recording(tmp_path, ("a",), picture=".png", lens=lens)
+    with pytest.raises(FileError, match=r"lens distorts, .* write `undistort: true`"):
+        open_dataset(tmp_path)[0]
+    rewrite_calibration(tmp_path, lens=lens | {"undistort": True})
+    straight = open_dataset(tmp_path)[0].image.permute(1, 2, 0).numpy()
+    expected = cv2.undistort(IMAGE, CAMERA_MATRIX, np.array(lens["coefficients"]))
+    assert np.abs(straight.astype(int) - expected).mean() < 0.5
+
+
+TURNED = {
+    "is probably inverted": np.linalg.inv(CAMERA_FROM_LIDAR),
+    "has the identity for its rotation": np.eye(4),
+    "has its axes swapped": np.diag([1.0, -1, -1, 1]) @ CAMERA_FROM_LIDAR,
+    "probably in degrees where radians": None,
+    "probably in millimetres": CAMERA_FROM_LIDAR * np.array([[1, 1, 1, 1000]] * 3 + [[1] * 4]),
+}
+
+
+@pytest.mark.parametrize("cause", TURNED)
+def test_each_mistake_in_a_mount_is_named_by_opening_and_by_check(tmp_path, cause):
+    from scipy.spatial.transform import Rotation
+
+    wrong = TURNED[cause]
+    if wrong is None:  # R = Rz(90 rad) .. instead of degrees
+        wrong = CAMERA_FROM_LIDAR.copy()
+        angles_deg = Rotation.from_matrix(wrong[:3, :3]).as_euler("XYZ", degrees=True)
+        wrong[:3, :3] = Rotation.from_euler("XYZ", angles_deg).as_matrix()
+    write_recording(tmp_path, ("a",), camera_from_lidar=wrong.tolist())
+    with pytest.warns(UserWarning, match=cause):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert cause in problem.problem
+    assert problem.path == tmp_path / "calibration.yaml"
+
+
+def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path):
+    write_recording(tmp_path, ("a",), cloud=".npy")
+    write_cloud_file(tmp_path / "points" / "a.npy", POINTS * np.float32([-1, -1, 1, 1]))
+    with pytest.warns(UserWarning, match=r"lets 0 % of the \d+ points of frame a fall into"):
+        open_dataset(tmp_path)
+    assert len(list(check_tree(tmp_path))) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"camera_matrix": [[1, 0], [0, 1]]}, "camera_matrix is no matrix of 3x3 or 3x4 numbers"),
+        ({"camera_matrix": CAMERA_MATRIX.T.tolist()}, "expected 0 0 1: it is probably transposed"),
+        ({"camera_matrix": (-CAMERA_MATRIX).tolist()}, "third row"),
+        ({"camera_from_lidar": CAMERA_FROM_LIDAR.T.tolist()}, "0 0 0 1: it is probably transposed"),
+        ({"camera_from_lidar": [[float("nan")] * 4] * 3}, "holds NaN, infinite or absurdly large"),
+        ({"camera_from_lidar": [[0] * 4] * 3}, "holds no rotation"),
+        ({"max_intensity": "bright"}, "max_intensity is no positive number"),
+        ({"image_size": [375, 1242]}, "image_size is no {width: .., height: ..}"),
+        ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
+        ({"lens": [0.1]}, "lens is no"),
+        (
+            {"lens": {"coefficients": [0.1]}},
+            "expected 4 or 5 finite numbers of the model plumb_bob",
+        ),
+        ({"lens": {"coefficients": [0.1] * 4, "model": "pinhole"}}, "lens has no model of"),
+        ({"focal": 3}, "has the unknown entry 'focal'"),
+    ],
+)
+def test_a_calibration_that_makes_no_sense_is_refused_by_file_and_entry(tmp_path, changes, said):
+    write_recording(tmp_path, ("a",))
+    rewrite_calibration(tmp_path, **changes)
+    with pytest.raises(FileError) as caught:
+        read_recording_calibration(tmp_path / "calibration.yaml")
+    assert said in caught.value.problem.problem
+    (problem,) = check_tree(tmp_path)
+    assert said in problem.problem
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2]", "{", "a: [b", "\x00", "- !!python/object:x {}"])
+def test_what_is_no_calibration_file_is_refused(tmp_path, text):
+    path = tmp_path / "calibration.yaml"
+    path.write_text(text)
+    with pytest.raises(FileError, match=r"docs/recordings.md"):
+        read_recording_calibration(path)
+
+
+def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
+    path = tmp_path / "calibration.yaml"
+    lens = {"model": "equidistant", "coefficients": [0.1, 1e-7, 0, 0.3], "undistort": True}
+    changes = {"lens": lens, "image_size": {"width": 3, "height": 2}}
+    path.write_text(yaml.safe_dump(calibration_entries(**changes)))
+    read = read_recording_calibration(path)
+    path.write_text(recording_calibration_text(read))
+    again = read_recording_calibration(path)
+    for name in ("image_from_camera", "camera_from_lidar"):
+        ours, theirs = getattr(read.matrices, name), getattr(again.matrices, name)
+        np.testing.assert_array_equal(ours, theirs)
+    assert (again.image_size, again.max_intensity) == ((2, 3), 255)
+    assert (again.lens.model, again.lens.coefficients) == ("equidistant", (0.1, 1e-7, 0.0, 0.3))
+
+
+def test_frames_are_chosen_by_name_and_absent_ones_named(tmp_path):
+    write_recording(tmp_path)
+    assert open_dataset(tmp_path, sample_list=("b",)).sample_ids == ("b",)
+    with pytest.raises(ValueError, match=r"has no frame c: .*there are 2, from a to b"):
+        open_dataset(tmp_path, sample_list=("c",))
+
+
+def test_a_line_of_times_that_is_none_is_named(tmp_path):
+    write_recording(tmp_path, ("a",))
+    (tmp_path / "times.txt").write_text("a 1\n12\n")
+    with pytest.raises(FileError, match=r"times.txt: line 2 is no frame's name and a time"):
+        open_dataset(tmp_path)
+
+
+def test_recordings_travel_between_processes(tmp_path):
+    write_recording(tmp_path, ("a",))
+    copy = pickle.loads(pickle.dumps(open_dataset(tmp_path)))
+    assert torch.equal(copy[0].points, open_dataset(tmp_path)[0].points)

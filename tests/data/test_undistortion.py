@@ -1,0 +1,45 @@
+import cv2
+import numpy as np
+import pytest
+
+from sightline.data.undistortion import undistort
+
+CAMERA = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+LENSES = {
+    "plumb_bob": (-0.25, 0.08, 0.001, -0.002, 0.01),
+    "rational_polynomial": (-0.2, 0.05, 0.001, 0.0, 0.01, 0.02, -0.01, 0.0),
+    "equidistant": (0.02, -0.01, 0.004, -0.001),
+}
+
+
+def seen(points, lens, model):
+    """Pixels of points on the plane z = 1, by the lens' own equations in OpenCV."""
+    spread = np.pad(points, ((0, 0), (0, 1)), constant_values=1.0)[:, None]
+    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    zeros = np.zeros(3)
+    return project(spread, zeros, zeros, CAMERA, np.array(lens))[0].reshape(-1, 2)
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_a_point_comes_to_lie_where_a_lens_without_distortion_shows_it(model):
+    for x, y in ((-0.4, -0.3), (0.0, 0.0), (0.35, 0.25), (-0.2, 0.3)):
+        (pixel,) = seen(np.array([[x, y]]), LENSES[model], model)
+        rows, columns = np.mgrid[:240, :320]
+        spot = 255 * np.exp(-((columns - pixel[0]) ** 2 + (rows - pixel[1]) ** 2) / 8)
+        picture = np.repeat(spot.astype(np.uint8)[..., None], 3, axis=2)
+        straight = undistort(picture, CAMERA, LENSES[model], model=model)[..., 0].astype(float)
+        total = straight.sum()
+        centre = (straight * columns).sum() / total, (straight * rows).sum() / total
+        np.testing.assert_allclose(centre, (300 * x + 159.5, 300 * y + 119.5), atol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("model", "lens", "said"),
+    [
+        ("plumb_bob", (0.1,), "has 1 coefficients of distortion, expected 4 or 5 finite numbers"),
+        ("equidistant", (0.1, np.nan, 0, 0), "expected 4 finite numbers of the model equidistant"),
+    ],
+)
+def test_coefficients_that_a_model_does_not_take_are_refused(model, lens, said):
+    with pytest.raises(ValueError, match=said):
+        undistort(np.zeros((4, 5, 3), np.uint8), CAMERA, lens, model=model)

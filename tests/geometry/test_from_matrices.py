@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+import torch
+
+from sightline.geometry.calibration import Calibration, centred_image_size
+
+CAMERA = [[1100.0, 0, 959.5], [0, 1101.0, 599.5], [0, 0, 1]]
+RIGID = [[0.0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3], [0, 0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    "as_given",
+    [
+        lambda rows: rows,
+        lambda rows: tuple(map(tuple, rows)),
+        np.float32,
+        np.array,
+        lambda rows: np.array(rows, dtype=">f8"),
+        torch.tensor,
+        lambda rows: torch.tensor(rows, dtype=torch.float64, requires_grad=True),
+    ],
+)
+@pytest.mark.parametrize("rows", [3, 4])
+def test_matrices_of_any_type_make_one_calibration(as_given, rows):
+    made = Calibration.from_matrices(as_given(CAMERA), as_given(RIGID[:rows]))
+    expected = torch.tensor(CAMERA, dtype=torch.float64)
+    assert torch.equal(made.image_from_camera[:, :3], expected)
+    assert not made.image_from_camera[:, 3].any()
+    torch.testing.assert_close(
+        made.camera_from_lidar, torch.tensor(RIGID, dtype=torch.float64), rtol=0, atol=1e-7
+    )
+    assert centred_image_size(made) == (1200, 1920)
+
+
+def test_a_projection_keeps_its_last_column():
+    projection = np.array([[700, 0, 600, 40], [0, 700, 170, 0.2], [0, 0, 1, 0.003]])
+    made = Calibration.from_matrices(projection, RIGID)
+    np.testing.assert_array_equal(made.image_from_camera.numpy(), projection)
+
+
+def with_(rows, row, column, value):
+    changed = np.array(rows, dtype=np.float64)
+    changed[row, column] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("camera", "rigid", "said"),
+    [
+        (CAMERA[:2], RIGID, "camera_matrix is 2x3, expected a matrix of 3x3 or 3x4 numbers"),
+        ("fx", RIGID, "camera_matrix is something else"),
+        (CAMERA, np.eye(3), "camera_from_lidar is 3x3, expected a matrix of 4x4 or 3x4"),
+        (with_(CAMERA, 0, 0, np.nan), RIGID, "camera_matrix holds NaN or infinite values"),
+        (CAMERA, with_(RIGID, 1, 3, np.inf), "camera_from_lidar holds NaN or infinite values"),
+        (np.transpose(CAMERA), RIGID, "third row .* expected 0 0 1; it is probably transposed"),
+        (with_(CAMERA, 0, 0, -5), RIGID, "focal lengths of -5 and 1101 px, expected both above 0"),
+        (CAMERA, np.transpose(RIGID), "camera_from_lidar is transposed"),
+        (CAMERA, with_(RIGID, 0, 1, 1), "does not hold a rotation"),
+        (CAMERA, with_(RIGID, 3, 3, 2), "is no rigid transform"),
+    ],
+)
+def test_what_is_no_calibration_is_refused_with_the_matrix_name(camera, rigid, said):
+    with pytest.raises(ValueError, match=said):
+        Calibration.from_matrices(camera, rigid)
+
+
+def test_lens_distortion_is_refused_with_the_way_to_straighten_it():
+    Calibration.from_matrices(CAMERA, RIGID, distortion=np.zeros(5))
+    for distortion in ([-0.3, 0.1, 0, 0], torch.tensor([-0.3, 0.1])):
+        with pytest.raises(ValueError, match=r"distorts by -0.3, 0.1.* by sightline.undistort"):
+            Calibration.from_matrices(CAMERA, RIGID, distortion=distortion)
+
+
+def test_a_mount_that_cannot_be_is_warned_of_by_its_likely_cause():
+    with pytest.warns(UserWarning, match="camera_from_lidar is probably inverted"):
+        Calibration.from_matrices(CAMERA, np.linalg.inv(RIGID))

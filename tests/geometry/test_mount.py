@@ -1,0 +1,90 @@
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from sightline.geometry.mount import mount_doubt
+
+NOMINAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+TILTS_DEG = ((0.0, 0.0, 0.0), (0.4, -0.8, 0.2), (1.0, 3.0, -2.0), (-1.0, -6.0, 4.0))
+ORDERS = ("xyz", "zyx", "XYZ", "ZYX")
+
+
+def mounted(rotation, offset=(0.1, -0.4, -0.3)):
+    rigid = np.eye(4)
+    rigid[:3, :3] = rotation
+    rigid[:3, 3] = offset
+    return rigid
+
+
+@pytest.fixture(params=TILTS_DEG, ids=str)
+def rigid(request):
+    return mounted(NOMINAL @ Rotation.from_euler("xyz", request.param, degrees=True).as_matrix())
+
+
+angle_deg = st.floats(-9, 9)
+
+
+@given(roll=angle_deg, pitch=angle_deg, yaw=st.floats(-45, 45))
+def test_a_camera_that_looks_ahead_is_not_doubted(roll, pitch, yaw):
+    tilt = Rotation.from_euler("xyz", (roll, pitch, yaw), degrees=True).as_matrix()
+    assert mount_doubt(mounted(NOMINAL @ tilt)) is None
+
+
+def test_an_inverse_is_named(rigid):
+    assert mount_doubt(np.linalg.inv(rigid)).startswith("is probably inverted")
+
+
+def test_the_identity_is_named(rigid):
+    assert mount_doubt(np.eye(4)).startswith("has the identity for its rotation")
+    assert mount_doubt(mounted(np.eye(3), rigid[:3, 3])).startswith("has the identity")
+
+
+@pytest.mark.parametrize(
+    ("axes", "said"),
+    [
+        (np.diag([1.0, -1, -1]), "x, y, z point right, up, backward"),  # OpenGL's camera
+        (np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]), "x, y, z point down, forward, right"),
+        (np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "x, y, z point right, backward, down"),
+    ],
+)
+def test_a_camera_whose_axes_are_swapped_is_told_where_they_point(rigid, axes, said):
+    doubt = mount_doubt(mounted(axes @ rigid[:3, :3]))
+    assert doubt.startswith("has its axes swapped")
+    assert said in doubt
+
+
+def test_a_lidar_whose_x_axis_points_aside_is_told_where_the_camera_looks(rigid):
+    x_to_the_right = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])  # ours from nuScenes'
+    doubt = mount_doubt(mounted(rigid[:3, :3] @ x_to_the_right))
+    assert (
+        "degrees to the left of the LiDAR's x axis: the LiDAR's axes are probably swapped" in doubt
+    )
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_degrees_for_radians_are_named(rigid, order):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of angles that have more than one solution
+        angles_deg = Rotation.from_matrix(rigid[:3, :3]).as_euler(order, degrees=True)
+    if abs(abs(angles_deg[1]) - 90) < 10:
+        pytest.skip("in this order the angles of such a mount have more than one solution")
+    doubt = mount_doubt(mounted(Rotation.from_euler(order, angles_deg).as_matrix()))
+    assert "its angles are probably in degrees where radians were expected" in doubt
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_radians_for_degrees_are_named(rigid, order):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        angles_rad = Rotation.from_matrix(rigid[:3, :3]).as_euler(order)
+    doubt = mount_doubt(mounted(Rotation.from_euler(order, angles_rad, degrees=True).as_matrix()))
+    assert "its angles are probably in radians where degrees were expected" in doubt
+
+
+def test_an_offset_in_millimetres_is_named(rigid):
+    rigid[:3, 3] *= 1000
+    assert "its last column is probably in millimetres" in mount_doubt(rigid)

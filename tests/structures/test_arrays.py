@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+import torch
+
+from sightline.geometry.calibration import Calibration
+from sightline.structures.arrays import image_planes, share_in_image, sweep_points
+from sightline.structures.sample import CameraLidarSample
+from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, IMAGE, POINTS, SAMPLE
+
+CALIBRATION = Calibration.from_matrices(CAMERA_MATRIX, CAMERA_FROM_LIDAR)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, ">f4", torch.tensor])
+def test_arrays_of_any_type_make_the_simulated_sample(kind):
+    points = kind(POINTS) if callable(kind) else POINTS.astype(kind)
+    made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=points)
+    assert torch.equal(made.image, SAMPLE.image)
+    assert torch.equal(made.points, SAMPLE.points)
+    assert made.image_size == SAMPLE.image_size
+
+
+def test_either_sensor_may_be_missing_but_not_the_size():
+    made = CameraLidarSample.from_arrays(CALIBRATION, points=POINTS, image_size=(375, 1242))
+    assert made.image is None
+    assert CameraLidarSample.from_arrays(CALIBRATION, image=SAMPLE.image).points is None
+    with pytest.raises(ValueError, match="without an image needs image_size: give height and"):
+        CameraLidarSample.from_arrays(CALIBRATION, points=POINTS)
+
+
+def test_a_grey_picture_becomes_three_channels_and_a_view_of_it_a_picture_of_its_own():
+    planes = image_planes(IMAGE[::-1, ::2, 0])
+    assert planes.shape == (3, 375, 621)
+    assert torch.equal(planes[0], planes[2])
+
+
+@pytest.mark.parametrize(
+    "image", [IMAGE / 255, IMAGE[..., :2], np.zeros(5, np.uint8), torch.zeros(4, 5, 3).byte()]
+)
+def test_what_is_no_picture_is_refused(image):
+    with pytest.raises(ValueError, match=r"the image is .* expected uint8, an array of height"):
+        image_planes(image)
+
+
+def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none():
+    points = np.array([[1, 2, 3], [np.nan, 0, 0], [4, 5, np.inf], [4, 5, 6]])
+    assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
+    assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
+
+
+@pytest.mark.parametrize(
+    ("points", "max_intensity", "said"),
+    [
+        (np.zeros((5, 2)), 1.0, r"float64 of shape \(5, 2\), expected numbers in rows of x, y, z"),
+        (np.array([["a", "b", "c"]]), 1.0, "expected numbers in rows"),
+        (POINTS * 1000, 1000.0, "they are probably in millimetres; give metres"),
+        (POINTS * np.float32([1, 1, 1, 255]), 1.0, r"to 2\d\d\.?\d*, expected 0 to 1; set max_"),
+        (POINTS - np.float32([0, 0, 0, 2]), 1.0, "intensities from -2"),
+        (POINTS, 0.0, "max_intensity must be positive"),
+    ],
+)
+def test_what_is_no_cloud_in_metres_is_refused(points, max_intensity, said):
+    with pytest.raises(ValueError, match=said):
+        sweep_points(points, max_intensity)
+
+
+def test_the_share_of_points_in_the_image_is_one_where_sweeps_are_cut_to_it():
+    assert share_in_image(SAMPLE.points, CALIBRATION, SAMPLE.image_size) > 0.99
+    assert share_in_image(SAMPLE.points[:0], CALIBRATION, SAMPLE.image_size) == 0
+
+
+def test_points_that_the_image_does_not_show_are_warned_of():
+    behind = POINTS * np.float32([-1, -1, 1, 1])
+    with pytest.warns(UserWarning, match=r"^0 % of the \d+ points fall into the image of 375x1242"):
+        CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=behind)

@@ -1,0 +1,56 @@
+"""What `import sightline` gives, and that the examples in its docstrings do what they say."""
+
+import doctest
+import inspect
+import subprocess
+import sys
+from importlib.metadata import version
+
+import pytest
+
+import sightline
+
+NAMES = tuple(name for name in sightline.__all__ if name != "__version__")
+
+
+def test_importing_the_package_imports_nothing_else_of_weight():
+    code = (
+        "import sys; before = set(sys.modules); import sightline; "
+        "sightline.__version__; heavy = {'torch', 'numpy', 'cv2', 'beartype', 'jsonargparse'}; "
+        "print(sorted(heavy & (set(sys.modules) - before)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_name_is_where_the_type_checker_is_told_it_is():
+    source = inspect.getsource(sightline)
+    for name in NAMES:
+        value = getattr(sightline, name)
+        assert f"from {value.__module__} import {name} as {name}" in source
+    assert set(sightline.__all__) <= set(dir(sightline))
+
+
+def test_the_version_is_that_of_the_distribution():
+    assert sightline.__version__ == version("sightline")
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'detect_everything'"):
+        _ = sightline.detect_everything
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_example_of_a_name_runs_and_gives_what_it_says(name):
+    value = getattr(sightline, name)
+    module = sys.modules[value.__module__]
+    tests = [
+        test
+        for test in doctest.DocTestFinder(recurse=False).find(value, name, module)
+        if test.examples
+    ]
+    assert tests, f"{name} has no example in its docstring"
+    complaints = []
+    for test in tests:
+        doctest.DocTestRunner(verbose=False).run(test, out=complaints.append)
+    assert "".join(complaints) == ""
