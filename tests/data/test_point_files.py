@@ -18,14 +18,14 @@ def test_a_cloud_of_any_format_is_the_simulated_one(tmp_path, suffix):
     path = tmp_path / f"cloud{suffix.lower()}"
     write_cloud_file(path)
     path = path.rename(tmp_path / f"cloud{suffix}")
-    np.testing.assert_allclose(read_cloud(path, 255), POINTS, atol=1e-6)
+    np.testing.assert_allclose(read_cloud(path, 255.0), POINTS, atol=1e-6)
 
 
 @pytest.mark.parametrize("encoding", list(Encoding)[:3])
 def test_every_encoding_of_pcd_is_read(tmp_path, encoding):
     path = tmp_path / "cloud.pcd"
     PointCloud.from_xyzi_points(SCALED[:50]).save(path, encoding)
-    np.testing.assert_allclose(read_cloud(path, 255), POINTS[:50], rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(read_cloud(path, 255.0), POINTS[:50], rtol=1e-6, atol=1e-5)
 
 
 def test_fields_are_found_by_name_and_what_is_not_finite_is_left_out(tmp_path):
@@ -36,7 +36,7 @@ def test_fields_are_found_by_name_and_what_is_not_finite_is_left_out(tmp_path):
     rows["Reflectivity"] = (51, 0, 255)
     np.save(tmp_path / "cloud.npy", rows)
     expected = np.float32([[1, 4, 7, 0.2], [3, 6, 9, 1]])
-    np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255), expected)
+    np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255.0), expected)
 
 
 def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(tmp_path):
@@ -76,7 +76,7 @@ def test_what_is_no_cloud_is_refused_by_name(tmp_path, name, write, said):
 
 def test_a_pcd_that_announces_gigabytes_is_refused_unread(tmp_path):
     path = tmp_path / "cloud.pcd"
-    PointCloud.from_xyzi_points(SCALED[:50]).save(path)
+    PointCloud.from_xyzi_points(SCALED[:50]).save(path, Encoding.BINARY_COMPRESSED)
     content = path.read_bytes()
     body = content.index(b"\nDATA binary_compressed\n") + len(b"\nDATA binary_compressed\n")
     forged = struct.pack("<I", 2**31)
@@ -95,7 +95,7 @@ def test_any_bytes_give_a_cloud_or_a_file_error(tmp_path, data, suffix):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
     try:
-        points = read_cloud(path, 255)
+        points = read_cloud(path, 255.0)
     except FileError:
         return
     assert points.shape[1] == 4

@@ -9,8 +9,8 @@ import torch
 import yaml
 
 from sightline.data.check import check_tree, summarize_tree
+from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
-from sightline.data.kitti_files import write_depth
 from sightline.data.open import open_dataset
 from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
@@ -50,7 +50,7 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     sample = dataset[1]
     torch.testing.assert_close(sample.points, SAMPLE.points, rtol=0, atol=1e-6)
     assert sample.image_size == SAMPLE.image_size
-    assert (sample.image.float() - SAMPLE.image).abs().mean() < (3 if picture == ".jpg" else 1e-9)
+    assert (sample.image.float() - SAMPLE.image).abs().mean() < (8 if picture == ".jpg" else 1e-9)
     ours, true = sample.calibration.image_from_lidar, SAMPLE.calibration.image_from_lidar
     torch.testing.assert_close(ours, true, rtol=0, atol=1e-9)
     assert list(check_tree(tmp_path)) == []
@@ -65,7 +65,7 @@ def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
     (tmp_path / "calibration.json").write_text(json.dumps(calibration_entries()))
     (tmp_path / "labels").mkdir()
     shutil.copy(LABELS, tmp_path / "labels" / "a.txt")
-    write_depth(tmp_path / "depth" / "a.png", torch.ones(SAMPLE.image_size))
+    write_depth_png(tmp_path / "depth" / "a.png", np.ones(SAMPLE.image_size))
     (tmp_path / "times.txt").write_text("a 1000.5\nb 1000.75\n")
     first, second = (
         open_dataset(tmp_path, parts=("points", "objects", "depth"), needs=())[at] for at in (0, 1)

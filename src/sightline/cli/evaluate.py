@@ -1,4 +1,8 @@
-"""The commands that measure: `evaluate`."""
+"""The commands that measure: `evaluate`.
+
+Their functions are not called as those that `import sightline` gives: jsonargparse looks each up
+there, and would import what measures to answer `--help`.
+"""
 
 from pathlib import Path
 from typing import Literal
@@ -10,7 +14,7 @@ from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineName
 
 
-def evaluate_objects(
+def objects_command(
     results: Path,
     labels: Path,
     *,
@@ -43,11 +47,11 @@ def evaluate_objects(
     """
     for path in (json, csv, markdown):
         check_writable(path)
-    from sightline.evaluation.kitti_object import evaluate_objects as evaluate
+    from sightline.evaluation.kitti_object import evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
     from sightline.evaluation.object_rows import write_object_rows
 
-    report = evaluate(
+    report = evaluate_objects(
         results,
         labels,
         sample_list=sample_list,
@@ -62,7 +66,7 @@ def evaluate_objects(
     write_object_rows(report, csv=csv, markdown=markdown)
 
 
-def evaluate_proposals(
+def proposals_command(
     results: Path,
     labels: Path,
     *,
@@ -83,9 +87,9 @@ def evaluate_proposals(
         json: File for the whole report.
     """
     check_writable(json)
-    from sightline.evaluation.kitti_object_proposals import evaluate_proposals as evaluate
+    from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 
-    report = evaluate(
+    report = evaluate_proposals(
         results,
         labels,
         sample_list=sample_list,
@@ -96,7 +100,7 @@ def evaluate_proposals(
     deliver(report, json)
 
 
-def evaluate_depth(
+def depth_command(
     predictions: Path, truth: Path, *, workers: int = 2, json: Path | None = None
 ) -> None:
     """Scores depth maps exactly as KITTI's depth completion evaluation does.
@@ -108,12 +112,12 @@ def evaluate_depth(
         json: File for the whole report.
     """
     check_writable(json)
-    from sightline.evaluation.depth import evaluate_depth as evaluate
+    from sightline.evaluation.depth import evaluate_depth
 
-    deliver(evaluate(predictions, truth, workers=workers), json)
+    deliver(evaluate_depth(predictions, truth, workers=workers), json)
 
 
-def evaluate_held_out(
+def held_out_command(
     data: Path,
     *,
     method: Method | None = None,
@@ -147,17 +151,17 @@ def evaluate_held_out(
     check_writable(json)
     from sightline.data.open import open_dataset
     from sightline.depth_completion.predictor import choose_completer
-    from sightline.evaluation.held_out import evaluate_held_out as evaluate
+    from sightline.evaluation.held_out import evaluate_held_out
 
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
     parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     samples = (dataset[index] for index in range(len(dataset)))
-    report = evaluate(samples, completer, beams=beams, truth=truth, total=len(dataset))
+    report = evaluate_held_out(samples, completer, beams=beams, truth=truth, total=len(dataset))
     deliver(report, json)
 
 
-def evaluate_realism(
+def realism_command(
     simulated: Path, real: Path, *, labels: Path | None = None, json: Path | None = None
 ) -> None:
     """Compares simulated frames with real ones: points, boxes, ground, traffic, light.
@@ -170,6 +174,6 @@ def evaluate_realism(
         json: File for the whole table.
     """
     check_writable(json)
-    from sightline.evaluation.realism import evaluate_realism as evaluate
+    from sightline.evaluation.realism import evaluate_realism
 
-    deliver(evaluate(simulated, real, real_labels=labels), json)
+    deliver(evaluate_realism(simulated, real, real_labels=labels), json)

@@ -16,11 +16,11 @@ import jsonargparse
 from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
-    evaluate_depth,
-    evaluate_held_out,
-    evaluate_objects,
-    evaluate_proposals,
-    evaluate_realism,
+    depth_command,
+    held_out_command,
+    objects_command,
+    proposals_command,
+    realism_command,
 )
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
@@ -171,12 +171,12 @@ def _commands() -> dict[str, Any]:
         "proposals": proposals,
         "evaluate": {
             "_help": "Score results.",
-            "objects": evaluate_objects,
-            "proposals": evaluate_proposals,
+            "objects": objects_command,
+            "proposals": proposals_command,
             "calibration": evaluate_calibration,
-            "depth": evaluate_depth,
-            "held-out": evaluate_held_out,
-            "realism": evaluate_realism,
+            "depth": depth_command,
+            "held-out": held_out_command,
+            "realism": realism_command,
         },
         "robustness": robustness,
         "reproduce": {

@@ -111,9 +111,9 @@ def open_dataset(
     if not path.is_dir():
         what = "is no folder" if path.exists() else "does not exist"
         raise ValueError(f"{path} {what}; give the folder of a data set")
+    wanted: Collection[Part] = ("image", "points", "objects") if parts is None else parts
     if parts is None and needs is None:
         needs = ()
-    wanted: Collection[Part] = ("image", "points", "objects") if parts is None else parts
     allow_gaps = needs is not None and not {"image", "points"} <= set(needs)
     path = _by_its_name(path)
     if is_recording(path):

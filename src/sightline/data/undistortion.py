@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Final, Literal, SupportsFloat
 
 import cv2
 import numpy as np
@@ -23,8 +23,8 @@ _Row = tuple[float, ...]
 
 def undistort(
     image: UInt8[np.ndarray, "height width 3"],
-    camera_matrix: Sequence[Sequence[float]] | np.ndarray,
-    distortion: Sequence[float] | np.ndarray,
+    camera_matrix: Sequence[Sequence[SupportsFloat]] | np.ndarray,
+    distortion: Sequence[SupportsFloat] | np.ndarray,
     *,
     model: LensModel = "plumb_bob",
 ) -> UInt8[np.ndarray, "height width 3"]:

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import SupportsFloat
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from sightline.geometry.mount import mount_doubt
 
-Matrix = Tensor | np.ndarray | Sequence[Sequence[float]]
+Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
 """Numbers of any type in rows, as users have them."""
 
 _ROTATION_TOLERANCE = 1e-3
@@ -74,7 +75,7 @@ class Calibration:
         camera_matrix: Matrix,
         camera_from_lidar: Matrix,
         *,
-        distortion: Sequence[float] | np.ndarray | Tensor | None = None,
+        distortion: Sequence[SupportsFloat] | np.ndarray | Tensor | None = None,
     ) -> "Calibration":
         """The calibration of a camera and a LiDAR of your own.
 
@@ -180,7 +181,7 @@ def _numbers(
     return numbers
 
 
-def _refuse_distortion(distortion: Sequence[float] | np.ndarray | Tensor | None) -> None:
+def _refuse_distortion(distortion: Sequence[SupportsFloat] | np.ndarray | Tensor | None) -> None:
     if distortion is None:
         return
     plain = distortion.detach().cpu().numpy() if isinstance(distortion, Tensor) else distortion

@@ -80,7 +80,7 @@ class CameraLidarSample:
         ...     ),
         ...     image=np.zeros((1200, 1920, 3), np.uint8),
         ...     points=np.array([[10.0, 1.0, -1.0, 40.0], [20.0, -3.0, 0.5, 255.0]]),
-        ...     max_intensity=255,
+        ...     max_intensity=255.0,
         ... )
         >>> sample.points[1].tolist()
         [20.0, -3.0, 0.5, 1.0]

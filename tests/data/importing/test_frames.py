@@ -29,7 +29,7 @@ def test_a_lidar_frame_is_turned_until_x_points_where_the_camera_looks(yaw_deg):
     aside = np.eye(4)
     aside[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
     new_from_old, angle_deg = turn_ahead(CAMERA_FROM_LIDAR @ aside.T)
-    assert (angle_deg - yaw_deg) % 360 == pytest.approx(0, abs=1e-6)
+    assert (angle_deg - yaw_deg + 180) % 360 == pytest.approx(180, abs=1e-6)
     camera_from_new = CAMERA_FROM_LIDAR @ aside.T @ np.linalg.inv(new_from_old)
     np.testing.assert_allclose(camera_from_new[2, :2], (1, 0), atol=1e-9)
     np.testing.assert_array_equal(new_from_old[2], (0, 0, 1, 0))
