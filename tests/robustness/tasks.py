@@ -18,6 +18,7 @@ class Oracle:
 
     name: str = "oracle"
     parts = ("image", "points")
+    needs = ("image",)
     gives = ("results",)
     made_by = {}  # noqa: RUF012 - as the protocol has it
 

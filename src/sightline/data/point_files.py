@@ -52,7 +52,7 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
 
 def checked_cloud(
     points: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
-) -> Float32[np.ndarray, "num_points 4"]:
+) -> Float32[np.ndarray, "num_finite 4"]:
     """The finite points with reflectances in [0, 1].
 
     Raises:
