@@ -114,11 +114,6 @@ def test_the_command_writes_kittis_result_files(weights, predictor, sample, tmp_
     np.testing.assert_allclose(written.alpha, expected.alpha, atol=0.01)
 
 
-def test_without_weights_it_says_what_to_do(tmp_path, capsys):
-    assert main(["predict", "detection3d", str(PACKAGED_FRAMES), str(tmp_path / "out")]) == 2
-    assert "train one by `sightline fit` and name its weights" in capsys.readouterr().err
-
-
 def test_a_frame_is_drawn_with_what_was_found(weights, tmp_path):
     out = tmp_path / "frame.png"
     command = ["show", str(PACKAGED_FRAMES), "000000", "--weights", str(weights)]

@@ -45,6 +45,6 @@ def run_detection3d_demo(
     write_rgb(picture, np.concatenate(pages))
     return DemoPart(
         result=f"3D objects by {predictor.name}: {', '.join(counts)}",
-        files=(("3D objects", detections), ("picture", picture)),
+        files=(("3D boxes", detections), ("picture", picture)),
         html=_HTML.format(name=html.escape(predictor.name), picture=picture.name),
     )

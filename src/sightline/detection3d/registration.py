@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sightline.detection3d.predictor import Detection3DPredictor
     from sightline.export.graph import ExportGraph
     from sightline.export.names import EngineName
+    from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.robustness.object_scoring import ObjectScoring
     from sightline.structures.predictions import Detections3D
@@ -44,7 +45,7 @@ class Detection3DTask(DetectionNetworkTask):
         "data.init_args.training": "[{path: ., sample_list: train}]",
         "data.init_args.validation": "[{path: ., sample_list: val}]",
     }
-    default_weights = None
+    default_weights: str = "detection3d-best"
     methods: tuple[str, ...] = ()
     outputs: tuple[Output, ...] = (
         Output(
@@ -70,19 +71,22 @@ class Detection3DTask(DetectionNetworkTask):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Detection3DPredictor":
-        """A network with its weights, which must be named.
+        """A network with its weights, the default's if none are named.
 
         Raises:
-            ValueError: They are not, or as `Detection3DPredictor.load`.
+            ValueError: A method is named, or as `Detection3DPredictor.load`.
         """
+        from sightline.data.plain_text import shortened
         from sightline.detection3d.predictor import Detection3DPredictor
 
-        if method is not None or weights is None:
+        if method is not None:
             raise ValueError(
-                "detection3d answers by a network, and no weights of it come with sightline: train "
-                "one by `sightline fit` and name its weights"
+                f"detection3d has no method '{shortened(method)}': it answers by a network; leave "
+                "the method out, or name weights instead"
             )
-        return Detection3DPredictor.load(weights, engine=engine, device=device, threads=threads)
+        return Detection3DPredictor.load(
+            weights or self.default_weights, engine=engine, device=device, threads=threads
+        )
 
     def scoring(self) -> "ObjectScoring":
         """By KITTI's evaluation of 3D boxes."""
@@ -99,9 +103,11 @@ class Detection3DTask(DetectionNetworkTask):
         found = None if sample.points is None else predictor(sample)
         return frame_sheet(sample, detections3d=found)
 
-    def demo(self, frames: Path, out: Path) -> None:
-        """Has nothing to show before weights come with the package."""
-        del frames, out
+    def demo(self, frames: Path, out: Path) -> "DemoPart":
+        """See `run_detection3d_demo`."""
+        from sightline.detection3d.demo import run_detection3d_demo
+
+        return run_detection3d_demo(self, self.predictor(threads=1), frames, out)
 
 
 TASK: Final = Detection3DTask()
