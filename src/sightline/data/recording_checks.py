@@ -1,5 +1,6 @@
 """Whether a recording's files can be read, hold plausible values and fit each other."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -102,7 +103,7 @@ def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list
     said = _read(read_recording_calibration, frame.calibration, [])
     image = _read(read_rgb, frame.image, problems)
     _read(
-        partial(read_cloud, max_intensity=1.0 if said is None else said.max_intensity),
+        partial(read_cloud, max_intensity=math.inf if said is None else said.max_intensity),
         frame.points,
         problems,
     )

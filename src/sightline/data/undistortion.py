@@ -47,7 +47,7 @@ def undistort(
     Raises:
         ValueError: The model takes another number of coefficients, or they are not finite.
     """
-    coefficients = tuple(float(value) for value in np.ravel(distortion))
+    coefficients = tuple(np.asarray(distortion, dtype=np.float64).ravel().tolist())
     check_lens(model, coefficients)
     rows = tuple(tuple(float(value) for value in row) for row in np.asarray(camera_matrix)[:3, :3])
     columns_px, rows_px = _maps(rows, coefficients, model, (image.shape[0], image.shape[1]))
