@@ -85,7 +85,7 @@ def test_a_pcd_that_announces_gigabytes_is_refused_unread(tmp_path):
         read_cloud(path)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
 @given(data=st.data(), suffix=st.sampled_from([".npy", ".pcd"]))
 def test_any_bytes_give_a_cloud_or_a_file_error(tmp_path, data, suffix):
     path = tmp_path / f"cloud{suffix}"

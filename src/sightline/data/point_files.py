@@ -111,7 +111,7 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
     try:
         array = np.load(io.BytesIO(content), allow_pickle=False)
-    except (ValueError, EOFError, OSError, SyntaxError) as error:
+    except Exception as error:
         raise FileError(path, "is no whole .npy file", _REMEDY) from error
     if array.dtype.names:
         return columns_of(array, path)
