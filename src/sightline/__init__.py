@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sightline.data.undistortion import undistort as undistort
     from sightline.depth_completion.predictor import DepthPredictor as DepthPredictor
     from sightline.detection2d.predictor import DetectionPredictor as DetectionPredictor
+    from sightline.detection3d.predictor import Detection3DPredictor as Detection3DPredictor
     from sightline.evaluation.depth import evaluate_depth as evaluate_depth
     from sightline.evaluation.held_out import evaluate_held_out as evaluate_held_out
     from sightline.evaluation.kitti_object import evaluate_objects as evaluate_objects
@@ -47,6 +48,7 @@ _MODULES: Final = {
     "CameraLidarSample": "structures.sample",
     "DepthMap": "structures.predictions",
     "DepthPredictor": "depth_completion.predictor",
+    "Detection3DPredictor": "detection3d.predictor",
     "DetectionPredictor": "detection2d.predictor",
     "Detections2D": "structures.predictions",
     "Detections3D": "structures.predictions",
