@@ -36,13 +36,13 @@ Content = TypeVar("Content")
 def check_object_frame(frame: ObjectFrame) -> list[Problem]:
     """Checks one frame of the object tree; parts that are absent are not spoken of."""
     problems: list[Problem] = []
-    depth_m = _read(read_depth_png, frame.depth, problems)
+    depth_m = read_or_note(read_depth_png, frame.depth, problems)
     size = depth_m.shape if depth_m is not None else _image_size(frame.image, problems)
-    matrices = _read(read_object_matrices, frame.calibration, problems)
+    matrices = read_or_note(read_object_matrices, frame.calibration, problems)
     if matrices is not None and frame.calibration is not None:
         problems += check_matrices(matrices, size, frame.calibration)
-    points = _read(read_sweep, frame.points, problems)
-    objects = _read(read_labels, frame.objects, problems)
+    points = read_or_note(read_sweep, frame.points, problems)
+    objects = read_or_note(read_labels, frame.objects, problems)
     if points is not None and frame.points is not None:
         problems += _check_points(points, frame.points)
         if size is not None and matrices is not None:
@@ -57,7 +57,7 @@ def check_depth_frame(frame: DepthFrame) -> list[Problem]:
     problems: list[Problem] = []
     size = _image_size(frame.image, problems)
     for path in (frame.sparse, frame.truth):
-        depth_m = _read(read_depth_png, path, problems)
+        depth_m = read_or_note(read_depth_png, path, problems)
         if depth_m is None or path is None:
             continue
         if size is not None and depth_m.shape != size:
@@ -72,10 +72,10 @@ def check_depth_frame(frame: DepthFrame) -> list[Problem]:
         if path == frame.truth and not depth_m.any():
             problems.append(Problem(path=path, problem="holds no depth", remedy="extract it again"))
     if frame.camera is None:
-        intrinsics = _read(read_intrinsics, frame.intrinsics, problems)
+        intrinsics = read_or_note(read_intrinsics, frame.intrinsics, problems)
     else:
         read = partial(read_rectified_intrinsics, camera=int(frame.camera[-2:]))
-        intrinsics = _read(read, frame.intrinsics, problems)
+        intrinsics = read_or_note(read, frame.intrinsics, problems)
     if intrinsics is not None and frame.intrinsics is not None:
         problems += check_intrinsics(intrinsics, size, frame.intrinsics)
     return problems
@@ -85,13 +85,13 @@ def check_drive_frame(frame: DriveFrame) -> list[Problem]:
     """Checks one moment of a raw drive; parts that are absent are not spoken of."""
     problems: list[Problem] = []
     _image_size(frame.image, problems)
-    points = _read(read_sweep, frame.points, problems)
+    points = read_or_note(read_sweep, frame.points, problems)
     if points is not None and frame.points is not None:
         problems += _check_points(points, frame.points)
     return problems
 
 
-def _read(
+def read_or_note(
     reader: Callable[[Path], Content], path: Path | None, problems: list[Problem]
 ) -> Content | None:
     """What the reader makes of the file; where it refuses it, None and one problem more."""
@@ -105,7 +105,7 @@ def _read(
 
 
 def _image_size(path: Path | None, problems: list[Problem]) -> tuple[int, int] | None:
-    image = _read(read_rgb, path, problems)
+    image = read_or_note(read_rgb, path, problems)
     return None if image is None else (image.shape[0], image.shape[1])
 
 

@@ -1,13 +1,13 @@
 """Whether a recording's files can be read, hold plausible values and fit each other."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from sightline.data.calibration_checks import check_matrices
+from sightline.data.frame_checks import read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_labels import read_labels
@@ -20,8 +20,6 @@ from sightline.geometry.mount import mount_doubt
 
 _REMEDY = "correct the calibration file; docs/recordings.md says how"
 _LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
-
-Content = TypeVar("Content")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,10 +80,10 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:
     """Checks a calibration file against the first image that it is for, where there is one."""
     problems: list[Problem] = []
-    said = _read(read_recording_calibration, path, problems)
+    said = read_or_note(read_recording_calibration, path, problems)
     if said is None:
         return problems
-    size = _read(read_image_size, image, []) or said.image_size
+    size = read_or_note(read_image_size, image, []) or said.image_size
     doubt = mount_doubt(said.matrices.camera_from_lidar)
     if doubt is not None:
         return [Problem(path=path, problem=f"camera_from_lidar {doubt}", remedy=_REMEDY)]
@@ -100,15 +98,15 @@ def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list
         reference: The first image of the same calibration; see `reference_images`.
     """
     problems: list[Problem] = []
-    said = _read(read_recording_calibration, frame.calibration, [])
-    image = _read(read_rgb, frame.image, problems)
-    _read(
+    said = read_or_note(read_recording_calibration, frame.calibration, [])
+    image = read_or_note(read_rgb, frame.image, problems)
+    read_or_note(
         # without a calibration nobody knows which intensities are too high
         partial(read_cloud, max_intensity=math.inf if said is None else said.max_intensity),
         frame.points,
         problems,
     )
-    _read(read_labels, frame.objects, problems)
+    read_or_note(read_labels, frame.objects, problems)
     if said is None or problems or image is None:
         return problems
     assert frame.image is not None, "it was read"
@@ -152,16 +150,3 @@ def reference_images(frames: Sequence[ObjectFrame]) -> dict[Path, Path | None]:
         if frame.calibration is not None:
             first[frame.calibration] = first.get(frame.calibration) or frame.image
     return first
-
-
-def _read(
-    reader: Callable[[Path], Content], path: Path | None, problems: list[Problem]
-) -> Content | None:
-    """What the reader makes of the file; where it refuses it, None and one problem more."""
-    if path is None:
-        return None
-    try:
-        return reader(path)
-    except FileError as error:
-        problems.append(error.problem)
-        return None
