@@ -1,8 +1,9 @@
 """Rain and snow before a camera: a veil by all particles, and streaks of those that are near."""
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -49,7 +50,35 @@ class Exposure:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CameraRain(CameraCorruption):
+class _CameraPrecipitation(CameraCorruption):
+    """What falls before the camera; see `fall`."""
+
+    drawn_m: ClassVar[float]
+    """Particles so near are drawn one by one."""
+
+    rate_mm_per_h: float
+    """Of water; of snow as if it were melted."""
+    exposure: Exposure = Exposure()
+
+    def __post_init__(self) -> None:
+        """Checks the rate."""
+        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
+
+    @abstractmethod
+    def particles(self) -> Precipitation:
+        """What falls."""
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """See `fall`."""
+        change = fall(image, sample, self.particles(), self.exposure, rng, drawn_m=self.drawn_m)
+        rate = {"rate_mm_per_h": self.rate_mm_per_h}
+        return change._replace(parameters={**rate, **change.parameters})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraRain(_CameraPrecipitation):
     """Rain: a thin veil, and streaks of drops that fall at their final speed; see `fall`.
 
     Sizes are by Marshall and Palmer 1948, speeds by Atlas et al. 1973; a drop shows the light of
@@ -57,48 +86,23 @@ class CameraRain(CameraCorruption):
     """
 
     kind = "camera_rain"
+    drawn_m = _RAIN_DRAWN_M
 
-    rate_mm_per_h: float
-    exposure: Exposure = Exposure()
-
-    def __post_init__(self) -> None:
-        """Checks the rate."""
-        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
-
-    def change_image(
-        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
-    ) -> ImageChange:
-        """See `fall`."""
-        change = fall(
-            image, sample, rain(self.rate_mm_per_h), self.exposure, rng, drawn_m=_RAIN_DRAWN_M
-        )
-        rate = {"rate_mm_per_h": self.rate_mm_per_h}
-        return change._replace(parameters={**rate, **change.parameters})
+    def particles(self) -> Precipitation:
+        """Rain of that rate."""
+        return rain(self.rate_mm_per_h)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CameraSnow(CameraCorruption):
+class CameraSnow(_CameraPrecipitation):
     """Snow: a veil, and flakes that sink at 1 m/s, sizes by Gunn and Marshall 1958; see `fall`."""
 
     kind = "camera_snow"
+    drawn_m = _SNOW_DRAWN_M
 
-    rate_mm_per_h: float
-    """Of the melted snow."""
-    exposure: Exposure = Exposure()
-
-    def __post_init__(self) -> None:
-        """Checks the rate."""
-        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
-
-    def change_image(
-        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
-    ) -> ImageChange:
-        """See `fall`."""
-        change = fall(
-            image, sample, snow(self.rate_mm_per_h), self.exposure, rng, drawn_m=_SNOW_DRAWN_M
-        )
-        rate = {"rate_mm_per_h": self.rate_mm_per_h}
-        return change._replace(parameters={**rate, **change.parameters})
+    def particles(self) -> Precipitation:
+        """Snow of that rate."""
+        return snow(self.rate_mm_per_h)
 
 
 class Streaks(NamedTuple):

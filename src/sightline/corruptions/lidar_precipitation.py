@@ -1,6 +1,7 @@
 """Rain and snow before a LiDAR: Kilic et al. 2021, "LISA"."""
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -25,48 +26,50 @@ _LARGEST_MM: Final = 6.0  # melted; larger drops break up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LidarRain(LidarCorruption):
-    """Rain: echoes fade and scatter, and near drops give false ones; see `fall_before`."""
-
-    kind = "lidar_rain"
+class _LidarPrecipitation(LidarCorruption):
+    """What falls before the LiDAR; see `fall_before`."""
 
     rate_mm_per_h: float
+    """Of water; of snow as if it were melted."""
     lidar: SpinningLidar = HDL_64E
 
     def __post_init__(self) -> None:
         """Checks the rate."""
         check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
 
+    @abstractmethod
+    def particles(self) -> Precipitation:
+        """What falls."""
+
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
         """See `fall_before`."""
-        change = fall_before(points, sample, rain(self.rate_mm_per_h), self.lidar, rng)
+        change = fall_before(points, sample, self.particles(), self.lidar, rng)
         rate = {"rate_mm_per_h": self.rate_mm_per_h}
         return change._replace(parameters={**rate, **change.parameters})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LidarSnow(LidarCorruption):
+class LidarRain(_LidarPrecipitation):
+    """Rain: echoes fade and scatter, and near drops give false ones; see `fall_before`."""
+
+    kind = "lidar_rain"
+
+    def particles(self) -> Precipitation:
+        """Rain of that rate."""
+        return rain(self.rate_mm_per_h)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LidarSnow(_LidarPrecipitation):
     """Snow: as rain, with larger and whiter particles; see `fall_before`."""
 
     kind = "lidar_snow"
 
-    rate_mm_per_h: float
-    """Of the melted snow."""
-    lidar: SpinningLidar = HDL_64E
-
-    def __post_init__(self) -> None:
-        """Checks the rate."""
-        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
-
-    def change_points(
-        self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
-    ) -> PointsChange:
-        """See `fall_before`."""
-        change = fall_before(points, sample, snow(self.rate_mm_per_h), self.lidar, rng)
-        rate = {"rate_mm_per_h": self.rate_mm_per_h}
-        return change._replace(parameters={**rate, **change.parameters})
+    def particles(self) -> Precipitation:
+        """Snow of that rate."""
+        return snow(self.rate_mm_per_h)
 
 
 class Echoes(NamedTuple):
