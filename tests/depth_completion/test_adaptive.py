@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from sightline.depth_completion.adaptive import AdaptiveConfig, _nearest_true, adaptive_depth
 from sightline.depth_completion.adaptive_kernels import (
+    bridge_rows,
     fill_columns,
     hidden_pixels,
     right_neighbours,
@@ -74,6 +75,20 @@ def test_a_hole_that_spans_many_rings_is_filled_but_not_valid():
     np.testing.assert_allclose(dense.depth_m, 30.0, rtol=1e-5)
     assert not dense.valid[53:102, 19:42].any()
     assert dense.valid[53:102, :19].all()
+
+
+@pytest.mark.parametrize("hidden", [slice(0, 120), slice(120, 200), slice(60, 140)])
+def test_where_a_part_of_the_sweep_is_hidden_the_plane_beside_it_goes_on(hidden):
+    depth = plane((200, 400), per_row=0.0005)
+    sparse = rings(depth, row_spacing=5)
+    sparse[hidden, 150:250] = 0
+    dense = adaptive_depth(sparse)
+    measured_rows = slice(10, 190)
+    np.testing.assert_allclose(
+        dense.depth_m[measured_rows], depth[measured_rows], rtol=0.05
+    )  # a ring spacing beside a ring goes on level
+    middle = (hidden.start + hidden.stop) // 2
+    assert not dense.valid[middle, 160:240].any()
 
 
 def test_a_far_measurement_between_near_ones_is_dropped_and_one_above_them_is_kept():
@@ -226,6 +241,16 @@ def test_columns_are_linear_between_rings_level_above_and_like_the_ground_below(
         assert distance[:, column].tolist() == expected[1]
         assert trusted[distance[:, column] <= 2, column].all()
         assert not trusted[distance[:, column] > 6, column].any()
+
+
+@given(st.integers(0, 2**31), st.integers(1, 40))
+def test_what_is_not_trusted_lies_between_the_trusted_pixels_of_its_row(seed, width):
+    filled = random_map(seed, (3, width), 1.0)
+    trusted = np.random.default_rng(seed).random(filled.shape) < 0.3
+    bridged = bridge_rows(filled, trusted)
+    for row in range(3):
+        expected = reference.bridge_row(filled[row].tolist(), trusted[row].tolist())
+        np.testing.assert_allclose(bridged[row], expected, rtol=1e-5)
 
 
 @given(st.integers(0, 2**31), st.integers(1, 40))

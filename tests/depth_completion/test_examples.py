@@ -26,6 +26,7 @@ ALL_FAULTS = ExampleConfig(
         yaw_error_deg=0.3,
         outliers=0.05,
         camera_dropout=0.3,
+        lidar_occlusion=0.3,
         color_jitter=True,
     ),
 )
@@ -124,6 +125,18 @@ def test_a_dropped_camera_is_a_black_image(sample):
     assert seen.sparse_depth_m.any()
 
 
+def test_a_part_of_the_sweep_is_hidden_and_its_truth_stays(sample):
+    plain = ExampleConfig(truth="both", filled=True)
+    whole = example(sample, plain)
+    hidden = example(sample, replace(plain, augmentation=AugmentationConfig(lidar_occlusion=1.0)))
+    lost = whole.sparse_depth_m.ne(0) & hidden.sparse_depth_m.eq(0)
+    assert lost.sum() > 0.02 * whole.sparse_depth_m.ne(0).sum()
+    assert torch.equal(hidden.sparse_depth_m[~lost], whole.sparse_depth_m[~lost])
+    assert torch.equal(hidden.depth_m, whole.depth_m)
+    assert torch.equal(hidden.dense_depth_m, whole.dense_depth_m)
+    assert hidden.filled_depth_m.all()
+
+
 def test_a_fixed_crop_is_the_bottom_centre(sample):
     config = ExampleConfig(crop_size=(96, 256), augmentation=AugmentationConfig(random_crop=False))
     seen = example(sample, config)
@@ -158,6 +171,7 @@ def test_a_crop_larger_than_the_image_is_refused_with_both_sizes(sample):
         ({"beams": (64, 12)}, "beams must name some of"),
         ({"farthest_m": 300.0}, "farthest_m must be from 0 to 256"),
         ({"augmentation": {"outliers": 1.5}}, "outliers must be from 0 to 1"),
+        ({"augmentation": {"lidar_occlusion": -0.1}}, "lidar_occlusion must be from 0 to 1"),
         ({"augmentation": {"yaw_error_deg": -1.0}}, "yaw_error_deg must be from 0 to 90"),
     ],
 )

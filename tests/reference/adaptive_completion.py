@@ -73,6 +73,19 @@ def growth_below(column, given, y):
     return max(slope, 0) * min(y - lowest, 2 * gap)
 
 
+def bridge_row(values, trusted):
+    bridged = []
+    for x, value in enumerate(values):
+        left = [u for u in range(x) if trusted[u]]
+        right = [u for u in range(x + 1, len(values)) if trusted[u]]
+        if trusted[x] or not left or not right:
+            bridged.append(value)
+            continue
+        a, b = left[-1], right[0]
+        bridged.append(((b - x) * values[a] + (x - a) * values[b]) / (b - a))
+    return bridged
+
+
 def smooth_row(values, distances, share):
     smooth = []
     for x, distance in enumerate(distances):

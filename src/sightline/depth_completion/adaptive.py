@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float32, Int64
 
 from sightline.depth_completion.adaptive_kernels import (
     NO_NEIGHBOUR,
+    bridge_rows,
     fill_columns,
     gap_counts,
     hidden_pixels,
@@ -67,7 +68,9 @@ def adaptive_depth(
     3. Joins each measurement to the next of its ring, linear in inverse depth on one surface.
     4. Fills columns between rings, linear in inverse depth, which is exact for planes. Above the
        top ring its depth goes on, below the lowest one the slope of the ground.
-    5. Averages depth along rows, the wider the farther from a ring, so that no stripes stay.
+    5. Where rings are too far apart for that, as where something hides a part of the sweep, goes
+       along rows from what is valid on the left to what is valid on the right, where both are.
+    6. Averages depth along rows, the wider the farther from a ring, so that no stripes stay.
 
     Gives every pixel a depth if anything is measured. Valid are pixels between two rings that are
     not too far apart, and those within a ring spacing of one; the rest, such as the sky, is a
@@ -98,7 +101,7 @@ def adaptive_depth(
     if not is_filled.all():
         nearest = _nearest_true(is_filled)
         filled, distance = filled[:, nearest], distance[:, nearest]
-    depth_m = inverse(filled)
+    depth_m = inverse(bridge_rows(filled, is_trusted))
     for _ in range(_SMOOTHING_PASSES):
         depth_m = smooth_rows(depth_m, distance, config.smoothing)
     depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions

@@ -232,6 +232,30 @@ def _continue_below(
 
 
 @compiled
+def bridge_rows(
+    filled: Float32[ndarray, "height width"], trusted: Bool[ndarray, "height width"]
+) -> Float32[ndarray, "height width"]:
+    """What is not trusted lies on the line between the trusted pixels on either side of its row.
+
+    Where there is none on one side it stays as it is.
+    """
+    height, width = filled.shape
+    bridged = filled.copy()
+    for row in range(height):
+        left = -1
+        for right in range(width):
+            if not trusted[row, right]:
+                continue
+            if left >= 0:
+                start = filled[row, left]
+                slope = (filled[row, right] - start) / np.float32(right - left)
+                for at in range(left + 1, right):
+                    bridged[row, at] = start + slope * np.float32(at - left)
+            left = right
+    return bridged
+
+
+@compiled
 def smooth_rows(
     depth_m: Float32[ndarray, "height width"],
     distance: Float32[ndarray, "height width"],

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sightline.corruptions.occlusion import LidarOcclusion
 from sightline.data.augmentation import crop, jitter_color
 from sightline.data.faults import FalseEchoes, NoCamera, draw_turned_lidar
 from sightline.depth_completion.batch import DepthBatch
@@ -47,6 +48,8 @@ class AugmentationConfig:
     """Largest share of returns with a wrong range."""
     camera_dropout: float = 0.0
     """Share of examples without a camera."""
+    lidar_occlusion: float = 0.0
+    """Share of examples with a part of the sweep hidden."""
     color_jitter: bool = False
     """Whether brightness, contrast, gamma and saturation of the image are drawn."""
     mirror: bool = False
@@ -57,7 +60,7 @@ class AugmentationConfig:
     def __post_init__(self) -> None:
         """Checks the ranges."""
         _check_up_to("yaw_error_deg", self.yaw_error_deg, 90)
-        for name in ("outliers", "camera_dropout"):
+        for name in ("outliers", "camera_dropout", "lidar_occlusion"):
             _check_up_to(name, getattr(self, name), 1)
 
 
@@ -210,6 +213,8 @@ def _perturbed(
         sample = jitter_color(sample, rng=rng)
     if rng.random() < config.camera_dropout:
         sample = NoCamera()(sample, rng)
+    if config.lidar_occlusion and rng.random() < config.lidar_occlusion:
+        sample = LidarOcclusion()(sample, rng)
     return sample
 
 
