@@ -154,9 +154,14 @@ def _stops_after(count, original):
 def test_a_second_call_makes_nothing_anew_and_more_cases_extend_a_run(oracle_run, tmp_path):
     _, whole = oracle_run
     out = tmp_path / "oracle"
-    detect(out, cases=("camera_blank",))
+    detect(out, cases=("camera_dead_pixels-2", "camera_dead_pixels-3", "camera_blank"))
     few = read_record(out / "robustness.json")
-    assert list(few.cases) == ["clean", "camera_blank"]
+    assert list(few.cases) == [
+        "clean",
+        "camera_dead_pixels-2",
+        "camera_dead_pixels-3",
+        "camera_blank",
+    ]
     detect(out)
     assert contents(out) == contents(whole)
 

@@ -1,7 +1,7 @@
 """Corrupted data sets on disk: resumable, in parallel, the same bytes whatever happens."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -163,8 +163,5 @@ def case_settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[
         "velodyne": dataset.velodyne,
         "suite": suite.name,
         "seed": seed,
-        "cases": {
-            case.name: {"kind": case.corruption.kind, **asdict(case.corruption)}
-            for case in suite.cases
-        },
+        "cases": {case.name: case.corruption.described() for case in suite.cases},
     }
