@@ -275,6 +275,14 @@ def test_data_without_the_part_that_a_case_breaks_are_refused_by_the_case(tmp_pa
     assert set(report.record.scores) == {"clean", "lidar_blank"}
 
 
+def test_a_lidar_without_a_camera_can_be_put_to_faults_of_its_own(tmp_path):
+    for part in ("velodyne", "calib"):
+        shutil.copytree(PACKAGED_FRAMES / "training" / part, tmp_path / "data" / "training" / part)
+    settings = replace(ADAPTIVE, cases=("lidar_blank",))
+    report = run_bench(DEPTH, tmp_path / "data", tmp_path / "out", settings, method="nearest")
+    assert report.record.scores["clean"]["rmse_mm"] > 0
+
+
 def test_what_a_frame_meets_does_not_hang_on_what_a_method_looks_at():
     """Fog on an image, say, thickens with the depth that the sweep tells."""
     settings = {"sample_list": None, "velodyne": "velodyne"}

@@ -69,6 +69,7 @@ def corrupt_dataset(
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     dataset = _open(data, sample_list, velodyne)
     _check_apart(dataset.root, out, asked)
+    velodyne = dataset.velodyne
     originals = list_object_frames(dataset.root / dataset.split, PARTS, velodyne)
     _check_parts(dataset, originals, asked)
     trees = [
@@ -120,7 +121,7 @@ def _open(
     data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
 ) -> KittiObjectDataset:
     parts: tuple[Part, ...] = ("image", "points", "objects")
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts, needs=())
     if not isinstance(dataset, KittiObjectDataset):
         raise ValueError(
             f"{data} is another data set of KITTI's, expected an object tree; name a folder that "
