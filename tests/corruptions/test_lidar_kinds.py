@@ -135,6 +135,12 @@ def test_points_fade_are_lost_or_become_fog_as_loops_say(seed, attenuation):
     np.testing.assert_allclose(found.sample.points, new, rtol=1e-4, atol=1e-5)
 
 
+def test_fog_before_what_is_absurdly_far_away_is_as_at_the_largest_range():
+    points = torch.tensor([[1e25, 0, 0, 0.5]])
+    found = corrupt(KINDS["lidar_fog"].at(3), sample_of(points=points))
+    assert found.sample.points.isfinite().all()
+
+
 @few
 @given(seed=seeds)
 def test_the_strongest_particle_before_the_target_is_seen(seed):
