@@ -20,11 +20,11 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.colors import RGB
 from sightline.visualization.image import draw_points
-from sightline.visualization.lettering import put_text
+from sightline.visualization.lettering import put_text, text_width
 
 _WIDTH_PX = 270
 _TITLE_PX = 17
-_TEXT_PX = 7
+_TEXT_PX = (7, 6, 5)  # the largest that a title has room for
 _GAP_PX = 3
 _POINT_PX = 5.0  # before the picture is made small
 _DARKENING = 6
@@ -60,7 +60,8 @@ def _row(kind: Kind, sensor: Sensor, sample: CameraLidarSample, seed: int) -> Pi
         title = np.full((_TITLE_PX, _WIDTH_PX, 3), _PAGE, dtype=np.uint8)
         named = f"{kind.name}-1" if severity == 1 else str(severity)
         said = f"{named}   {kind.said(severity)}"
-        put_text(title, said, 1, _TITLE_PX - 5, height_px=_TEXT_PX, color=_TEXT)
+        height_px = next(px for px in _TEXT_PX if text_width(said, px) < _WIDTH_PX)
+        put_text(title, said, 1, _TITLE_PX - 5, height_px=height_px, color=_TEXT)
         cell = np.concatenate((title, _scaled(_picture(found, sensor))))
         cells.append(cv2.copyMakeBorder(cell, 0, 0, _GAP_PX, 0, cv2.BORDER_CONSTANT, value=_PAGE))
     return np.concatenate(cells, axis=1).astype(np.uint8, copy=False)

@@ -46,6 +46,8 @@ def test_a_sensor_that_delivered_nothing_is_a_result(tmp_path, capsys, sensor, f
             ["evaluate", "calibration", "r", "l", "--out", "o"],
             "--out needs --fit-results and one --calibrator",
         ),
+        (["evaluate", "calibration", "r", "l", "--calibrator", "platt"], "name what to fit on"),
+        (["evaluate", "calibration", "r", "l", "--fit-list", "train.txt"], "name what to fit on"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, capsys, given, said):

@@ -48,10 +48,21 @@ def test_a_lidar_alone_needs_the_size_of_the_image():
     [
         ({"image": IMAGE.astype(np.float32)}, "image must be uint8, height x width x 3; got float"),
         ({"image": IMAGE.transpose(2, 0, 1)}, "got uint8 of shape 3 x 120 x 400"),
-        ({"points": POINTS[:, :3]}, "points must be finite .* got float32 of shape 300 x 3"),
-        ({"points": np.full((1, 4), np.nan)}, "points must be finite"),
+        ({"points": POINTS[:, :3]}, "points must be floating.* got float32 of shape 300 x 3"),
+        ({"points": np.array([[1, 2, 3, 0], [1, 2, 3, np.nan]])}, "finite and .* row 1 is not"),
+        (
+            {"points": np.array([[1e39, 0, 0, 0]])},
+            "points must be finite and at most 1e\\+06; row 0",
+        ),
+        (
+            {"points": POINTS * [[1, 1, 1, 255]]},
+            "reflectances .* from 0 to 1, got .* by the sensor",
+        ),
         ({"image_from_camera": np.eye(3)}, "image_from_camera must be 3 x 4 numbers"),
         ({"depth": np.zeros((3, 3, 3))}, "depth must be floating point, height x width"),
+        ({"depth": np.zeros((3, 4))}, "height x width as the image, 120 x 400; got .* 3 x 4"),
+        ({"depth": np.full((120, 400), np.nan)}, "depth must not be negative or NaN"),
+        ({"image": None, "image_size": (0, 5)}, "image_size .* each at least 1.* got \\(0, 5\\)"),
         ({"image_size": (5, 5)}, "image is 120x400, expected image_size 5x5"),
         ({"seed": -1}, "seed must not be negative"),
     ],

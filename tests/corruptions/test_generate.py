@@ -228,6 +228,17 @@ def test_data_without_the_sensor_that_a_case_breaks_are_refused(tmp_path: Path):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_lidar_without_a_camera_is_broken_alone(tmp_path: Path):
+    data = write_object_tree(tmp_path / "data", *FRAMES)
+    shutil.rmtree(data / "training/image_2")
+    cases = ["clean", "lidar_fog-3"]
+    found = make(data, tmp_path / "out", suite="core", cases=cases)
+    assert found == JobResult(written=2 * len(FRAMES), skipped=0)
+    assert make(data, tmp_path / "out", suite="core", cases=cases).written == 0
+    with pytest.raises(ValueError, match="no image of frame 000000 for case camera_fog-1"):
+        make(data, tmp_path / "other", suite="core", cases=["camera_fog"])
+
+
 def test_a_real_frame_has_its_box_on_an_object(kitti_root: Path, tmp_path: Path):
     (name, *_) = open_dataset(kitti_root, sample_list="sample_val").sample_ids
     make(kitti_root, tmp_path, cases=["camera_occlusion", "lidar_occlusion"], sample_list=[name])

@@ -135,6 +135,12 @@ def test_points_fade_are_lost_or_become_fog_as_loops_say(seed, attenuation):
     np.testing.assert_allclose(found.sample.points, new, rtol=1e-4, atol=1e-5)
 
 
+def test_fog_before_what_is_absurdly_far_away_is_as_at_the_largest_range():
+    points = torch.tensor([[1e25, 0, 0, 0.5]])
+    found = corrupt(KINDS["lidar_fog"].at(3), sample_of(points=points))
+    assert found.sample.points.isfinite().all()
+
+
 @few
 @given(seed=seeds)
 def test_the_strongest_particle_before_the_target_is_seen(seed):
@@ -142,7 +148,8 @@ def test_the_strongest_particle_before_the_target_is_seen(seed):
     found = strongest_particles(particles, HDL_64E, ranges, np.random.default_rng(seed))
     rng = np.random.default_rng(seed)
     size = 10 ** (1 / 3) * 6 / 3  # largest flake by the beam's width at 1 m, both in mm
-    reach = (0.5 * 120**2 / 0.9 * size**2) ** 0.25
+    ice = (0.3031 / 2.3031) ** 2  # what it throws back: Fresnel
+    reach = (ice * 120**2 / 0.9 * size**2) ** 0.25
     volume = math.pi / 3 * 0.0015**2 * reach**3
     counts = rng.poisson(particles.per_cubic_metre * volume, 40)
     places = reach * rng.random(counts.sum()) ** (1 / 3)
@@ -152,7 +159,7 @@ def test_the_strongest_particle_before_the_target_is_seen(seed):
         of_beam = list(zip(places, diameters, strict=True))[start : start + count]
         start += count
         best = reference.strongest_before(
-            ranges[beam], of_beam, 0.5, particles.extinction_per_m, 0.003, 0.9
+            ranges[beam], of_beam, ice, particles.extinction_per_m, 0.003, 0.9
         )
         assert found.ranges_m[beam] == pytest.approx(best[1] if best else 0)
         assert found.reflectances[beam] == pytest.approx(best[2] if best else 0)

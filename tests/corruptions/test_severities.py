@@ -108,6 +108,7 @@ def test_a_kind_stands_for_its_severities_and_can_be_left_out():
     ("ask", "said"),
     [
         (lambda: find_kind("camera_fogg"), "perhaps camera_fog or .* is meant"),
+        (lambda: find_kind("fog"), "perhaps camera_fog or lidar_fog is meant"),
         (lambda: find_kind("camera_fog").at(6), "camera_fog has severities from 1 to 5, got 6"),
         (lambda: SUITES["core"].select(["lidar_fogg-3"]), "perhaps lidar_fog-3 or"),
         (lambda: SUITES["core"].select(["lidar_fog-9"]), "perhaps lidar_fog-.* KIND-1 to KIND-5"),
@@ -118,6 +119,12 @@ def test_what_there_is_not_is_refused_with_the_nearest_names(ask, said):
     with pytest.raises(ValueError, match=said) as error:
         ask()
     assert "\n" not in str(error.value)
+
+
+def test_a_kind_that_gives_something_else_than_it_did_is_told_from_what_it_was():
+    snow = KINDS["lidar_snow"].at(1)
+    assert snow.described()["revision"] == type(snow).revision == 2
+    assert "revision" not in KINDS["lidar_beams"].at(1).described()  # as in the first records
 
 
 def test_each_corruption_can_be_recorded_and_refuses_settings_out_of_range():

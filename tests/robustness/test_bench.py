@@ -154,9 +154,14 @@ def _stops_after(count, original):
 def test_a_second_call_makes_nothing_anew_and_more_cases_extend_a_run(oracle_run, tmp_path):
     _, whole = oracle_run
     out = tmp_path / "oracle"
-    detect(out, cases=("camera_blank",))
+    detect(out, cases=("camera_dead_pixels-2", "camera_dead_pixels-3", "camera_blank"))
     few = read_record(out / "robustness.json")
-    assert list(few.cases) == ["clean", "camera_blank"]
+    assert list(few.cases) == [
+        "clean",
+        "camera_dead_pixels-2",
+        "camera_dead_pixels-3",
+        "camera_blank",
+    ]
     detect(out)
     assert contents(out) == contents(whole)
 
@@ -268,6 +273,14 @@ def test_data_without_the_part_that_a_case_breaks_are_refused_by_the_case(tmp_pa
     settings = replace(ADAPTIVE, cases=("lidar_blank",))
     report = run_bench(DEPTH, tmp_path / "data", tmp_path / "out", settings, method="adaptive")
     assert set(report.record.scores) == {"clean", "lidar_blank"}
+
+
+def test_a_lidar_without_a_camera_can_be_put_to_faults_of_its_own(tmp_path):
+    for part in ("velodyne", "calib"):
+        shutil.copytree(PACKAGED_FRAMES / "training" / part, tmp_path / "data" / "training" / part)
+    settings = replace(ADAPTIVE, cases=("lidar_blank",))
+    report = run_bench(DEPTH, tmp_path / "data", tmp_path / "out", settings, method="nearest")
+    assert report.record.scores["clean"]["rmse_mm"] > 0
 
 
 def test_what_a_frame_meets_does_not_hang_on_what_a_method_looks_at():

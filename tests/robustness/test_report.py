@@ -107,6 +107,11 @@ def test_colours_tell_what_is_left_of_scores_and_of_errors_alike():
     assert kept_share(None, 80.0, AP) is None
 
 
+def test_words_in_brackets_are_printed_as_they_are():
+    named = record_of(AP, 80.0, TABLE, data="my [red] data")
+    assert "my [red] data" in text(RobustnessReport(record=named))
+
+
 @pytest.fixture
 def two(tmp_path):
     report = report_of()
@@ -148,6 +153,9 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
         (["--data", "x"], "robustness needs a folder for the run"),
         (["--data", "x", "out", "-o", "page.html"], "--page draws two runs"),
         (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is not"),
+        (["--data", "x", "out", "--healthy", "lidar=A", "lidar=B"], "two methods of the lidar"),
+        (["out", "--compare", str(two[0]), path], "--compare reads two runs that are done"),
+        (["--data", "x", "out", "--results", "y", "--show", "1"], "no pictures are drawn"),
     ):
         try:
             status = main(["robustness", *arguments])

@@ -56,6 +56,11 @@ def evaluate_calibration(
     check_writable(json)
     if out is not None and (fit_results is None or calibrator == "all"):
         raise ValueError("--out needs --fit-results and one --calibrator, whose scores are written")
+    if fit_results is None and (calibrator != "all" or fit_labels or fit_list):
+        raise ValueError(
+            "--calibrator, --fit-labels and --fit-list say how to fit; name what to fit on as well "
+            "(--fit-results)"
+        )
     if picture is not None:
         check_replaceable(picture)
     from sightline.evaluation.calibration import (

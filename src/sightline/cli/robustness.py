@@ -67,6 +67,11 @@ def robustness(
         page: With --compare: a page (.html) that draws both.
     """
     if compare is not None:
+        if any(each is not None for each in (out_folder, data, results, weights, method)):
+            raise ValueError(
+                "--compare reads two runs that are done; leave the folder, --data, --results, "
+                "--weights and --method out"
+            )
         _compare(compare, page)
         return
     if page is not None:
@@ -107,6 +112,8 @@ def robustness(
     else:
         if method is not None or weights is not None:
             raise ValueError("--results are scored as they are; leave method and weights out")
+        if show is not None:
+            raise ValueError("of --results no pictures are drawn; leave --show out")
         report = score_results(chosen, data, results, out_folder, settings)
     deliver(report, None)
     print(*(out_folder / name for name in report.files), sep="\n")
@@ -136,5 +143,7 @@ def _by_sensor(given: tuple[str, ...]) -> "dict[Sensor, Path]":
                 f"--healthy {word} is not understood: write camera=FILE or lidar=FILE, with the "
                 "robustness.json of a method that looks at that sensor alone"
             )
+        if sensor in found:
+            raise ValueError(f"--healthy names two methods of the {sensor}; leave one out")
         found[sensor] = Path(path)
     return found

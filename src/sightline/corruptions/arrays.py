@@ -20,6 +20,8 @@ from sightline.data.faults import fault_rng
 from sightline.geometry.calibration import Calibration
 from sightline.structures.sample import CameraLidarSample
 
+_LARGEST = 1e6  # metres; beyond, float32 loses what kinds compute with
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CorruptedArrays:
@@ -59,7 +61,7 @@ def corrupt_arrays(
         severity: From 1, slight, to 5.
         image: RGB, uint8, height x width x 3. None: no camera.
         points: N x 4, floating point: x forward, y left, z up [m] and reflectance in [0, 1]. None:
-            no LiDAR.
+            no LiDAR. What is delivered is of float32.
         image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
             KITTI's P2; of an intrinsic matrix K, K with a column of zeros.
         camera_from_lidar: 4 x 4, rigid.
@@ -76,18 +78,17 @@ def corrupt_arrays(
     corruption = find_kind(kind).at(severity, lidar)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    if image is None and image_size is None:
-        raise ValueError("without an image, image_size (height, width) is needed")
+    size = _image_size(image, image_size)
     sample = CameraLidarSample(
         sample_id=name,
         calibration=Calibration(
             image_from_camera=_matrix("image_from_camera", image_from_camera, (3, 4)),
             camera_from_lidar=_matrix("camera_from_lidar", camera_from_lidar, (4, 4)),
         ),
-        image_size=_image_size(image, image_size),
+        image_size=size,
         image=None if image is None else _image(image),
         points=None if points is None else _points(points),
-        depth=None if depth is None else _depth(depth),
+        depth=None if depth is None else _depth(depth, size),
     )
     return _arrays(corruption.corrupt(sample, fault_rng(sample, seed, corruption.kind)))
 
@@ -96,7 +97,11 @@ def _image_size(
     image: Shaped[np.ndarray, "..."] | None, size: tuple[int, int] | None
 ) -> tuple[int, int]:
     if image is None:
-        assert size is not None, "checked before"
+        if size is None or len(size) != 2 or min(size) < 1:
+            raise ValueError(
+                "without an image, image_size (height, width, each at least 1) is needed; got "
+                f"{size}"
+            )
         return size
     found = (image.shape[0], image.shape[1]) if image.ndim == 3 else (0, 0)
     if size not in (None, found):
@@ -112,17 +117,36 @@ def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height wi
 
 def _points(points: Shaped[np.ndarray, "..."]) -> Float[torch.Tensor, "num_points 4"]:
     is_table = points.ndim == 2 and points.shape[1] == 4
-    if not (is_table and np.issubdtype(points.dtype, np.floating) and np.isfinite(points).all()):
+    if not (is_table and np.issubdtype(points.dtype, np.floating)):
         raise ValueError(
-            f"points must be finite floating-point numbers, N x 4 (x, y, z, reflectance); got "
+            f"points must be floating-point numbers, N x 4 (x, y, z, reflectance); got "
             f"{_said(points)}"
+        )
+    if not (np.abs(points) <= _LARGEST).all():  # written so that NaN is refused, too
+        raise ValueError(
+            f"points must be finite and at most {_LARGEST:g}; row "
+            f"{int(np.flatnonzero(~(np.abs(points) <= _LARGEST).all(axis=1))[0])} is not: leave "
+            "such points out"
+        )
+    reflectances = points[:, 3]
+    if len(points) and not 0 <= reflectances.min() <= reflectances.max() <= 1:
+        raise ValueError(
+            f"reflectances (column 3 of points) must be from 0 to 1, got {reflectances.min():g} to "
+            f"{reflectances.max():g}; divide by the sensor's full scale, 255 say"
         )
     return torch.from_numpy(points.astype(np.float32))
 
 
-def _depth(depth: Shaped[np.ndarray, "..."]) -> Float[torch.Tensor, "height width"]:
-    if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
-        raise ValueError(f"depth must be floating point, height x width; got {_said(depth)}")
+def _depth(
+    depth: Shaped[np.ndarray, "..."], size: tuple[int, int]
+) -> Float[torch.Tensor, "height width"]:
+    if not np.issubdtype(depth.dtype, np.floating) or depth.shape != tuple(size):
+        raise ValueError(
+            f"depth must be floating point, height x width as the image, {size[0]} x {size[1]}; "
+            f"got {_said(depth)}"
+        )
+    if not (depth >= 0).all():
+        raise ValueError("depth must not be negative or NaN: metres, 0 where it is unknown")
     return torch.from_numpy(depth.astype(np.float32))
 
 

@@ -86,6 +86,7 @@ class CameraRain(_CameraPrecipitation):
     """
 
     kind = "camera_rain"
+    revision = 2
     drawn_m = _RAIN_DRAWN_M
 
     def particles(self) -> Precipitation:
@@ -98,6 +99,7 @@ class CameraSnow(_CameraPrecipitation):
     """Snow: a veil, and flakes that sink at 1 m/s, sizes by Gunn and Marshall 1958; see `fall`."""
 
     kind = "camera_snow"
+    revision = 2
     drawn_m = _SNOW_DRAWN_M
 
     def particles(self) -> Precipitation:

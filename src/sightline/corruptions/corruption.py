@@ -1,9 +1,10 @@
 """What every kind of corruption is: a fault of sensors that tells what it did, and where."""
 
+import json
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -75,12 +76,21 @@ class Corruption(Fault):
     """Name, which also keeps its random numbers apart from other kinds'."""
     sensors: ClassVar[tuple[Sensor, ...]]
     """What it changes; all other parts of a sample stay."""
+    revision: ClassVar[int] = 1
+    """Raised where the same settings and draws have come to give something else."""
     leaves_nothing: ClassVar[bool] = False
     """Whether nothing of the scene is left where the masks say, or only less."""
 
     def __str__(self) -> str:
         """The kind."""
         return self.kind.replace("_", " ")
+
+    def described(self) -> dict[str, object]:
+        """All that what it does depends on, as JSON has it: what records and manifests hold."""
+        revision = {"revision": self.revision} if self.revision > 1 else {}
+        described: dict[str, object]
+        described = json.loads(json.dumps({"kind": self.kind, **revision, **asdict(self)}))
+        return described
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
         """The sample as the faulty sensors take it; as it is where they are absent already."""

@@ -1,7 +1,7 @@
 """Corrupted data sets on disk: resumable, in parallel, the same bytes whatever happens."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -69,6 +69,7 @@ def corrupt_dataset(
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     dataset = _open(data, sample_list, velodyne)
     _check_apart(dataset.root, out, asked)
+    velodyne = dataset.velodyne
     originals = list_object_frames(dataset.root / dataset.split, PARTS, velodyne)
     _check_parts(dataset, originals, asked)
     trees = [
@@ -120,7 +121,7 @@ def _open(
     data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
 ) -> KittiObjectDataset:
     parts: tuple[Part, ...] = ("image", "points", "objects")
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts, needs=())
     if not isinstance(dataset, KittiObjectDataset):
         raise ValueError(
             f"{data} is another data set of KITTI's, expected an object tree; name a folder that "
@@ -163,8 +164,5 @@ def case_settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[
         "velodyne": dataset.velodyne,
         "suite": suite.name,
         "seed": seed,
-        "cases": {
-            case.name: {"kind": case.corruption.kind, **asdict(case.corruption)}
-            for case in suite.cases
-        },
+        "cases": {case.name: case.corruption.described() for case in suite.cases},
     }

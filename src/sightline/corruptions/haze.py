@@ -31,6 +31,7 @@ class CameraFog(CameraCorruption):
     """Homogeneous fog, the thicker the farther things are; distances are by `scene_ranges`."""
 
     kind = "camera_fog"
+    revision = 2
 
     visibility_m: float
     """Meteorological optical range: where a contrast of 5 % is left."""

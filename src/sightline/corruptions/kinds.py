@@ -74,8 +74,8 @@ class Kind:
             ValueError: There is no such severity.
         """
         if severity not in SEVERITIES:
-            raise ValueError(f"{self.name} has severities from 1 to 5, got {severity}")
-        return self.make(tuple(map(float, self.levels[severity - 1])), lidar)
+            raise ValueError(f"{self.name} has severities from 1 to 5, got {severity!r}")
+        return self.make(tuple(map(float, self.levels[int(severity) - 1])), lidar)
 
     def said(self, severity: int) -> str:
         """The level of a severity in words."""
@@ -108,7 +108,8 @@ def unknown(
         known: All names that there are.
         listed: What is said of them all. None: they themselves.
     """
-    close = difflib.get_close_matches(name, known, n=2, cutoff=_LIKENESS)
+    holding = [each for each in known if name and name in each]
+    close = difflib.get_close_matches(name, known, n=2, cutoff=_LIKENESS) or holding[:2]
     meant = f"perhaps {' or '.join(close)} is meant; " if close else ""
     return f"{problem} '{shortened(name)}'; {meant}name one of {', '.join(listed or known)}"
 

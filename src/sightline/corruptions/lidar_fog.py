@@ -100,7 +100,7 @@ class FogResponse(NamedTuple):
         reflectances: Float64[np.ndarray, " num_points"],
     ) -> tuple[Float64[np.ndarray, " num_points"], Float64[np.ndarray, " num_points"]]:
         """Reflectance that the fog before each target seems to have, and its range [m]."""
-        places = np.minimum((ranges_m / self.step_m).astype(np.int64), len(self.strongest) - 1)
+        places = np.minimum(ranges_m / self.step_m, len(self.strongest) - 1).astype(np.int64)
         seeming = reflectances * ranges_m**2 * self.backscatter_ratio * self.strongest[places]
         return seeming, self.ranges_m[places]
 

@@ -66,6 +66,7 @@ class LidarSnow(_LidarPrecipitation):
     """Snow: as rain, with larger and whiter particles; see `fall_before`."""
 
     kind = "lidar_snow"
+    revision = 2
 
     def particles(self) -> Precipitation:
         """Snow of that rate."""

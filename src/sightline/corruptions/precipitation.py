@@ -9,6 +9,8 @@ from jaxtyping import Float64
 
 _SMALLEST_MM: Final = 0.5  # melted; smaller ones are counted by their extinction alone
 _SNOW_DENSITY: Final = 0.1  # of water's
+_WATER: Final = 1.328  # refractive index at 905 nm
+_ICE: Final = 1.3031
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -58,24 +60,32 @@ class Precipitation:
 
 
 def rain(rate_mm_per_h: float) -> Precipitation:
-    """Marshall and Palmer 1948, eq. 1 and 3; drops throw back what water does (Fresnel)."""
+    """Marshall and Palmer 1948, eq. 1 and 3; drops throw back what water does."""
     return Precipitation(
         intercept=8000.0,
         slope_per_mm=4.1 * rate_mm_per_h**-0.21,
         swelling=1.0,
-        reflectance=((1.328 - 1) / (1.328 + 1)) ** 2,
+        reflectance=_fresnel(_WATER),
         final_speed_mps=9.65,
         slowing_mps=10.3,
     )
 
 
 def snow(rate_mm_per_h: float) -> Precipitation:
-    """Gunn and Marshall 1958, for the rate of the melted snow; flakes a tenth as dense as water."""
+    """Gunn and Marshall 1958, for the rate of the melted snow; flakes a tenth as dense as water.
+
+    They throw back what ice does, as Kilic et al. 2021 have it.
+    """
     return Precipitation(
         intercept=3800.0 * rate_mm_per_h**-0.87,
         slope_per_mm=2.55 * rate_mm_per_h**-0.48,
         swelling=_SNOW_DENSITY ** (-1 / 3),
-        reflectance=0.5,
+        reflectance=_fresnel(_ICE),
         final_speed_mps=1.0,
         slowing_mps=0.0,
     )
+
+
+def _fresnel(refractive_index: float) -> float:
+    """Share of the light that a surface throws back which it meets upright: Fresnel."""
+    return ((refractive_index - 1) / (refractive_index + 1)) ** 2

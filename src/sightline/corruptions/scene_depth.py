@@ -4,20 +4,19 @@ from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Float32, UInt8
 from torch import Tensor
 
+from sightline.corruptions.sky import sky_mask
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample
 
 _DENSE_SHARE = 0.5  # of the pixels below the horizon: with more of them a depth map is dense
-_BESIDE_PX = 6.0  # of a measurement: nearer, what looks like sky is a wall or a car
-_BLUER = 1.15  # blue by red of a blue sky, at least
-_WHITE_LEVEL = 225  # of an overexposed one
 _WINDOW_PX = 15
 _SMOOTH_LEVELS = 12.0  # of the guide, whose smaller changes are no edges
+_SILENT_M = 100.0  # at least so far is what had no echo and is no sky
 _NEVER_M = 1e6  # the sky
 
 
@@ -35,11 +34,12 @@ def scene_ranges(sample: CameraLidarSample) -> SceneRanges:
 
     Of a dense depth map, where the sample has one: what it does not know is sky. Else of the sweep
     (with the measured pixels of a sparse depth map): each pixel has the inverse depth of the
-    nearest measured one. Above the horizon it is sky where that one is below, as a LiDAR that looks
-    up a little has had no echo there, and where the image, beside all measurements, is blue or
-    white as the sky is. Edges then follow the image's: a guided filter, He et al. 2010, as
-    Sakaridis et al. 2018 use it on the transmittance. Without any measurement, of a flat road
-    below the horizon. Takes about 20 ms; surfaces end within some pixels of where they do.
+    nearest measured one. What is above the horizon but nearest to one below it is silent: a LiDAR
+    that looks up a little has had no echo there, so it is at least 100 m away. What looks like sky
+    (`sky_mask`) is; without an image, all that is silent. Edges then follow the image's: a guided
+    filter, He et al. 2010, as Sakaridis et al. 2018 use it on the transmittance. Without any
+    measurement, of a flat road below the horizon. Takes about 30 ms; surfaces end within some
+    pixels of where they do.
     """
     height, width = sample.image_size
     known = np.zeros((height, width), dtype=np.float32)
@@ -74,7 +74,7 @@ def _filled(
     image: UInt8[Tensor, "3 height width"] | None,
 ) -> Float32[np.ndarray, "height width"]:
     is_known = known_m > 0
-    distance_px, labels = cv2.distanceTransformWithLabels(
+    _, labels = cv2.distanceTransformWithLabels(
         (~is_known).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )
     rows, columns = np.nonzero(is_known)
@@ -85,24 +85,17 @@ def _filled(
     inverse_of[of_known] = 1 / known_m[rows, columns]
     inverse = inverse_of[labels]
     above = slice(0, horizon)
-    is_sky = row_of[labels[above]] > horizon
-    if image is not None:
-        is_sky |= _sky_colored(image.numpy()[:, above]) & (distance_px[above] > _BESIDE_PX)
-    inverse[above][is_sky] = 0
+    is_silent = row_of[labels[above]] > horizon
+    if image is None:
+        inverse[above][is_silent] = 0
+    else:
+        far = np.minimum(inverse[above][is_silent], np.float32(1 / _SILENT_M))
+        inverse[above][is_silent] = far
+        inverse[above][sky_mask(image.numpy()[:, above], is_known[above], is_silent)] = 0
     guide = inverse if image is None else image.numpy().max(axis=0).astype(np.float32)
     inverse = _guided(inverse, guide)
     depth_m: Float32[np.ndarray, "height width"] = 1 / np.maximum(inverse, np.float32(1 / _NEVER_M))
     return depth_m.astype(np.float32, copy=False)
-
-
-def _sky_colored(
-    planes: UInt8[np.ndarray, "3 height width"],
-) -> Bool[np.ndarray, "height width"]:
-    red, green, blue = planes.astype(np.int16)
-    is_blue = (blue > _BLUER * red) & (blue >= green)
-    is_white = planes.min(axis=0) >= _WHITE_LEVEL
-    is_sky: Bool[np.ndarray, "height width"] = is_white | is_blue
-    return is_sky
 
 
 def _guided(

@@ -174,7 +174,7 @@ def run_bench(
     for folder, predictor in zip(folders, predictors, strict=True):
         claim = claim_of(setting, suite, predictor.name, predictor.made_by) | {"shown": shown}
         claim_folder(folder, claim, results=(f"{_ANSWERS}/*",))
-    drawer = ExampleDrawer(out=out, frame=shown, cases=infos, scoring=scoring)
+    drawer = ExampleDrawer(out=out, frame=shown, scoring=scoring)
     asked = [
         Asked(
             predictor=predictor,

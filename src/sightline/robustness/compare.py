@@ -41,8 +41,9 @@ class Comparison:
     def table(self) -> "Group":
         """The tables for a terminal."""
         from rich.console import Group
+        from rich.text import Text
 
-        head = f"{setting_text(self.first)}; and by {self.second.method}"
+        head = Text(f"{setting_text(self.first)}; and by {self.second.method}")
         return Group(head, *(rich_table(each) for each in self.tables()))
 
     def to_json(self) -> dict[str, object]:

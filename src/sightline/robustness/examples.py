@@ -24,19 +24,16 @@ class Example(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ExampleDrawer:
-    """Draws the answers to one frame: without a fault, and at the middle severity of each kind."""
+    """Draws the answers to one frame in every case: which one is shown, all of a run decide."""
 
     out: Path
     """Folder of the run."""
     frame: str
-    cases: Mapping[str, CaseInfo]
     scoring: Scoring
 
     def __call__(self, case: Case, answered: Answered) -> None:
-        """Draws, where it is the frame and a case to show."""
-        if answered.posed.sample.sample_id != self.frame or case.name not in shown_cases(
-            self.cases
-        ):
+        """Draws, where it is the frame."""
+        if answered.posed.sample.sample_id != self.frame:
             return
         for number, panel in enumerate(self.scoring.draw(answered, _WIDTH_PX)):
             name = f"{number}_{panel.caption.replace(' ', '_')}.jpg"

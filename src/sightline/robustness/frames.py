@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import Case
@@ -11,6 +11,7 @@ from sightline.data.jobs import data_name
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.recording import RecordingDataset
 
 _DELIVERED: Final[dict[Sensor, Part]] = {"camera": "image", "lidar": "points"}
 _SEEN_BY_KINDS: Final[tuple[Part, ...]] = ("image", "points", "objects")
@@ -43,7 +44,11 @@ def open_frames(
     """
 
     def opened(wanted: Collection[Part]) -> SampleDataset:
-        return open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=wanted)
+        given: dict[str, Any] = {"sample_list": sample_list, "velodyne": velodyne, "parts": wanted}
+        dataset = open_dataset(data, **given, needs=wanted)
+        if isinstance(dataset, KittiObjectDataset | RecordingDataset):
+            return dataset
+        return open_dataset(data, **given)  # without gaps: where they are, nothing tells
 
     needed: set[Part] = set(parts)
     dataset = opened(needed)

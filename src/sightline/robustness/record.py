@@ -32,19 +32,18 @@ class CaseInfo:
     sensors: tuple[Sensor, ...]
     """Those that are broken."""
     parameters: Mapping[str, object]
-    """What the corruption draws from; plain values, as JSON has them."""
+    """See `Corruption.described`."""
 
 
 def describe_case(case: Case) -> CaseInfo:
     """What reports say of a suite's case."""
-    drawn_from = {"kind": case.corruption.kind, **asdict(case.corruption)}
     suffix = "" if case.severity is None else f"-{case.severity}"
     return CaseInfo(
         title=case.title,
         kind=case.name.removesuffix(suffix),
         severity=case.severity,
         sensors=case.corruption.sensors,
-        parameters=json.loads(json.dumps(drawn_from)),
+        parameters=case.corruption.described(),
     )
 
 

@@ -67,8 +67,10 @@ class RobustnessReport:
     def table(self) -> "Group":
         """The tables for a terminal."""
         from rich.console import Group
+        from rich.text import Text
 
-        return Group(setting_text(self.record), *(rich_table(each) for each in self.tables()))
+        head = Text(setting_text(self.record))
+        return Group(head, *(rich_table(each) for each in self.tables()))
 
     def markdown(self) -> str:
         """The tables as Markdown."""
@@ -107,13 +109,16 @@ def _named(record: Record) -> dict[str, object]:
 
 
 def rich_table(table: TextTable) -> "Table":
-    """A table for a terminal."""
+    """A table for a terminal; its words are no markup."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
+    from rich.text import Text
 
-    drawn = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    drawn = Table(
+        title=Text(table.title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
     for number, name in enumerate(table.header):
-        drawn.add_column(name, justify="right" if number else "left", no_wrap=True)
+        drawn.add_column(Text(name), justify="right" if number else "left", no_wrap=True)
     for row in table.rows:
-        drawn.add_row(*row)
+        drawn.add_row(*map(Text, row))
     return drawn
