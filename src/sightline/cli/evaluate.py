@@ -7,6 +7,7 @@ there, and would import what measures to answer `--help`.
 from pathlib import Path
 from typing import Literal
 
+from sightline.cli.object_plots import write_object_plots
 from sightline.cli.parser import Device
 from sightline.cli.report import check_writable, deliver
 from sightline.data.object_tree import Velodyne
@@ -27,6 +28,7 @@ def objects_command(
     json: Path | None = None,
     csv: Path | None = None,
     markdown: Path | None = None,
+    plots: Path | None = None,
 ) -> None:
     """Scores result files exactly as KITTI's official object evaluation does.
 
@@ -44,8 +46,11 @@ def objects_command(
         json: File for the whole report.
         csv: File for the scores, a line for each class, metric, difficulty and band.
         markdown: File for the same as a table.
+        plots: Folder for pictures of precision over recall, one for each class, metric and band,
+            with a curve for each difficulty.
     """
-    for path in (json, csv, markdown):
+    some_plot = None if plots is None else plots / "plot.png"
+    for path in (json, csv, markdown, some_plot):
         check_writable(path)
     from sightline.evaluation.kitti_object import evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
@@ -64,6 +69,8 @@ def objects_command(
     )
     deliver(report, json)
     write_object_rows(report, csv=csv, markdown=markdown)
+    if plots is not None:
+        print(f"{plots}: {write_object_plots(report, plots)} pictures")
 
 
 def proposals_command(
