@@ -10,6 +10,10 @@ from hypothesis import settings
 # threads only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+# Networks run by PyTorch where no engine is named: to convert them for another takes ten seconds
+# each. What another gives is tested in tests/export, and each task's own test_export.
+os.environ["SIGHTLINE_ENGINE"] = "torch"
+
 # No deadline: compiling a kernel and the first call of a library take long and prove nothing.
 # The check takes the same examples each time; elsewhere new ones are drawn.
 settings.register_profile(

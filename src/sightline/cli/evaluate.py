@@ -7,12 +7,13 @@ there, and would import what measures to answer `--help`.
 from pathlib import Path
 from typing import Literal
 
+from sightline.cli.engine import tell_engine
 from sightline.cli.object_plots import write_object_plots
 from sightline.cli.parser import Device
 from sightline.cli.report import check_writable, deliver
 from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice
 
 
 def objects_command(
@@ -129,7 +130,7 @@ def held_out_command(
     *,
     method: Method | None = None,
     weights: str | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "auto",
     device: Device = "cpu",
     beams: tuple[int, ...] | None = None,
     truth: Literal["rings", "depth", "depth_in_reach"] = "rings",
@@ -144,7 +145,8 @@ def held_out_command(
         method: How depth is completed without a network.
         weights: The network: name of weights that come with Sightline (depth-best,
             depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
-        engine: What runs the network.
+        engine: What runs the network: by default (auto) openvino where it is installed, on the CPU,
+            and else torch.
         device: Where PyTorch runs the network.
         beams: How many of the sensor's beams the method gets, one or several numbers. Default:
             all, half, a quarter and an eighth of them.
@@ -161,6 +163,7 @@ def held_out_command(
     from sightline.evaluation.held_out import evaluate_held_out
 
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
+    tell_engine(engine, completer.made_by.get("engine"))
     parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     samples = (dataset[index] for index in range(len(dataset)))
