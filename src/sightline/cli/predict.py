@@ -108,7 +108,7 @@ def _run(
         device=device,
         threads=1,  # of each worker; of several threads PyTorch gives other last digits
     )
-    tell_engine(engine, predictor.made_by.get("engine"))
+    tell_engine(engine, predictor.made_by.get("engine"), device)
     further = [output.name for output in task.outputs[1:]]
     result = predict(
         task,

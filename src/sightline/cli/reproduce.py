@@ -56,7 +56,7 @@ def reproduce_shiftconv(
         sample_list=sample_list,
         velodyne=velodyne,
     )
-    tell_engine(engine, choose_engine(engine, device))
+    tell_engine(engine, choose_engine(engine, device), device)
     deliver(report, json)
 
 
@@ -150,7 +150,7 @@ def reproduce_dgfn(
         velodyne=velodyne,
         workers=workers,
     )
-    tell_engine(engine, choose_engine(engine, device))
+    tell_engine(engine, choose_engine(engine, device), device)
     deliver(report, json)
     if figures is not None:
         print(figures / GATE_MEANS, figures / GATE_MAPS, sep="\n")

@@ -106,7 +106,7 @@ def robustness(
             engine=engine,
             device=device,
         )
-        tell_engine(engine, report.record.made_by.get("engine"))
+        tell_engine(engine, report.record.made_by.get("engine"), device)
     else:
         if method is not None or weights is not None:
             raise ValueError("--results are scored as they are; leave method and weights out")

@@ -15,7 +15,7 @@ _NEEDED: Final = ("openvino", "onnx", "onnxscript")
 def choose_engine(choice: EngineChoice, device: str = "cpu") -> EngineName:
     """The engine that a choice means.
 
-    `auto` is OpenVINO where the extra `export` is installed, about three times as fast as PyTorch
+    `auto` is OpenVINO where the extra `export` is installed, two to three times as fast as PyTorch
     on a CPU, and PyTorch elsewhere and on other devices; or what the environment variable
     SIGHTLINE_ENGINE names, where it is set.
 
@@ -25,11 +25,12 @@ def choose_engine(choice: EngineChoice, device: str = "cpu") -> EngineName:
     if choice != "auto":
         return choice
     if named := os.environ.get(VARIABLE):
-        found = next((name for name in get_args(EngineName) if name == named), None)
+        engines: tuple[EngineName, ...] = get_args(EngineName)
+        found = next((name for name in engines if name == named), None)
         if found is None:
             raise ValueError(
                 f"the environment variable {VARIABLE} is {named!r}, which is no engine; set it to "
-                f"one of {', '.join(get_args(EngineName))}, or leave it unset"
+                f"one of {', '.join(engines)}, or leave it unset"
             )
         return found
     return "openvino" if device == "cpu" and has_openvino() else "torch"

@@ -95,7 +95,7 @@ def _digest(graph: ExportGraph) -> str:
     tensors = dict(graph.module.named_parameters()) | dict(graph.module.named_buffers())
     for name, tensor in tensors.items():
         made_from.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode() + b"\0")
-        made_from.update(tensor.detach().cpu().flatten().view(torch.uint8).numpy())
+        made_from.update(tensor.detach().cpu().flatten().view(torch.uint8).numpy().tobytes())
     return made_from.hexdigest()
 
 
