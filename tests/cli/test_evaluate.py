@@ -57,5 +57,21 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(folders, t
     file.write_text("")
     assert main(["evaluate", "objects", *folders, "--plots", str(file)]) == 2
     told = capsys.readouterr()
-    assert str(file) in told.err
+    assert f"{file} is no folder: {file} is a file; name another folder" in told.err
     assert not told.out
+
+
+def test_files_never_replace_each_other_or_what_is_scored(folders, tmp_path, capsys):
+    same = str(tmp_path / "same")
+    assert main(["evaluate", "objects", *folders, "--csv", same, "--markdown", same]) == 2
+    assert f"--csv and --markdown both name {same}" in capsys.readouterr().err
+    for folder in folders:
+        result = Path(folder) / "000000.txt"
+        before = result.read_bytes()
+        assert main(["evaluate", "objects", *folders, "--json", str(result)]) == 2
+        assert "one of the files that are to be scored" in capsys.readouterr().err
+        assert result.read_bytes() == before
+    beside = Path(folders[0]) / "objects.json"
+    for _ in range(2):  # a report beside them may be written anew
+        command = ["evaluate", "objects", *folders, "--missing-as-empty"]
+        assert main([*command, "--json", str(beside)]) == 0

@@ -10,7 +10,7 @@ from typing import Literal
 from sightline.cli.engine import tell_engine
 from sightline.cli.object_plots import write_object_plots
 from sightline.cli.parser import Device
-from sightline.cli.report import check_writable, deliver
+from sightline.cli.report import check_places, check_writable, check_writable_folder, deliver
 from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineChoice
@@ -50,9 +50,9 @@ def objects_command(
         plots: Folder for pictures of precision over recall, one for each class, metric and band,
             with a curve for each difficulty.
     """
-    some_plot = None if plots is None else plots / "plot.png"
-    for path in (json, csv, markdown, some_plot):
-        check_writable(path)
+    places = {"--json": json, "--csv": csv, "--markdown": markdown}
+    check_places(places, scored=(results, labels))
+    check_writable_folder(plots)
     from sightline.evaluation.kitti_object import evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
     from sightline.evaluation.object_rows import write_object_rows
@@ -94,7 +94,7 @@ def proposals_command(
         max_proposals: Only so many of a frame, those of the highest score.
         json: File for the whole report.
     """
-    check_writable(json)
+    check_places({"--json": json}, scored=(results, labels))
     from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 
     report = evaluate_proposals(
@@ -119,7 +119,7 @@ def depth_command(
         workers: Threads that read and score.
         json: File for the whole report.
     """
-    check_writable(json)
+    check_places({"--json": json}, scored=(predictions, truth))
     from sightline.evaluation.depth import evaluate_depth
 
     deliver(evaluate_depth(predictions, truth, workers=workers), json)
@@ -163,7 +163,7 @@ def held_out_command(
     from sightline.evaluation.held_out import evaluate_held_out
 
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
-    tell_engine(engine, completer.made_by.get("engine"))
+    tell_engine(engine, completer.made_by.get("engine"), device)
     parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     samples = (dataset[index] for index in range(len(dataset)))

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sightline.evaluation.object_report import ObjectReport
+    from sightline.structures.precision_recall import PrecisionRecall
 
 
 def write_object_plots(report: "ObjectReport", folder: Path) -> int:
@@ -33,7 +34,7 @@ def write_object_plots(report: "ObjectReport", folder: Path) -> int:
     for band, entries in parts:
         keys = dict.fromkeys((entry.class_name, entry.metric) for entry in entries)
         for class_name, metric in keys:
-            curves = {
+            curves: dict[str, PrecisionRecall] = {
                 entry.difficulty: entry.curve()
                 for entry in entries
                 if (entry.class_name, entry.metric) == (class_name, metric)
