@@ -22,6 +22,12 @@ settings.register_profile(
 settings.load_profile("sightline")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Converted networks are kept where nothing of an earlier run is found."""
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+
+
 @pytest.fixture(scope="session")
 def kitti_root() -> Path:
     """The folder of real KITTI frames; tests that need it are skipped where there is none."""
