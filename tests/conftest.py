@@ -10,12 +10,22 @@ from hypothesis import settings
 # threads only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+# Networks run by PyTorch where no engine is named: to convert them for another takes ten seconds
+# each. What another gives is tested in tests/export, and each task's own test_export.
+os.environ["SIGHTLINE_ENGINE"] = "torch"
+
 # No deadline: compiling a kernel and the first call of a library take long and prove nothing.
 # The check takes the same examples each time; elsewhere new ones are drawn.
 settings.register_profile(
     "sightline", deadline=None, print_blob=True, derandomize=bool(os.environ.get("CI"))
 )
 settings.load_profile("sightline")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Converted networks are kept where nothing of an earlier run is found."""
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
 
 
 @pytest.fixture(scope="session")

@@ -86,9 +86,9 @@ def test_what_scores_does_not_wait_for_libraries_that_it_does_not_need(module, u
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["chekc"], "invalid choice: 'chekc'"),
-        (["check"], "required: check.data"),
-        (["check", "DATA", "--workers", "two"], "Got value: two"),
+        (["chekc"], "there is no command chekc; name one of demo, "),
+        (["check"], "check needs DATA; see sightline check --help"),
+        (["check", "DATA", "--workers", "two"], "--workers: expected a whole number, got two"),
         (["evaluate", "held-out", "DATA", "--method", "magic"], "magic"),
         (["evaluate", "held-out", "DATA", "--beams", "many"], "beams"),
         (["evaluate", "held-out", "DATA", "--engine", "steam"], "steam"),

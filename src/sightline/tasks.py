@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from sightline.detection2d import registration as detection2d
     from sightline.detection3d import registration as detection3d
     from sightline.export.graph import ExportGraph
-    from sightline.export.names import EngineName
+    from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
-    from sightline.inference.predictor import Output, Predictor
+    from sightline.inference.predictor import Output, Predictor, Switch
     from sightline.robustness.scoring import Scoring
     from sightline.structures.sample import CameraLidarSample
 
@@ -76,6 +76,11 @@ class Task(Protocol):
         """What is written of an answer; the first always, the others where asked for."""
         ...
 
+    @property
+    def switches(self) -> "tuple[Switch, ...]":
+        """How else answers may be written."""
+        ...
+
     def config_type(self) -> type[Any]:
         """The dataclass of the network's settings."""
         ...
@@ -93,7 +98,7 @@ class Task(Protocol):
         *,
         method: str | None = None,
         weights: str | Path | None = None,
-        engine: "EngineName" = "torch",
+        engine: "EngineChoice" = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Predictor":
@@ -169,7 +174,7 @@ def choose_task(name: str | None, weights: str | Path | None) -> Task:
 def load(
     weights: str | Path,
     *,
-    engine: "EngineName" = "torch",
+    engine: "EngineChoice" = "auto",
     device: str = "cpu",
     threads: int | None = None,
 ) -> "Predictor":
@@ -185,7 +190,10 @@ def load(
     Args:
         weights: Name of weights that come with the package (`sightline tasks` lists them), or a
             file (.safetensors, .ckpt).
-        engine: What runs the network: torch, onnxruntime or openvino.
+        engine: What runs the network: torch, onnxruntime, openvino, or auto, which takes openvino
+            where it is installed, on the CPU, and else torch. For openvino and onnxruntime weights
+            are converted when they are first loaded, which takes some ten seconds, and kept in the
+            user's cache folder.
         device: cpu or cuda, where PyTorch runs it.
         threads: Of the CPU; None: the engine's own choice.
 

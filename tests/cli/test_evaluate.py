@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -21,13 +22,56 @@ def test_scores_by_distance_go_to_people_and_to_files(folders, tmp_path, capsys)
         word for pair in zip(("--json", "--csv", "--markdown"), files, strict=True) for word in pair
     ]
     command = ["evaluate", "objects", *folders, "--missing-as-empty", "--by-distance", "10", "20.5"]
-    assert main([*command, *options]) in (0, None)
+    plots = tmp_path / "plots"
+    assert main([*command, *options, "--plots", str(plots)]) in (0, None)
     told = capsys.readouterr().out
     assert all(band in told for band in ("0-10 m", "10-20.5 m", "20.5 m on"))
-    assert "1 frames had no result file" in told
+    assert "1 frame had no result file" in told
     assert all((tmp_path / name).stat().st_size > 100 for name in files)
+    assert f"{plots}: 12 pictures" in told
+    bands = ("", "_0-10_m", "_10-20.5_m", "_20.5_m_on")
+    names = {f"Car_{metric}{band}.png" for metric in ("bbox", "bev", "3d") for band in bands}
+    assert {path.name for path in plots.iterdir()} == names
+
+
+def test_a_table_says_that_few_objects_cannot_fill_the_recall_positions(folders, capsys):
+    assert main(["evaluate", "objects", *folders, "--missing-as-empty"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "2 of Car, easy, found without a fault give R40 2.5" in told
+
+
+def test_pictures_of_nothing_are_refused(folders, tmp_path, capsys):
+    for path in Path(folders[0]).iterdir():
+        path.write_text("")
+    plots = tmp_path / "plots"
+    options = ["--missing-as-empty", "--plots", str(plots)]
+    assert main(["evaluate", "objects", *folders, *options]) == 2
+    assert "nothing to draw: leave --plots out" in capsys.readouterr().err
+    assert not plots.exists()
 
 
 def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(folders, tmp_path, capsys):
     assert main(["evaluate", "objects", *folders, "--csv", str(tmp_path)]) != 0
     assert str(tmp_path) in capsys.readouterr().err
+    file = tmp_path / "file"
+    file.write_text("")
+    assert main(["evaluate", "objects", *folders, "--plots", str(file)]) == 2
+    told = capsys.readouterr()
+    assert f"{file} is no folder: {file} is a file; name another folder" in told.err
+    assert not told.out
+
+
+def test_files_never_replace_each_other_or_what_is_scored(folders, tmp_path, capsys):
+    same = str(tmp_path / "same")
+    assert main(["evaluate", "objects", *folders, "--csv", same, "--markdown", same]) == 2
+    assert f"--csv and --markdown both name {same}" in capsys.readouterr().err
+    for folder in folders:
+        result = Path(folder) / "000000.txt"
+        before = result.read_bytes()
+        assert main(["evaluate", "objects", *folders, "--json", str(result)]) == 2
+        assert "one of the files that are to be scored" in capsys.readouterr().err
+        assert result.read_bytes() == before
+    beside = Path(folders[0]) / "objects.json"
+    for _ in range(2):  # a report beside them may be written anew
+        command = ["evaluate", "objects", *folders, "--missing-as-empty"]
+        assert main([*command, "--json", str(beside)]) == 0

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from sightline.cli import main as cli
+from sightline.data.depth_png import read_depth_png
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 
@@ -26,3 +27,18 @@ def test_depth_maps_are_the_same_bytes_for_any_number_of_workers(tmp_path: Path)
     for one in sorted((tmp_path / "1").glob("*.png")):
         assert one.read_bytes() == (tmp_path / "2" / one.name).read_bytes(), one.name
     assert len(list((tmp_path / "1").glob("*.png"))) == 2
+
+
+def test_valid_only_writes_depth_where_the_method_vouches_for_it(tmp_path: Path):
+    words = ["predict", "depth-completion", str(PACKAGED_FRAMES)]
+    options = ["--method", "adaptive", "--workers", "1"]
+    assert cli.main([*words, str(tmp_path / "all"), *options]) == 0
+    assert cli.main([*words, str(tmp_path / "valid"), *options, "--valid-only"]) == 0
+    for path in (tmp_path / "all").glob("*.png"):
+        everywhere, kept = (
+            read_depth_png(tmp_path / name / path.name) for name in ("all", "valid")
+        )
+        assert (everywhere > 0).all()
+        assert 0.5 < (kept > 0).mean() < 0.95
+        assert (kept[kept > 0] == everywhere[kept > 0]).all()
+        assert not kept[:20].any()  # the sky

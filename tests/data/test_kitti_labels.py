@@ -106,6 +106,11 @@ def test_a_bad_label_line_names_file_line_field_and_remedy(data, message):
     assert "\n" not in str(caught.value)
 
 
+def test_fields_parted_by_commas_are_told_so():
+    with pytest.raises(ValueError, match=r"line 1 has 1 fields, .*; part fields by spaces, wit"):
+        results(RESULT.replace(b" ", b","))
+
+
 def test_a_result_line_without_score_says_so():
     with pytest.raises(ValueError, match=r"line 2 has 15 fields, but a result has 16; add score"):
         results(RESULT + b"\n" + LABEL)

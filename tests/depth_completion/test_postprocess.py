@@ -9,8 +9,10 @@ from sightline.depth_completion.postprocess import (
     FARTHEST_M,
     NEAREST_M,
     TRUSTED_SHARE,
+    only_valid,
     to_depth_map,
 )
+from sightline.structures.predictions import DepthMap
 
 ANY = st.floats(width=32)  # NaN and the infinities too
 
@@ -56,3 +58,22 @@ def test_half_precision_becomes_single_and_gradients_end():
     result = to_depth_map(depth_m, depth_m, is_supported=torch.ones(2, 3, dtype=torch.bool))
     assert result.depth_m.dtype == result.uncertainty_m.dtype == torch.float32
     assert not result.depth_m.requires_grad
+
+
+@pytest.mark.parametrize("with_error", [False, True])
+def test_without_guesses_a_map_has_its_valid_depths_and_nothing_else(with_error):
+    depth_m = torch.tensor([[1.0, 2.0], [3.0, 0.0]])
+    guessing = DepthMap(
+        depth_m=depth_m,
+        valid=torch.tensor([[True, False], [True, True]]),
+        uncertainty_m=torch.tensor([[0.1, 0.2], [0.3, 0.4]]) if with_error else None,
+    )
+    kept = only_valid(guessing)
+    assert kept.depth_m.tolist() == [[1.0, 0.0], [3.0, 0.0]]
+    assert torch.equal(kept.valid, kept.depth_m > 0)
+    if with_error:
+        expected = torch.tensor([[0.1, torch.inf], [0.3, 0.4]])
+        assert torch.equal(kept.uncertainty_m, expected)
+    else:
+        assert kept.uncertainty_m is None
+    assert torch.equal(only_valid(kept).depth_m, kept.depth_m)

@@ -59,6 +59,24 @@ def assert_equal(entries, expected):
         assert entry.aos_r40 == pytest.approx(scores.aos_r40, abs=1e-9), key
         assert entry.flipped_share == scores.flipped_share, key
         assert 0 <= entry.max_recall <= 1, key
+        assert_same_curve(entry, scores)
+
+
+def assert_same_curve(entry, scores):
+    """The curve that is drawn has the points that the counts by hand give."""
+    curve = entry.curve()
+    points = list(zip(curve.recall.tolist(), curve.precision.tolist(), strict=True))
+    by_hand = [
+        (tp / scores.n_gt, tp / (tp + fp) if tp + fp else 0)
+        for tp, fp in zip(scores.tp, scores.fp, strict=True)
+    ]
+    assert points == by_hand
+    assert curve.slots.tolist() == pytest.approx(scores.precision, abs=1e-12)
+    best = [max(precision for _, precision in points[slot:]) for slot in range(len(points))]
+    assert curve.slots.tolist() == best + [0] * (41 - len(best))
+    assert curve.ap_r40 == pytest.approx(100 * sum(scores.precision[1:]) / 40, abs=1e-9)
+    assert curve.ap_r11 == pytest.approx(100 * sum(scores.precision[::4]) / 11, abs=1e-9)
+    assert curve.num_objects == scores.n_gt
 
 
 @settings(max_examples=100)

@@ -1,5 +1,6 @@
 import csv
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -252,7 +253,9 @@ def test_rows_for_spreadsheets_hold_what_the_report_says(street, tmp_path):
         points = entry.all_points
         assert row["AP_all_points_low"] == ("" if points is None else str(points.low))
     assert {row["distance"] for row in rows} == {"all", "0-25 m", "25 m on"}
-    lines = document.read_text().splitlines()
+    told, *notes = document.read_text().split("\n\n")
+    assert [note.strip() for note in notes] == report.notes()
+    lines = told.splitlines()
     assert len(lines) == len(rows) + 2
     assert {line.count("|") for line in lines} == {len(rows[0]) + 1}
     assert lines[2].split(" | ")[5] == f"{report.entries[0].ap_r40:.2f}"
@@ -270,7 +273,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
     assert [e.to_json(with_all_points=False) for e in report.entries] == [
         e.to_json(with_all_points=False) for e in expected.entries
     ]
-    assert "1 frames had no result file" in said(report)
+    assert "1 frame had no result file" in said(report)
     for path in results.glob("*.txt"):
         path.unlink()
     with pytest.raises(ValueError, match="no result file of any of 30 frames"):
@@ -283,6 +286,16 @@ def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_
     report = evaluate_objects(*write_frames(tmp_path, [(text_of(cars), text_of(found))]))
     assert {round(entry.ap_r40, 6) for entry in report.entries} == {7.5}
     assert "4 of Car, easy, found without a fault give R40 7.5" in " ".join(said(report).split())
+
+
+def test_bands_with_few_objects_are_told_below_their_table(tmp_path):
+    cars = [CAR.moved(image=10 * n, ground=10 * n) for n in range(50)]
+    found = [replace(car, score=0.9) for car in cars]
+    folders = write_frames(tmp_path, [(text_of([*cars]), text_of(found))])
+    near = min(math.hypot(car.x, car.z) for car in cars)
+    report = evaluate_objects(*folders, by_distance=(near + 0.01,))
+    assert not report.notes()
+    assert "1 of Car, easy, found without a fault give R40 0.0" in " ".join(said(report).split())
 
 
 def said(report):

@@ -8,7 +8,7 @@ from sightline.depth_completion.config import TrunkConfig
 from sightline.depth_completion.export_graph import export_graph
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.registration import TASK
-from sightline.export import process_engine
+from sightline.export import kept_files, process_engine
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import load_network
 from tests.depth_completion.networks import write_tiny_weights
@@ -32,12 +32,12 @@ def weights(tmp_path_factory):
 @pytest.fixture(scope="module")
 def exported(weights):
     """The network as an ONNX file: made once, as it takes seconds."""
-    return process_engine._to_onnx(export_graph(load_network(TASK, weights)), "onnxruntime")
+    return kept_files._export(export_graph(load_network(TASK, weights)))
 
 
 @pytest.fixture
 def load(weights, exported, monkeypatch):
-    monkeypatch.setattr(process_engine, "_to_onnx", lambda *_: exported)
+    monkeypatch.setattr(process_engine, "onnx_file_of", lambda _: exported)
     return lambda engine: DepthPredictor.load(weights, engine=engine, threads=2)
 
 
@@ -105,3 +105,27 @@ def test_a_device_that_an_engine_cannot_use_is_refused(weights):
     ) as raised:
         engine(graph.example_inputs)
     assert "\n" not in str(raised.value)
+
+
+def test_a_network_that_cannot_be_exported_is_run_by_pytorch_where_no_engine_is_named(
+    weights, monkeypatch
+):
+    def fail(_):
+        raise torch.onnx.OnnxExporterError("no such\noperator")
+
+    monkeypatch.setattr(process_engine, "onnx_file_of", fail)
+    monkeypatch.setenv("SIGHTLINE_ENGINE", "openvino")
+    graph = export_graph(load_network(TASK, weights))
+    with pytest.warns(UserWarning, match="PyTorch runs the network, .* openvino: no such operator"):
+        engine = ProcessEngine(graph, name="auto")
+    assert engine.name == "torch"
+    assert engine(graph.example_inputs)
+    with pytest.raises(torch.onnx.OnnxExporterError):
+        ProcessEngine(graph, name="openvino")
+
+
+def test_the_engine_that_was_taken_is_told(load, monkeypatch):
+    monkeypatch.setenv("SIGHTLINE_ENGINE", "onnxruntime")
+    predictor = load("auto")
+    assert predictor.engine == predictor.made_by["engine"] == "onnxruntime"
+    assert predictor.complete(*random_frame(16, 20)).depth_m.shape == (16, 20)

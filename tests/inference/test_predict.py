@@ -343,3 +343,21 @@ def test_real_frames_and_a_real_drive_are_completed_at_full_size(kitti_root, tmp
         assert depth_m.shape == sample.image_size
         sparse_m = sparse(sample).depth_m.numpy()
         assert np.abs(depth_m - sparse_m)[sparse_m > 0].max() <= 0.5 / 256
+
+
+def test_a_switch_changes_what_is_written_and_stands_in_the_manifest(data, tmp_path):
+    def half_valid(sample):
+        depth_m = torch.full(sample.image_size, 5.0)
+        is_even = (torch.arange(sample.image_size[1]) % 2 == 0).expand(sample.image_size)
+        return DepthMap(depth_m=depth_m, valid=is_even.clone())
+
+    out = tmp_path / "out"
+    predict(TASK, Answering(half_valid), data, out, switches=["valid_only"], workers=1)
+    written = read_depth_png(out / "000000.png")
+    assert (written[:, ::2] == 5).all()
+    assert (written[:, 1::2] == 0).all()
+    assert json.loads((out / "sightline.json").read_text())["valid_only"] is True
+    with pytest.raises(ValueError, match="valid_only True instead of none"):
+        write(data, out, half_valid)
+    with pytest.raises(ValueError, match="depth-completion has no switch fast; it has valid_only"):
+        predict(TASK, Answering(half_valid), data, out, switches=["fast"])

@@ -44,6 +44,7 @@ class FinderTask:
         Output(name="results", suffix=".txt", summary="Result files.", write=_write_results),
         Output(name="likelihood", suffix=".png", summary="Of cells.", write=_write_likelihood),
     )
+    switches = ()
 
     def config_type(self):
         from tests.toy_task.config import FinderConfig

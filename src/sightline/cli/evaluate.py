@@ -7,11 +7,13 @@ there, and would import what measures to answer `--help`.
 from pathlib import Path
 from typing import Literal
 
+from sightline.cli.engine import tell_engine
+from sightline.cli.object_plots import write_object_plots
 from sightline.cli.parser import Device
-from sightline.cli.report import check_writable, deliver
+from sightline.cli.report import check_places, check_writable, check_writable_folder, deliver
 from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice
 
 
 def objects_command(
@@ -27,6 +29,7 @@ def objects_command(
     json: Path | None = None,
     csv: Path | None = None,
     markdown: Path | None = None,
+    plots: Path | None = None,
 ) -> None:
     """Scores result files exactly as KITTI's official object evaluation does.
 
@@ -44,9 +47,12 @@ def objects_command(
         json: File for the whole report.
         csv: File for the scores, a line for each class, metric, difficulty and band.
         markdown: File for the same as a table.
+        plots: Folder for pictures of precision over recall, one for each class, metric and band,
+            with a curve for each difficulty.
     """
-    for path in (json, csv, markdown):
-        check_writable(path)
+    places = {"--json": json, "--csv": csv, "--markdown": markdown}
+    check_places(places, scored=(results, labels))
+    check_writable_folder(plots)
     from sightline.evaluation.kitti_object import evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
     from sightline.evaluation.object_rows import write_object_rows
@@ -64,6 +70,8 @@ def objects_command(
     )
     deliver(report, json)
     write_object_rows(report, csv=csv, markdown=markdown)
+    if plots is not None:
+        print(f"{plots}: {write_object_plots(report, plots)} pictures")
 
 
 def proposals_command(
@@ -86,7 +94,7 @@ def proposals_command(
         max_proposals: Only so many of a frame, those of the highest score.
         json: File for the whole report.
     """
-    check_writable(json)
+    check_places({"--json": json}, scored=(results, labels))
     from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 
     report = evaluate_proposals(
@@ -111,7 +119,7 @@ def depth_command(
         workers: Threads that read and score.
         json: File for the whole report.
     """
-    check_writable(json)
+    check_places({"--json": json}, scored=(predictions, truth))
     from sightline.evaluation.depth import evaluate_depth
 
     deliver(evaluate_depth(predictions, truth, workers=workers), json)
@@ -122,7 +130,7 @@ def held_out_command(
     *,
     method: Method | None = None,
     weights: str | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "auto",
     device: Device = "cpu",
     beams: tuple[int, ...] | None = None,
     truth: Literal["rings", "depth", "depth_in_reach"] = "rings",
@@ -137,7 +145,8 @@ def held_out_command(
         method: How depth is completed without a network.
         weights: The network: name of weights that come with Sightline (depth-best,
             depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
-        engine: What runs the network.
+        engine: What runs the network: by default (auto) openvino where it is installed, on the CPU,
+            and else torch.
         device: Where PyTorch runs the network.
         beams: How many of the sensor's beams the method gets, one or several numbers. Default:
             all, half, a quarter and an eighth of them.
@@ -154,6 +163,7 @@ def held_out_command(
     from sightline.evaluation.held_out import evaluate_held_out
 
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
+    tell_engine(engine, completer.made_by.get("engine"), device)
     parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     samples = (dataset[index] for index in range(len(dataset)))

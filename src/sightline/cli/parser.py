@@ -7,6 +7,8 @@ from typing import Any, Literal, NoReturn
 
 import jsonargparse
 
+from sightline.cli.refusal import plain_refusal
+
 Device = Literal["cpu", "cuda"]
 
 REFUSED = 2
@@ -31,6 +33,10 @@ _SHORT = {"--page": "-o"}
 class OneLineParser(jsonargparse.ArgumentParser):
     """Refuses arguments in one line, and writes options with dashes."""
 
+    def __init__(self, *args: Any, **settings: Any) -> None:  # noqa: ANN401 - as jsonargparse
+        # An abbreviation would mean something else as soon as there is another option.
+        super().__init__(*args, **{"allow_abbrev": False, **settings})
+
     def add_argument(self, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
         """Adds an argument; a Boolean one becomes a flag without a value."""
         dashed = [
@@ -51,7 +57,7 @@ class OneLineParser(jsonargparse.ArgumentParser):
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         """Ends the program."""
         del ex  # its text is in the message
-        sys.exit(fail(f"{message}; see sightline --help", REFUSED))
+        sys.exit(fail(plain_refusal(message, str(self.prog)), REFUSED))
 
 
 class _ValueList(argparse.Action):

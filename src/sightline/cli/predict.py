@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sightline.cli.declared import declare
+from sightline.cli.engine import tell_engine
 from sightline.cli.parser import Device
 from sightline.data.object_tree import Velodyne
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice
 from sightline.tasks import Task, find_task, task_names, weights_of
 
 _HELP = """{summary}
@@ -20,9 +21,10 @@ Args:
     method: What answers without a network.
     weights: The network: name of weights that come with Sightline ({known}) or a file
         (.safetensors, .ckpt). Default: {default}.
-    engine: What runs the network.
+    engine: What runs the network: by default (auto) openvino where it is installed, on the CPU, and
+        else torch.
     device: Where PyTorch runs the network.
-{others}    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
+{of_task}    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
         a text file with one name a line. Default: all.
     velodyne: Folder of the sweeps in an object tree.
     workers: Processes, each of one thread: as many as there are cores is fastest. Any number gives
@@ -45,16 +47,17 @@ def _command(task: Task) -> Callable[..., None]:
     def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
         _run(task, **settings)
 
-    others = "".join(
+    of_task = [
         f"    {output.name}: Folder for a further output: {output.summary}\n"
         for output in task.outputs[1:]
-    )
+    ]
+    of_task += [f"    {switch.name}: {switch.summary}\n" for switch in task.switches]
     text = _HELP.format(
         summary=task.summary,
         first=task.outputs[0].summary,
         known=", ".join(weights_of(task)) or "none do",
         default=task.default_weights or "none",
-        others=others,
+        of_task="".join(of_task),
     )
     return declare(command, {"data": Path, "out": Path}, _options(task), help_text=text)
 
@@ -66,9 +69,10 @@ def _options(task: Task) -> dict[str, tuple[Any, object]]:
         method["method"] = (Literal[task.methods] | None, None)
     return method | {
         "weights": (str | None, None),
-        "engine": (EngineName, "torch"),
+        "engine": (EngineChoice, "auto"),
         "device": (Device, "cpu"),
         **{output.name: (Path | None, None) for output in task.outputs[1:]},
+        **{switch.name: (bool, False) for switch in task.switches},
         "sample_list": (str | None, None),
         "velodyne": (Velodyne, "velodyne"),
         "workers": (int, 2),
@@ -84,7 +88,7 @@ def _run(
     data: Path,
     out: Path,
     weights: str | None,
-    engine: EngineName,
+    engine: EngineChoice,
     device: Device,
     sample_list: str | None,
     velodyne: Velodyne,
@@ -93,7 +97,7 @@ def _run(
     shard_index: int,
     num_shards: int,
     method: str | None = None,
-    **folders: Path | None,
+    **of_task: Any,  # noqa: ANN401 - folders of further outputs, and switches
 ) -> None:
     from sightline.inference.predict import predict
 
@@ -104,12 +108,15 @@ def _run(
         device=device,
         threads=1,  # of each worker; of several threads PyTorch gives other last digits
     )
+    tell_engine(engine, predictor.made_by.get("engine"), device)
+    further = [output.name for output in task.outputs[1:]]
     result = predict(
         task,
         predictor,
         data,
         out,
-        also={name: folder for name, folder in folders.items() if folder is not None},
+        also={name: of_task[name] for name in further if of_task[name] is not None},
+        switches=[switch.name for switch in task.switches if of_task[switch.name]],
         sample_list=sample_list,
         velodyne=velodyne,
         workers=workers,

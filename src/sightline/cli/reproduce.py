@@ -3,10 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from sightline.cli.engine import tell_engine
 from sightline.cli.parser import Device
 from sightline.cli.report import check_writable, deliver
 from sightline.data.object_tree import Velodyne
-from sightline.export.names import EngineName
+from sightline.export.choice import choose_engine
+from sightline.export.names import EngineChoice
 
 if TYPE_CHECKING:
     from sightline.detection2d.config import Fusion
@@ -17,7 +19,7 @@ def reproduce_shiftconv(
     data: Path | None = None,
     weights: str | None = None,
     weights_without: str | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
     velodyne: Velodyne = "velodyne",
@@ -32,7 +34,8 @@ def reproduce_shiftconv(
             figures; or any other data set, which is scored on held-out LiDAR rings.
         weights: The paper's network: name of weights that come with Sightline, or a file.
         weights_without: The same network trained without Shift-Conv.
-        engine: What runs the networks.
+        engine: What runs the networks: by default (auto) openvino where it is installed, on the
+            CPU, and else torch.
         device: Where PyTorch runs the networks.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
@@ -53,6 +56,7 @@ def reproduce_shiftconv(
         sample_list=sample_list,
         velodyne=velodyne,
     )
+    tell_engine(engine, choose_engine(engine, device), device)
     deliver(report, json)
 
 
@@ -73,7 +77,7 @@ def reproduce_dgfn(
     bootstrap: int = 0,
     figures: Path | None = None,
     figure_frame: str | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
     velodyne: Velodyne = "velodyne",
@@ -105,7 +109,8 @@ def reproduce_dgfn(
         figures: Folder for two pictures of the gates: histograms of their means (Fig. 4), and maps
             of one frame (Fig. 5), in every case.
         figure_frame: The frame of the maps. Default: the first.
-        engine: What runs the networks.
+        engine: What runs the networks: by default (auto) openvino where it is installed, on the
+            CPU, and else torch.
         device: Where PyTorch runs the networks.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
@@ -145,6 +150,7 @@ def reproduce_dgfn(
         velodyne=velodyne,
         workers=workers,
     )
+    tell_engine(engine, choose_engine(engine, device), device)
     deliver(report, json)
     if figures is not None:
         print(figures / GATE_MEANS, figures / GATE_MAPS, sep="\n")

@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
+from sightline.cli.engine import tell_engine
 from sightline.cli.parser import Device
 from sightline.cli.report import check_writable, deliver
 from sightline.data.object_tree import Velodyne
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice
 
 if TYPE_CHECKING:
     from sightline.corruptions.corruption import Sensor
@@ -26,7 +27,7 @@ def robustness(
     healthy: tuple[str, ...] | None = None,
     results: Path | None = None,
     show: str | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
     velodyne: Velodyne = "velodyne",
@@ -57,7 +58,8 @@ def robustness(
             camera=A.json lidar=B.json, of the same frames.
         results: Folder with a folder of result files for each case, by any method.
         show: The frame of the example pictures. Default: the first.
-        engine: What runs networks.
+        engine: What runs networks: by default (auto) openvino where it is installed, on the CPU,
+            and else torch.
         device: Where PyTorch runs networks.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
@@ -109,6 +111,7 @@ def robustness(
             engine=engine,
             device=device,
         )
+        tell_engine(engine, report.record.made_by.get("engine"), device)
     else:
         if method is not None or weights is not None:
             raise ValueError("--results are scored as they are; leave method and weights out")

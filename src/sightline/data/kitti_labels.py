@@ -247,6 +247,8 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
     for number, fields in _lines(data):
         count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
+            if any(b"," in field for field in fields):
+                return FileError(source, count, "part fields by spaces, without commas")
             return FileError(source, count, f"add {', '.join(expected[len(fields) :])}")
         if len(fields) > _RESULT_FIELDS:
             return FileError(source, count, f"remove what follows {expected[-1]}")

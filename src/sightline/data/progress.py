@@ -1,6 +1,7 @@
 """How long a job has still to go."""
 
 from collections.abc import Iterable, Iterator, Sized
+from contextlib import contextmanager
 from typing import TypeVar
 
 from rich.console import Console
@@ -37,6 +38,17 @@ def progress_bars(console: Console) -> Progress:
         console=console,
         transient=True,
     )
+
+
+@contextmanager
+def waiting(description: str) -> Iterator[None]:
+    """Shows what a step that takes a while does, on stderr, where that is a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(description):
+        yield
 
 
 def track(

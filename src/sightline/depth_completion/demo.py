@@ -1,12 +1,9 @@
 """Depth completion's part of the demo: depth completed, scored two ways, drawn."""
 
 import html
-import io
 from functools import partial
 from pathlib import Path
 from typing import get_args
-
-from rich.console import Console
 
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.depth_completion.frame_picture import draw_completed
@@ -15,20 +12,22 @@ from sightline.depth_completion.predictor import Completer, DepthCompleter, choo
 from sightline.evaluation.depth import DepthReport, evaluate_depth
 from sightline.evaluation.held_out import HeldOutReport, evaluate_held_out
 from sightline.inference.demo import DemoPart
+from sightline.inference.demo_page import picture_html
 from sightline.inference.pictures import write_frame_picture
 from sightline.inference.predict import predict
 from sightline.inference.predictor import AnsweringTask
+from sightline.robustness.page import plain_table
+from sightline.robustness.texts import TextTable
 
-_HTML = """<h2>Depth completion</h2>
-<p>Dense depth from a LiDAR sweep by <b>{name}</b>. The depth maps are 16-bit PNGs (metres times
-256), in <code>depth/</code>.</p>
+_HTML = """<p>Dense depth from a LiDAR sweep and an image by <b>{name}</b>. The depth maps are
+16-bit PNGs (metres times 256), in <code>depth/</code>.</p>
+<h3>Against LiDAR rings that no method saw</h3>
+<p>RMSE in mm, by the number of beams of the sensor.</p>
+{held_out_table}
 <h3>Against true depth</h3>
 <p>KITTI's rules. True depth is known here for every pixel, so this counts the regions above the
 highest beam too, where any method can only guess.</p>
-<pre>{depth_table}</pre>
-<h3>Against LiDAR rings that no method saw</h3>
-<p>RMSE in mm, by the number of beams of the sensor.</p>
-<pre>{held_out_table}</pre>
+{depth_table}
 {pictures}"""
 
 
@@ -58,6 +57,7 @@ def run_depth_demo(task: AnsweringTask, frames: Path, out: Path) -> DemoPart:
     ]
     score = held_out[completer.name].scores[0]
     return DemoPart(
+        title="Depth completion",
         result=(
             f"depth by {completer.name}: on LiDAR rings that it never saw, RMSE "
             f"{score.rmse_mm:.0f} mm and MAE {score.mae_mm:.0f} mm"
@@ -78,27 +78,41 @@ def _html(
     held_out: dict[str, HeldOutReport],
     pictures: list[Path],
 ) -> str:
-    figures = "\n".join(
-        f'<h3>Frame {picture.stem}</h3>\n<img src="{picture.name}" alt="frame {picture.stem}">'
+    figures = (
+        picture_html(
+            picture,
+            f"Frame {picture.stem}: labels, the sweep on the image, what it measures of the depth, "
+            "the completed depth where it may be believed, and the frame from above.",
+            is_wide=True,
+        )
         for picture in pictures
     )
     return _HTML.format(
-        name=name,
-        depth_table=html.escape(_text(against_truth)),
-        held_out_table=html.escape(_held_out_table(held_out)),
-        pictures=figures,
+        name=html.escape(name),
+        held_out_table=plain_table(_held_out_table(held_out)),
+        depth_table=plain_table(_depth_table(against_truth)),
+        pictures="\n".join(figures),
     )
 
 
-def _text(report: DepthReport) -> str:
-    file = io.StringIO()
-    Console(file=file, width=100).print(report.table())
-    return file.getvalue()
+def _depth_table(report: DepthReport) -> TextTable:
+    scores = report.mean
+    rows = (
+        ("MAE, mm", f"{scores.mae_mm:.0f}"),
+        ("RMSE, mm", f"{scores.rmse_mm:.0f}"),
+        ("iMAE, 1/km", f"{scores.imae_per_km:.2f}"),
+        ("iRMSE, 1/km", f"{scores.irmse_per_km:.2f}"),
+    )
+    return TextTable(title="", header=("score", f"mean of {len(report.images)} frames"), rows=rows)
 
 
-def _held_out_table(reports: dict[str, HeldOutReport]) -> str:
+def _held_out_table(reports: dict[str, HeldOutReport]) -> TextTable:
     beams = [score.beams for score in next(iter(reports.values())).scores]
-    lines = [f"{'beams':<12}" + "".join(f"{number:>8}" for number in beams)]
-    for name, report in reports.items():
-        lines.append(f"{name:<12}" + "".join(f"{score.rmse_mm:8.0f}" for score in report.scores))
-    return "\n".join(lines)
+    return TextTable(
+        title="",
+        header=("method", *(f"{number} beams" for number in beams)),
+        rows=tuple(
+            (name, *(f"{score.rmse_mm:.0f}" for score in report.scores))
+            for name, report in reports.items()
+        ),
+    )

@@ -51,6 +51,18 @@ def to_depth_map(
     )
 
 
+def only_valid(depth_map: DepthMap) -> DepthMap:
+    """The map without its guesses: 0 and an infinite error wherever it is not valid."""
+    is_kept, uncertainty_m = depth_map.valid, depth_map.uncertainty_m
+    return DepthMap(
+        depth_m=torch.where(is_kept, depth_map.depth_m, 0.0),
+        valid=is_kept & (depth_map.depth_m > 0),
+        uncertainty_m=(
+            None if uncertainty_m is None else torch.where(is_kept, uncertainty_m, torch.inf)
+        ),
+    )
+
+
 def _to_array(plane: Float[Tensor, "height width"]) -> Float32[np.ndarray, "height width"]:
     """For numpy, whose threads do not go on waiting as PyTorch's do: see `DepthPredictor`."""
     array: Float32[np.ndarray, "height width"] = plane.float().numpy(force=True)

@@ -17,7 +17,7 @@ from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.network_task import NETWORK_TASK
 from sightline.depth_completion.postprocess import to_depth_map
 from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hull
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
@@ -89,7 +89,7 @@ class DepthPredictor:
         self,
         loaded: LoadedNetwork[DepthCompletionNet],
         *,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
@@ -106,16 +106,16 @@ class DepthPredictor:
         """
         self.name = loaded.name
         self.sha256 = loaded.sha256
-        self.engine: EngineName = engine
         self._network = loaded.network
         self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
+        self.engine: EngineName = self._run.name
 
     @classmethod
     def load(
         cls,
         weights: str | Path,
         *,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "DepthPredictor":
@@ -230,7 +230,7 @@ def choose_completer(
     *,
     method: str | None = None,
     weights: str | Path | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "torch",
     device: str = "cpu",
     threads: int | None = None,
 ) -> Completer:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, get_args
 
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.network_task import DepthNetworkTask
-from sightline.inference.predictor import Output
+from sightline.inference.predictor import Output, Switch
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sightline.depth_completion.predictor import Completer
     from sightline.depth_completion.robustness import HeldOutScoring
     from sightline.export.graph import ExportGraph
-    from sightline.export.names import EngineName
+    from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.structures.predictions import DepthMap
@@ -37,6 +37,12 @@ def _write_uncertainty(path: Path, sample: "CameraLidarSample", answer: "DepthMa
     from sightline.depth_completion.files import write_uncertainty
 
     write_uncertainty(path, answer)
+
+
+def _only_valid(answer: "DepthMap") -> "DepthMap":
+    from sightline.depth_completion.postprocess import only_valid
+
+    return only_valid(answer)
 
 
 class DepthCompletionTask(DepthNetworkTask):
@@ -58,6 +64,14 @@ class DepthCompletionTask(DepthNetworkTask):
         ),
     )
 
+    switches: tuple[Switch, ...] = (
+        Switch(
+            name="valid_only",
+            summary="Writes only depths that the method vouches for, and 0 (no value) elsewhere.",
+            change=_only_valid,
+        ),
+    )
+
     def graphs(self, loaded: "LoadedNetwork[DepthCompletionNet]") -> "tuple[ExportGraph, ...]":
         """One, the whole network."""
         from sightline.depth_completion.export_graph import export_graph
@@ -69,7 +83,7 @@ class DepthCompletionTask(DepthNetworkTask):
         *,
         method: str | None = None,
         weights: str | Path | None = None,
-        engine: "EngineName" = "torch",
+        engine: "EngineChoice" = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Completer":

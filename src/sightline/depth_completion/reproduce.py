@@ -28,7 +28,7 @@ from sightline.depth_completion.reproduce_report import (
 )
 from sightline.evaluation.depth_scores import score_depth
 from sightline.evaluation.held_out import evaluate_held_out
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice
 from sightline.geometry.projection import sparse_depth_map
 
 _BENCHMARK_FRAMES = 1000
@@ -41,7 +41,7 @@ def reproduce_shiftconv(
     *,
     weights: str | Path | None = None,
     weights_without: str | Path | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "torch",
     device: str = "cpu",
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne = "velodyne",

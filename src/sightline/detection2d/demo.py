@@ -10,21 +10,22 @@ from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
 from sightline.detection2d.answer_picture import answer_row, sure_detections
 from sightline.detection2d.predictor import DetectionPredictor
-from sightline.inference.demo import DemoPart
+from sightline.inference.demo import DemoPart, Headline
 from sightline.inference.predict import predict
 from sightline.inference.predictor import AnsweringTask
+from sightline.robustness.page import plain_table
+from sightline.robustness.texts import TextTable
 
 _SHOWN = {  # cases of the suite, in the words of the report
     CLEAN: "both sensors",
     "camera_blank": "the camera dead",
     "lidar_blank": "the LiDAR dead",
 }
-_HTML = """<h2>2D detection</h2>
-<p>Cars, pedestrians and cyclists by <b>{name}</b>, in <code>detections/</code> as KITTI's result
-files. Below: frame {frame} with both sensors, without the camera and without the LiDAR. Its gates
-(from 0, closed, to 1, open) let through what the sensors still deliver; labels are white.</p>
-<pre>{table}</pre>
-<img src="{picture}" alt="frame {frame} with failing sensors">"""
+_HTML = """<p>Cars, pedestrians and cyclists by <b>{name}</b>, in <code>detections/</code> as
+KITTI's result files. The picture on top is frame {frame} with both sensors, without the camera and
+without the LiDAR; its gates (from 0, closed, to 1, open) let through what the sensors still
+deliver.</p>
+{table}"""
 
 
 def run_detection_demo(
@@ -52,15 +53,27 @@ def run_detection_demo(
         rows.append(answer_row(said, corrupted, answer))
         counts[said] = len(sure_detections(answer.detections).scores)
     write_rgb(picture, np.concatenate(rows))
-    table = "\n".join(f"{said:<18}{count:4} objects found" for said, count in counts.items())
     found = ", ".join(f"{count} with {said}" for said, count in counts.items())
+    table = TextTable(
+        title="",
+        header=(f"frame {sample.sample_id}", "objects found"),
+        rows=tuple((f"with {said}", str(count)) for said, count in counts.items()),
+    )
     return DemoPart(
+        title="2D detection",
         result=f"objects by {predictor.name}: {found}",
         files=(("objects", detections), ("picture", picture)),
         html=_HTML.format(
             name=html.escape(predictor.name),
             frame=html.escape(sample.sample_id),
-            table=table,
-            picture=picture.name,
+            table=plain_table(table),
+        ),
+        headline=Headline(
+            text=f"A sensor fails, the detector goes on. Objects found: {found}",
+            picture=picture,
+            caption=(
+                "Detections of one frame with both sensors, the camera dead, the LiDAR dead; "
+                "beside them the gates of both sensors. Labels are white."
+            ),
         ),
     )

@@ -21,7 +21,7 @@ from sightline.detection2d.placement import (
     whole_strides,
 )
 from sightline.detection2d.postprocess import to_detections
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.structures.predictions import Detections2D
@@ -61,7 +61,7 @@ class DetectionPredictor:
         self,
         loaded: LoadedNetwork[Detector],
         *,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
@@ -78,18 +78,18 @@ class DetectionPredictor:
         """
         self.name = loaded.name
         self.sha256 = loaded.sha256
-        self.engine: EngineName = engine
         self._config = loaded.network.config
         self._stride = loaded.network.stride
         self._input_names = loaded.network.input_names
         self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
+        self.engine: EngineName = self._run.name
 
     @classmethod
     def load(
         cls,
         weights: str | Path,
         *,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "DetectionPredictor":

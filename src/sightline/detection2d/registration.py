@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from sightline.data.plain_text import shortened
 from sightline.detection2d.network_task import DetectionNetworkTask
-from sightline.inference.predictor import Output
+from sightline.inference.predictor import Output, Switch
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sightline.detection2d.model import Detector
     from sightline.detection2d.predictor import DetectionPredictor, DetectorAnswer
     from sightline.export.graph import ExportGraph
-    from sightline.export.names import EngineName
+    from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.robustness.object_scoring import ObjectScoring
@@ -67,6 +67,7 @@ class Detection2DTask(DetectionNetworkTask):
             write=_write_gates,
         ),
     )
+    switches: tuple[Switch, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector]") -> "tuple[ExportGraph, ...]":
         """One, the whole network with decoded boxes."""
@@ -79,7 +80,7 @@ class Detection2DTask(DetectionNetworkTask):
         *,
         method: str | None = None,
         weights: str | Path | None = None,
-        engine: "EngineName" = "torch",
+        engine: "EngineChoice" = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "DetectionPredictor":

@@ -38,7 +38,7 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.evaluation.object_report import ObjectEntry, ObjectReport
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice
 from sightline.simulation.generate import MANIFEST_NAME as SIMULATION_MANIFEST
 
 ONE_SENSOR: Final[tuple[Fusion, ...]] = ("camera", "lidar")
@@ -59,7 +59,7 @@ def reproduce_dgfn(
     bootstrap: int = 0,
     figures: Path | None = None,
     figure_frame: str | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "torch",
     device: str = "cpu",
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne = "velodyne",
@@ -143,7 +143,7 @@ def _cases(suite: Suite, fusion: Fusion) -> tuple[Case, ...]:
 
 
 def _load(
-    weights: Mapping[Fusion, str | Path], engine: EngineName, device: str
+    weights: Mapping[Fusion, str | Path], engine: EngineChoice, device: str
 ) -> dict[Fusion, DetectionPredictor]:
     """The detectors, in the order of the tables."""
     if not weights:

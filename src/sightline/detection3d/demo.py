@@ -10,14 +10,17 @@ from sightline.data.open import open_dataset
 from sightline.detection3d.answer_picture import answer_picture, sure_boxes
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.inference.demo import DemoPart
+from sightline.inference.demo_page import picture_html
 from sightline.inference.predict import predict
 from sightline.inference.predictor import AnsweringTask
 
-_HTML = """<h2>3D detection</h2>
-<p>Cars, pedestrians and cyclists in the LiDAR sweep by <b>{name}</b>, in <code>detections3d/</code>
-as KITTI's result files. Below: what its first stage proposes, what its second makes of that, and
-all of it from above; labels are white.</p>
-<img src="{picture}" alt="3D boxes in the image and from above">"""
+_HTML = """<p>Cars, pedestrians and cyclists in the LiDAR sweep by <b>{name}</b>, in
+<code>detections3d/</code> as KITTI's result files.</p>
+{picture}"""
+_CAPTION = (
+    "What the first stage proposes, what the second makes of that, and all of it from above, for "
+    "each frame. Labels are white."
+)
 
 
 def run_detection3d_demo(
@@ -44,7 +47,10 @@ def run_detection3d_demo(
         counts.append(f"{len(sure_boxes(found).scores)} in {sample.sample_id}")
     write_rgb(picture, np.concatenate(pages))
     return DemoPart(
+        title="3D detection",
         result=f"3D objects by {predictor.name}: {', '.join(counts)}",
         files=(("3D boxes", detections), ("picture", picture)),
-        html=_HTML.format(name=html.escape(predictor.name), picture=picture.name),
+        html=_HTML.format(
+            name=html.escape(predictor.name), picture=picture_html(picture, _CAPTION, is_wide=True)
+        ),
     )

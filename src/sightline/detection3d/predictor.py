@@ -13,7 +13,7 @@ from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.runners import StageRunners
 from sightline.detection3d.stages import Sweep
 from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice, EngineName
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -44,7 +44,7 @@ class Detection3DPredictor:
         self,
         loaded: LoadedNetwork[Detector3D],
         *,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
@@ -61,16 +61,16 @@ class Detection3DPredictor:
         """
         self.name = loaded.name
         self.sha256 = loaded.sha256
-        self.engine: EngineName = engine
         self._input = loaded.network.config.input
         self._stages = StageRunners(loaded, engine=engine, device=device, threads=threads)
+        self.engine: EngineName = self._stages.engine
 
     @classmethod
     def load(
         cls,
         weights: str | Path,
         *,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Detection3DPredictor":

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sightline.detection3d.network_task import DetectionNetworkTask
-from sightline.inference.predictor import Output
+from sightline.inference.predictor import Output, Switch
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sightline.detection3d.model import Detector3D
     from sightline.detection3d.predictor import Detection3DPredictor
     from sightline.export.graph import ExportGraph
-    from sightline.export.names import EngineName
+    from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.robustness.object_scoring import ObjectScoring
@@ -55,6 +55,7 @@ class Detection3DTask(DetectionNetworkTask):
             write=_write_results,
         ),
     )
+    switches: tuple[Switch, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector3D]") -> "tuple[ExportGraph, ...]":
         """One for each stage: proposals, and refinement where there is one."""
@@ -67,7 +68,7 @@ class Detection3DTask(DetectionNetworkTask):
         *,
         method: str | None = None,
         weights: str | Path | None = None,
-        engine: "EngineName" = "torch",
+        engine: "EngineChoice" = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Detection3DPredictor":

@@ -1,6 +1,7 @@
 """A detector's stages run by an engine, in jobs of several processes."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from torch import Tensor
@@ -9,7 +10,7 @@ from sightline.detection3d.detect import as_detections, nothing_proposed, propos
 from sightline.detection3d.export_graph import export_graphs, pad_regions
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.stages import Proposed, Sweep
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork
 from sightline.structures.predictions import Detections3D
@@ -22,7 +23,7 @@ class StageRunners:
         self,
         loaded: LoadedNetwork[Detector3D],
         *,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
@@ -32,11 +33,13 @@ class StageRunners:
             ValueError: The engine is not installed or cannot run on the device.
         """
         self.detector = loaded.network
-        self._is_fixed = engine != "torch"  # files take one number of regions
-        self._engines = [
-            ProcessEngine(graph, name=engine, device=device, threads=threads)
-            for graph in export_graphs(loaded)
-        ]
+        graphs = export_graphs(loaded)
+        make = partial(ProcessEngine, device=device, threads=threads)
+        self._engines = [make(graph, name=engine) for graph in graphs]
+        if len({each.name for each in self._engines}) > 1:  # one stage could not be exported
+            self._engines = [make(graph, name="torch") for graph in graphs]
+        self.engine: EngineName = self._engines[0].name
+        self._is_fixed = self.engine != "torch"  # files take one number of regions
 
     def propose(self, sweep: Sweep) -> Proposed:
         """The first stage's proposals for a sweep; none for one without points."""

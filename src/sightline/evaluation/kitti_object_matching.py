@@ -13,9 +13,7 @@ from jaxtyping import Bool, Float64, Int32, Int64
 
 from sightline.evaluation.kitti_object_pairs import MatchingData
 from sightline.ops.compiled import compiled
-
-NUM_SLOTS = 41
-"""Recall positions: 0, 1/40, ..., 1."""
+from sightline.structures.precision_recall import NUM_SLOTS
 
 _LOWEST_SCORE = -1e7
 """The official program's mark for "nothing found": pass 1 never takes a score down there."""

@@ -65,9 +65,12 @@ def evaluate_proposals(
         ValueError: If an argument is out of range, or a file is missing or at fault.
     """
     if not ious or not all(0 < iou <= 1 for iou in ious):
-        raise ValueError(f"ious must be above 0 and at most 1, got {ious}: give e.g. 0.5 and 0.7")
+        told = ", ".join(f"{iou:g}" for iou in ious) or "none"
+        raise ValueError(f"ious must be above 0 and at most 1, got {told}: give e.g. 0.5 and 0.7")
     if max_proposals is not None and max_proposals < 1:
-        raise ValueError(f"max_proposals must be positive, got {max_proposals}: None takes all")
+        raise ValueError(
+            f"max_proposals must be positive, got {max_proposals}: leave it out to take all"
+        )
     is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
     parts: list[_Truths] = []
     for proposals, labels in read_frames(

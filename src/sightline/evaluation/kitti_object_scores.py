@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from sightline.evaluation.kitti_object_matching import (
-    NUM_SLOTS,
     FrameSteps,
     MatchingTask,
     count_at,
@@ -26,6 +25,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.object_report import BootstrapAP, ObjectEntry, ObjectReport
 from sightline.ops.compiled import compiled
+from sightline.structures.precision_recall import NUM_SLOTS
 
 
 def score_objects(

@@ -1,15 +1,16 @@
 """What the evaluation of objects reports: as JSON and as tables."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from sightline.evaluation.kitti_object_matching import NUM_SLOTS
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
 from sightline.evaluation.object_tables import add_section, percentage, score_table
+from sightline.structures.precision_recall import NUM_SLOTS, PrecisionRecall
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -58,6 +59,20 @@ class ObjectEntry:
     off, 0 to 1; None where there are none, or a detection has no alpha. Not one of KITTI's."""
     all_points: BootstrapAP | None = None
     """None where it was not asked for, or nothing counts."""
+
+    def curve(self) -> PrecisionRecall:
+        """Precision over recall, to be drawn."""
+        positives = self.tp + self.fp
+        precision = np.zeros(len(self.tp))
+        np.divide(self.tp, positives, out=precision, where=positives > 0)
+        return PrecisionRecall(
+            recall=self.tp / max(self.n_gt, 1),
+            precision=precision,
+            slots=self.precision,
+            ap_r40=self.ap_r40,
+            ap_r11=self.ap_r11,
+            num_objects=self.n_gt,
+        )
 
     def to_json(self, *, with_all_points: bool) -> dict[str, Any]:
         """The entry as the report's file has it."""
@@ -165,13 +180,12 @@ class ObjectReport:
                 ]
                 first = levels[0]
                 add_section(table, (first.class_name, first.metric, band.title), rows)
+        _add_notes(table, _slots_notes([entry for band in self.bands for entry in band.entries]))
         return table
 
     def _scores_table(self) -> "Table":
         table = score_table(f"KITTI objects, {self.frames:,} frames, AP and AOS in percent")
-        notes = [self._missing_note(), self._slots_note()]
-        table.caption = "\n".join(note for note in notes if note) or None
-        table.caption_justify = "left"
+        _add_notes(table, self.notes())
         for start in range(0, len(self.entries), len(DIFFICULTIES)):
             levels = self.entries[start : start + len(DIFFICULTIES)]
             rows: list[tuple[str, list[str]]] = [
@@ -198,23 +212,33 @@ class ObjectReport:
             add_section(table, (levels[0].class_name, levels[0].metric), rows)
         return table
 
-    def _missing_note(self) -> str:
-        if not self.frames_without_results:
-            return ""
-        return f"{self.frames_without_results:,} frames had no result file and were taken as empty."
+    def notes(self) -> list[str]:
+        """What figures of all distances must be read with, a sentence or two each."""
+        notes = []
+        if self.frames_without_results:
+            count = self.frames_without_results
+            which = "1 frame had" if count == 1 else f"{count:,} frames had"
+            notes.append(f"{which} no result file and counted as empty.")
+        return notes + _slots_notes(self.entries)
 
-    def _slots_note(self) -> str:
-        """What R40 and R11 can be at most where objects are fewer than recall positions."""
-        few = [entry for entry in self.entries if 0 < entry.n_gt < NUM_SLOTS]
-        if not few:
-            return ""
-        fewest = min(few, key=lambda entry: entry.n_gt)
-        most_r40 = 100 * (fewest.n_gt - 1) / (NUM_SLOTS - 1)
-        return (
-            f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: "
-            f"{fewest.n_gt} of {fewest.class_name}, {fewest.difficulty}, found without a fault "
-            f"give R40 {most_r40:.1f}. AP of all points (bootstrap) has no such limit."
-        )
+
+def _slots_notes(entries: Sequence[ObjectEntry]) -> list[str]:
+    """What R40 and R11 can be at most where objects are fewer than recall positions."""
+    few = [entry for entry in entries if 0 < entry.n_gt < NUM_SLOTS]
+    if not few:
+        return []
+    fewest = min(few, key=lambda entry: entry.n_gt)
+    most_r40 = 100 * (fewest.n_gt - 1) / (NUM_SLOTS - 1)
+    return [
+        f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: "
+        f"{fewest.n_gt} of {fewest.class_name}, {fewest.difficulty}, found without a fault give "
+        f"R40 {most_r40:.1f}. AP of all points (--bootstrap) has no such limit."
+    ]
+
+
+def _add_notes(table: "Table", notes: Sequence[str]) -> None:
+    table.caption = "\n".join(notes) or None
+    table.caption_justify = "left"
 
 
 def _interval(points: BootstrapAP | None) -> str:

@@ -23,13 +23,15 @@ def write_object_rows(
     Args:
         report: What was measured.
         csv: File with commas between full figures; None: not wanted.
-        markdown: File with a table of figures to two places; None: not wanted.
+        markdown: File with a table of figures to two places, and the report's notes below it; None:
+            not wanted.
     """
     columns, rows = object_rows(report)
     if csv is not None:
         atomic_write_text(csv, _as_csv(columns, rows))
     if markdown is not None:
-        atomic_write_text(markdown, _as_markdown(columns, rows))
+        notes = "".join(f"\n{note}\n" for note in report.notes())
+        atomic_write_text(markdown, _as_markdown(columns, rows) + notes)
 
 
 def object_rows(report: ObjectReport) -> tuple[tuple[str, ...], list[list[Cell]]]:

@@ -3,6 +3,8 @@
 from typing import Final, Literal
 
 EngineName = Literal["torch", "onnxruntime", "openvino"]
+EngineChoice = Literal["auto", "torch", "onnxruntime", "openvino"]
+"""An engine by name, or that which `choice.choose_engine` takes."""
 Precision = Literal["float32", "bfloat16"]
 Format = Literal["onnx", "openvino"]
 

@@ -2,18 +2,22 @@
 
 import os
 import tempfile
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
 
 import torch
 from torch import Tensor
 
+from sightline.data.plain_text import shortened
+from sightline.export.choice import choose_engine
 from sightline.export.engines import Engine, build_engine, open_engine
 from sightline.export.extra import import_extra
 from sightline.export.graph import ExportGraph
-from sightline.export.names import EngineName
-from sightline.export.onnx import export_onnx
+from sightline.export.kept_files import onnx_file_of
+from sightline.export.names import EngineChoice, EngineName
+
+_REASON_LENGTH = 160  # characters
 
 
 class ProcessEngine:
@@ -27,22 +31,40 @@ class ProcessEngine:
         self,
         graph: ExportGraph,
         *,
-        name: EngineName,
+        name: EngineChoice,
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Exports the network where the engine needs it.
+        """Exports the network where the engine needs it, and it was not exported before.
+
+        `auto` takes PyTorch, with a warning, for a network that cannot be exported.
 
         Raises:
             ValueError: The engine is not installed, or runs on the CPU only.
         """
-        if name != "torch" and device != "cpu":
-            raise ValueError(f"{name} runs on the cpu only, got {device}; choose the engine torch")
-        self.name: EngineName = name
+        chosen = choose_engine(name, device)
+        if chosen != "torch" and device != "cpu":
+            raise ValueError(
+                f"{chosen} runs on the cpu only, got {device}; choose the engine torch"
+            )
         self._graph = graph
         self._device = device
         self._threads = threads
-        self._onnx = None if name == "torch" else _to_onnx(graph, name)
+        self._onnx: bytes | None = None
+        if chosen != "torch":
+            import_extra(chosen)  # before the export, which takes a while
+            try:
+                self._onnx = onnx_file_of(graph)
+            except torch.onnx.OnnxExporterError as error:
+                if name != "auto":
+                    raise
+                reason = shortened(" ".join(str(error).split()), _REASON_LENGTH)
+                warnings.warn(
+                    f"PyTorch runs the network, as it cannot be exported for {chosen}: {reason}",
+                    stacklevel=2,
+                )
+                chosen = "torch"
+        self.name: EngineName = chosen
         self._made: dict[int, Engine] = {}  # by process
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
@@ -80,11 +102,3 @@ def _torch_engine(graph: ExportGraph, device: str, threads: int | None) -> Engin
     return build_engine(
         module, graph.example_inputs, "torch", metadata=graph.metadata, threads=threads
     )
-
-
-def _to_onnx(graph: ExportGraph, name: Literal["onnxruntime", "openvino"]) -> bytes:
-    import_extra(name)  # before the export, which takes a while
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.onnx"
-        export_onnx(graph.module, graph.example_inputs, path, metadata=graph.metadata)
-        return path.read_bytes()

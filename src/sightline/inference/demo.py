@@ -1,41 +1,43 @@
 """The main job from end to end on the embedded frames: what a newcomer runs first."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
 from sightline.data.atomic import atomic_write_text
 from sightline.data.check import check_tree
+from sightline.inference.demo_page import demo_page, picture_html
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
-_PAGE = """<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<title>Sightline demo</title>
-<style>
-body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 1400px; margin: 2em auto; padding: 0 1em;
-  color: #1c2530; }}
-img {{ width: 100%; border-radius: 6px; margin: .5em 0 2em; }}
-pre {{ background: #f2f4f7; padding: 1em; border-radius: 6px; overflow-x: auto; }}
-</style>
-<h1>Sightline demo</h1>
-<p>On street frames that come with Sightline and were made by its simulator (<code>sightline
-simulate</code> makes more).</p>
-{parts}
-</html>
-"""
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Headline:
+    """What stands on top of the report."""
+
+    text: str
+    """In one sentence."""
+    picture: Path
+    """That shows it."""
+    caption: str
+    """What the picture is."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DemoPart:
     """What a task shows of itself."""
 
+    title: str
+    """What it does, in a word or two."""
     result: str
     """Its best figures, in one line."""
     files: tuple[tuple[str, Path], ...]
     """What it wrote, each file or folder with a word for what it is."""
     html: str
-    """Its part of the report."""
+    """Its part of the report, below its title."""
+    headline: Headline | None = None
+    """For the report's top; the first part's that has one stands there."""
 
 
 def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]) -> str:
@@ -57,7 +59,22 @@ def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]
         raise ValueError(f"the embedded frames are damaged: {problems[0]}")
     shown = [made for part in parts if (made := part(frames, out)) is not None]
     report = out / "report.html"
-    atomic_write_text(report, _PAGE.format(parts="\n".join(part.html for part in shown)))
+    atomic_write_text(report, _report(shown))
     files = [("frames", frames), *(file for part in shown for file in part.files)]
     lines = [part.result for part in shown]
     return "\n".join(lines + [f"{what:<10}{path}" for what, path in [*files, ("report", report)]])
+
+
+def _report(parts: Sequence[DemoPart]) -> str:
+    today = datetime.now(UTC).date()
+    headline = next((part.headline for part in parts if part.headline is not None), None)
+    return demo_page(
+        about=(
+            f"sightline demo, version {version('sightline')}, {today:%d %B %Y}, on street frames "
+            "that come with it, made by its simulator"
+        ),
+        headline="Sightline demo" if headline is None else headline.text,
+        picture="" if headline is None else picture_html(headline.picture, headline.caption),
+        results=[(part.title, part.result) for part in parts],
+        sections=[(part.title, part.html) for part in parts],
+    )

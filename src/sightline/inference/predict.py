@@ -1,9 +1,10 @@
 """Runs a task over a whole data set: files out for each sample, resumable and in parallel."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from sightline.data.jobs import (
     JobResult,
@@ -25,6 +26,7 @@ def predict(
     out: Path,
     *,
     also: Mapping[str, Path] | None = None,
+    switches: Collection[str] = (),
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne = "velodyne",
     workers: int = 2,
@@ -44,6 +46,7 @@ def predict(
         data: Folder of the data set; see `open_dataset`.
         out: Folder for the task's first output; made where it is missing.
         also: Folders for further outputs, by name.
+        switches: Names of those of the task's switches that are on.
         sample_list: Which samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree.
         workers: Processes that work; 1 is this process alone.
@@ -53,12 +56,14 @@ def predict(
 
     Raises:
         ValueError: The data cannot be read, a folder holds what something else made or cannot be
-            written to, the predictor does not give an output, or the numbers of workers and shards
-            make no sense. Errors about a sample name it; samples done before stay done.
+            written to, the predictor does not give an output, there is no such switch, or the
+            numbers of workers and shards make no sense. Errors about a sample name it; samples done
+            before stay done.
     """
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     places = _places(task, predictor, out, also or {})
+    changes = _changes(task, switches)
     dataset = open_dataset(
         data,
         sample_list=sample_list,
@@ -71,11 +76,18 @@ def predict(
     present = _answered(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
     made_from = {"data": data_name(data), "velodyne": velodyne}
-    made_by = {"sightline": version("sightline"), **predictor.made_by}
+    made_by = {
+        "sightline": version("sightline"),
+        **predictor.made_by,
+        **dict.fromkeys(changes, True),
+    }
     for output, folder in places:
         settings = {"task": task.name, "output": output.name, "method": predictor.name}
         claim_folder(folder, settings | made_from | made_by, results=(f"*{output.suffix}",))
-    works = [_SampleWork(dataset, index, names[index], predictor, places) for index in pending]
+    works = [
+        _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)
+        for index in pending
+    ]
     run_job(works, workers, description=f"{task.name} by {predictor.name}")
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))
 
@@ -88,6 +100,7 @@ class _SampleWork:
     index: int
     name: str
     predictor: Predictor
+    changes: tuple[Callable[[Any], Any], ...]
     places: tuple[tuple[Output, Path], ...]
 
     def __str__(self) -> str:
@@ -96,8 +109,20 @@ class _SampleWork:
     def run(self) -> None:
         sample = self.dataset[self.index]
         answer = self.predictor(sample)
+        for change in self.changes:
+            answer = change(answer)
         for output, folder in self.places:
             output.write(folder / f"{self.name}{output.suffix}", sample, answer)
+
+
+def _changes(task: AnsweringTask, switches: Collection[str]) -> dict[str, Callable[[Any], Any]]:
+    """What the switches that are on do to an answer, by their names, in the task's order."""
+    by_name = {switch.name: switch.change for switch in task.switches}
+    for name in switches:
+        if name not in by_name:
+            known = ", ".join(by_name) or "none"
+            raise ValueError(f"{task.name} has no switch {name}; it has {known}")
+    return {name: change for name, change in by_name.items() if name in switches}
 
 
 def _places(

@@ -65,6 +65,18 @@ class Output:
     """Writes the answer to a sample, whole or not at all; picklable."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Switch:
+    """A way to write a task's answers that is off unless it is asked for."""
+
+    name: str
+    """E.g. valid_only; also the flag, and what manifests say."""
+    summary: str
+    """What it does to the files, in one sentence."""
+    change: Callable[[Any], Any]
+    """From an answer to the one that is written; picklable."""
+
+
 @runtime_checkable
 class AnsweringTask(Protocol):
     """A task, as far as its answers go."""
@@ -77,4 +89,9 @@ class AnsweringTask(Protocol):
     @property
     def outputs(self) -> tuple[Output, ...]:
         """What is written of an answer; the first is what everybody wants."""
+        ...
+
+    @property
+    def switches(self) -> tuple[Switch, ...]:
+        """How else answers may be written."""
         ...

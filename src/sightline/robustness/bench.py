@@ -15,7 +15,7 @@ from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.jobs import claim_folder
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset
-from sightline.export.names import EngineName
+from sightline.export.names import EngineChoice
 from sightline.inference.predictor import Predictor
 from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
 from sightline.robustness.comparable import check_baseline, check_healthy
@@ -61,7 +61,7 @@ class BenchTask(Protocol):
         *,
         method: str | None = None,
         weights: str | Path | None = None,
-        engine: EngineName = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> Predictor:
@@ -106,7 +106,7 @@ def run_bench(
     *,
     method: str | None = None,
     weights: str | Path | None = None,
-    engine: EngineName = "torch",
+    engine: EngineChoice = "torch",
     device: str = "cpu",
 ) -> RobustnessReport:
     """Lets a method answer in every case, and tells what each costs.

@@ -32,6 +32,8 @@ class Plot:
     right: int
     top: int
     bottom: int
+    text_px: int = AXIS_TEXT_PX
+    """Height of the title's capitals; those beside the axes are a little smaller."""
 
     def column(self, share: float) -> float:
         """Of a share along the horizontal axis."""
@@ -50,20 +52,21 @@ def put_axes(
     rows: Sequence[tuple[float, str]] = PERCENT_ROWS,
 ) -> None:
     """Draws the grid; beside its rows and below its columns stands what they are for."""
+    height = plot.text_px - 1
     for share, said in rows:
         row = plot.row(share)
         segment = np.array([[[plot.left, row], [plot.right, row]]], dtype=np.float64)
         put_lines(canvas, segment, GRID)
-        at = plot.left - text_width(said, AXIS_TEXT_PX - 1) - 5
-        put_text(canvas, said, at, round(row) + 4, height_px=AXIS_TEXT_PX - 1, color=MUTED)
+        at = plot.left - text_width(said, height) - 5
+        put_text(canvas, said, at, round(row) + height // 2, height_px=height, color=MUTED)
     for share, said in columns:
         column = plot.column(share)
         segment = np.array([[[column, plot.top], [column, plot.bottom]]], dtype=np.float64)
         put_lines(canvas, segment, GRID)
-        at = round(column) - text_width(said, AXIS_TEXT_PX - 1) // 2
-        put_text(canvas, said, at, plot.bottom + 14, height_px=AXIS_TEXT_PX - 1, color=MUTED)
+        at = round(column) - text_width(said, height) // 2
+        put_text(canvas, said, at, plot.bottom + height + 6, height_px=height, color=MUTED)
 
 
 def put_title(canvas: UInt8[np.ndarray, "height width 3"], plot: Plot, title: str) -> None:
     """Writes a title above the plot's left edge."""
-    put_text(canvas, title, plot.left, plot.top - 9, height_px=AXIS_TEXT_PX + 1, color=TEXT)
+    put_text(canvas, title, plot.left, plot.top - 9, height_px=plot.text_px + 1, color=TEXT)

@@ -1,0 +1,46 @@
+"""What `evaluate objects --plots` draws."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sightline.evaluation.object_report import ObjectReport
+    from sightline.structures.precision_recall import PrecisionRecall
+
+
+def write_object_plots(report: "ObjectReport", folder: Path) -> int:
+    """Draws precision over recall for each class and metric, over all distances and in each band.
+
+    The files are CLASS_METRIC.png, and of a band CLASS_METRIC_FROM-TOm.png; those of an earlier
+    run are replaced.
+
+    Args:
+        report: What was measured.
+        folder: Made where it is missing.
+
+    Returns:
+        How many pictures there are.
+
+    Raises:
+        ValueError: The results hold nothing to draw.
+    """
+    from sightline.data.image_file import write_rgb
+    from sightline.visualization.precision_recall import draw_precision_recall
+
+    if not report.entries:
+        raise ValueError("the results hold nothing to draw: leave --plots out")
+    parts = [("", report.entries), *((band.title, band.entries) for band in report.bands)]
+    pictures = 0
+    for band, entries in parts:
+        keys = dict.fromkeys((entry.class_name, entry.metric) for entry in entries)
+        for class_name, metric in keys:
+            curves: dict[str, PrecisionRecall] = {
+                entry.difficulty: entry.curve()
+                for entry in entries
+                if (entry.class_name, entry.metric) == (class_name, metric)
+            }
+            words = [class_name, metric, *([band] if band else [])]
+            name = "_".join(words).replace(" ", "_")
+            write_rgb(folder / f"{name}.png", draw_precision_recall(", ".join(words), curves))
+            pictures += 1
+    return pictures

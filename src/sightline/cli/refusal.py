@@ -1,0 +1,68 @@
+"""What is said of a command that cannot be understood, in the words of whoever gave it."""
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Final
+
+_TYPES: Final = {"int": "a whole number", "float": "a number"}
+
+
+def plain_refusal(message: str, program: str) -> str:
+    """A message of jsonargparse without its own terms, and which help to look at.
+
+    Args:
+        message: As it refuses something; kept where nothing is known about it.
+        program: The parser's name, with the commands in it.
+    """
+    program = program.replace(" [options]", "")
+    for pattern, rewrite in _RULES:
+        if match := re.fullmatch(pattern, message.strip(), re.DOTALL):
+            name, *commands = program.split()
+            said, told = rewrite(commands, *match.groups())
+            return f"{said}; see {' '.join([name, *told])} --help"
+    return f"{message}; see {program} --help"
+
+
+_Said = tuple[str, Sequence[str]]
+"""The message, and the commands whose help tells more."""
+
+
+def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _Said:
+    option = f"--{key.replace('_', '-')}"
+    literals = re.search(r"typing\.Literal\[(.*?)\]", kinds)
+    numbers = [said for name, said in _TYPES.items() if f"<class '{name}'>" in kinds]
+    if literals:
+        expected = "one of " + literals.group(1).replace("'", "")
+    elif numbers:
+        expected = numbers[0]
+    else:
+        expected = "another value"
+    return f"{option}: expected {expected}, got {value}", commands
+
+
+def _missing(commands: Sequence[str], keys: str) -> _Said:
+    names = [key.split(".") for key in keys.split(", ")]
+    commands = names[0][:-1] or commands
+    lacking = " and ".join(name[-1].upper() for name in names)
+    return f"{' '.join(commands) or 'the command'} needs {lacking}", commands
+
+
+def _no_command(commands: Sequence[str], of: str | None, known: str) -> _Said:
+    commands = of.rstrip(".").split(".") if of else commands
+    listed = ", ".join(name.strip() for name in known.split(","))
+    return f"{' '.join(commands) or 'sightline'} needs a command: {listed}", commands
+
+
+def _wrong_command(commands: Sequence[str], given: str, known: str) -> _Said:
+    listed = known.replace("'", "")
+    return f"there is no command {' '.join([*commands, given])}; name one of {listed}", commands
+
+
+_RULES: Final[tuple[tuple[str, Callable[..., _Said]], ...]] = (
+    (r'Parser key "(\w+)":\s+Expected an? (.*)\. Got value: (.*)', _wrong_value),
+    (r'Parser key "(\w+)":.*Subtypes: \[(.*)\]\s+Errors:.*Given value: (.*)', _wrong_value),
+    (r"the following arguments are required: (.*)", _missing),
+    (r'expected "([\w.-]+\.)?subcommand" to be one of \{(.*)\}, but it was not .*', _no_command),
+    (r"argument subcommand: invalid choice: '(.*?)' \(choose from (.*)\)",
+     _wrong_command),
+)  # fmt: skip

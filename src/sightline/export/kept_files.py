@@ -1,0 +1,115 @@
+"""Networks that were exported before, kept for the next time: the export takes ten seconds.
+
+The files lie in the user's cache folder ($XDG_CACHE_HOME/sightline, by default
+~/.cache/sightline), which may be deleted at any time. A file is known by all that it is made from:
+weights, settings, Sightline's own code and the exporter's version.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+import torch
+
+from sightline.data.atomic import atomic_write_bytes
+from sightline.data.progress import waiting
+from sightline.export.graph import ExportGraph
+from sightline.export.onnx import OPSET, export_onnx
+
+_MOST_FILES: Final = 24
+_DIGEST_BYTES: Final = 32
+_WITHOUT_NETWORKS: Final = (
+    "cli", "corruptions", "health", "robustness", "simulation", "training", "visualization"
+)  # fmt: skip
+"""Folders whose code no graph is made from."""
+_KNOWN_PACKAGES: Final = ("sightline", "torch", "torchvision")
+
+
+def onnx_file_of(graph: ExportGraph) -> bytes:
+    """A graph as the content of an ONNX file, exported where it was not before.
+
+    Only of modules that are Sightline's and PyTorch's own: what code others are made from is not
+    known, so that they are exported every time.
+
+    Raises:
+        ValueError: As `export_onnx`.
+    """
+    return _kept(graph, lambda: _export(graph)) if _is_known(graph) else _export(graph)
+
+
+def cache_folder() -> Path | None:
+    """Where the files lie; None where the user has no home."""
+    with suppress(RuntimeError):
+        base = os.environ.get("XDG_CACHE_HOME")
+        return (Path(base) if base else Path.home() / ".cache") / "sightline"
+    return None
+
+
+def _export(graph: ExportGraph) -> bytes:
+    said = f"converting a {graph.metadata.task} network, once for all"
+    with waiting(said), tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.onnx"
+        export_onnx(graph.module, graph.example_inputs, path, metadata=graph.metadata)
+        return path.read_bytes()
+
+
+def _kept(graph: ExportGraph, export: Callable[[], bytes]) -> bytes:
+    folder = cache_folder()
+    if folder is None:
+        return export()
+    path = folder / f"{_digest(graph)}.onnx"
+    with suppress(OSError):
+        content = path.read_bytes()
+        digest, onnx = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
+        if hashlib.sha256(onnx).digest() == digest:  # else it is damaged, and made anew
+            os.utime(path)
+            return onnx
+    onnx = export()
+    with suppress(OSError, ValueError):  # no room, or a folder that is read-only: it goes without
+        atomic_write_bytes(path, hashlib.sha256(onnx).digest() + onnx)
+        _drop_oldest(folder)
+    return onnx
+
+
+def _drop_oldest(folder: Path) -> None:
+    by_age = sorted(folder.glob("*.onnx"), key=lambda path: path.stat().st_mtime)
+    for path in by_age[:-_MOST_FILES]:
+        path.unlink(missing_ok=True)
+
+
+def _is_known(graph: ExportGraph) -> bool:
+    names = {type(module).__module__.partition(".")[0] for module in graph.module.modules()}
+    return names <= set(_KNOWN_PACKAGES)
+
+
+def _digest(graph: ExportGraph) -> str:
+    """Of all that the file is made from."""
+    made_from = hashlib.sha256()
+    versions = [f"{name} {version(name)}" for name in ("torch", "onnx", "onnxscript")]
+    inputs = [f"{name} {tuple(each.shape)}" for name, each in graph.example_inputs.items()]
+    settings = sorted(graph.metadata.to_properties().items())
+    for said in (_code_digest(), str(OPSET), *versions, *inputs, str(settings), str(graph.module)):
+        made_from.update(said.encode() + b"\0")
+    tensors = dict(graph.module.named_parameters()) | dict(graph.module.named_buffers())
+    for name, tensor in tensors.items():
+        made_from.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode() + b"\0")
+        made_from.update(tensor.detach().cpu().flatten().view(torch.uint8).numpy().tobytes())
+    return made_from.hexdigest()
+
+
+@cache
+def _code_digest() -> str:
+    """Of Sightline's own code, which changes between two releases, too."""
+    root = Path(__file__).parent.parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        if path.relative_to(root).parts[0] in _WITHOUT_NETWORKS:
+            continue
+        digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()

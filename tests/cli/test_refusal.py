@@ -1,0 +1,61 @@
+import pytest
+
+from sightline.cli.main import main
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            "evaluate objects R L --bootstrap 2.5",
+            "--bootstrap: expected a whole number, got 2.5; see sightline evaluate objects --help",
+        ),
+        (
+            "evaluate proposals R L --max-proposals many",
+            "--max-proposals: expected a whole number, got many; "
+            "see sightline evaluate proposals --help",
+        ),
+        (
+            "evaluate calibration R L --min-score high",
+            "--min-score: expected a number, got high; see sightline evaluate calibration --help",
+        ),
+        (
+            "predict depth-completion D OUT --engine fast",
+            "--engine: expected one of auto, torch, onnxruntime, openvino, got fast; "
+            "see sightline predict depth-completion --help",
+        ),
+        (
+            "evaluate held-out D --method cubic",
+            "--method: expected one of nearest, linear, classical, adaptive, got cubic; "
+            "see sightline evaluate held-out --help",
+        ),
+        (
+            "evaluate objects R",
+            "evaluate objects needs LABELS; see sightline evaluate objects --help",
+        ),
+        (
+            "evaluate objects",
+            "evaluate objects needs RESULTS and LABELS; see sightline evaluate objects --help",
+        ),
+        ("check", "check needs DATA; see sightline check --help"),
+        (
+            "evaluate",
+            "evaluate needs a command: objects, proposals, calibration, depth, held-out, ...; "
+            "see sightline evaluate --help",
+        ),
+        (
+            "evaluate object R L",
+            "there is no command evaluate object; name one of objects, proposals, calibration, "
+            "depth, held-out, realism; see sightline evaluate --help",
+        ),
+        (
+            "evaluate objects R L --plot P",
+            "unrecognized arguments: --plot P; see sightline evaluate objects --help",
+        ),
+    ],
+)
+def test_a_command_that_is_not_understood_is_answered_in_its_own_words(words, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"sightline: {' '.join(said.split())}\n"

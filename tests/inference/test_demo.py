@@ -1,0 +1,79 @@
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+from importlib.metadata import version
+from pathlib import Path
+
+from sightline.inference.demo import DemoPart, Headline, run_demo
+
+
+class Page(HTMLParser):
+    """Tags in order, and the words in each kind of tag."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.words, self._open = [], {}, []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+        self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        while self._open and self._open.pop() != tag:
+            pass
+
+    def handle_data(self, data):
+        for tag in self._open:
+            self.words[tag] = self.words.get(tag, "") + data
+
+
+def plain(frames, out):
+    del frames, out
+    return DemoPart(title="First & plain", result="3 < 4", files=(), html="<p>of its own</p>")
+
+
+def with_headline(frames, out):
+    del frames
+    headline = Headline(text="It <goes> on", picture=out / "top.png", caption="All & everything")
+    return DemoPart(title="Second", result="good", files=(), html="", headline=headline)
+
+
+def nothing(frames, out):
+    del frames, out
+
+
+def report_of(out, *parts):
+    said = run_demo(out, parts)
+    return said, Page((out / "report.html").read_text())
+
+
+def test_headline_and_picture_stand_above_all_parts(tmp_path):
+    said, page = report_of(tmp_path, plain, nothing, with_headline)
+    assert said.splitlines()[:2] == ["3 < 4", "good"]
+    assert page.words["h1"] == "It <goes> on"
+    assert page.words["h2"] == "First & plainSecond"
+    names = [tag for tag, _ in page.tags]
+    assert names.index("h1") < names.index("img") < names.index("h2")
+    (picture,) = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert picture == {"src": "top.png", "alt": "All & everything"}
+    assert {"a", "table", "pre"} & set(names) == {"a"}
+    assert "3 < 4" in page.words["div"]
+
+
+def test_the_report_tells_its_version_and_date_and_fits_phones(tmp_path):
+    before = datetime.now(UTC)
+    _, page = report_of(tmp_path, plain)
+    days = {f"{day:%d %B %Y}" for day in (before, datetime.now(UTC))}
+    assert page.words["h1"] == "Sightline demo"
+    assert version("sightline") in page.words["p"]
+    assert any(day in page.words["p"] for day in days)
+    metas = [attributes for tag, attributes in page.tags if tag == "meta"]
+    assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in metas
+    assert "img" not in [tag for tag, _ in page.tags]
+
+
+def test_the_report_fetches_nothing(tmp_path):
+    report_of(tmp_path, plain, with_headline)
+    text = Path(tmp_path / "report.html").read_text()
+    assert "http" not in text
+    assert "<script" not in text
