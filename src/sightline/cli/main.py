@@ -25,6 +25,7 @@ from sightline.cli.evaluate import (
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
 from sightline.cli.parser import REFUSED, OneLineParser, fail
+from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
 from sightline.cli.report import deliver
@@ -168,6 +169,7 @@ def _commands() -> dict[str, Any]:
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,
         "predict": predict_commands(),
+        "perceive": perceive_command(),
         "proposals": proposals,
         "evaluate": {
             "_help": "Score results.",

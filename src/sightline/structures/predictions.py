@@ -1,5 +1,6 @@
 """What the tasks answer."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from beartype import beartype
@@ -80,6 +81,35 @@ class Detections3D:
     def __post_init__(self) -> None:
         """Checks that the columns belong together."""
         _check_lengths(self.class_names, self.boxes, self.scores)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Perception:
+    """What is known of one frame once tasks have looked at it; None where none has told.
+
+    >>> from sightline import Perception
+    >>> nothing = Perception()
+    >>> nothing.detections3d is None, nothing.depth is None
+    (True, True)
+    """
+
+    detections2d: Detections2D | None = None
+    """In the frame's pixels."""
+    detections3d: Detections3D | None = None
+    depth: DepthMap | None = None
+    """Of the frame's image size."""
+
+    @classmethod
+    def joined(cls, parts: "Iterable[Perception]") -> "Perception":
+        """All that the parts know; where two know of one thing, the first is believed."""
+        joined = cls()
+        for part in parts:
+            joined = cls(
+                detections2d=joined.detections2d or part.detections2d,
+                detections3d=joined.detections3d or part.detections3d,
+                depth=joined.depth or part.depth,
+            )
+        return joined
 
 
 def _check_lengths(class_names: tuple[str, ...], boxes: Boxes2D | Boxes3D, scores: Tensor) -> None:
