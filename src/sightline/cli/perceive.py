@@ -31,8 +31,8 @@ Args:
     shard_index: Which part of the frames to do, from 0.
     num_shards: Number of parts, each of which can run on another machine.
 """
-_TASK_HELP = """    {argument}: {name}: name of weights ({known}), a file (.safetensors, .ckpt){methods} or
-        none, which leaves the task out. Default: {default}.
+_TASK_HELP = """    {argument}: What answers {name}: weights by name ({known}) or file
+        (.safetensors, .ckpt){methods}, or none, which leaves the task out. Default: {default}.
 """
 
 

@@ -17,10 +17,12 @@ def write_results(path: Path, sample: CameraLidarSample, answer: Detections3D) -
 
 
 def read_results(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
-    """Adds the 3D boxes of KITTI's result file.
+    """Adds the 3D boxes of KITTI's result file; one of 2D boxes alone tells nothing.
 
     Raises:
         FileError: The file is damaged.
     """
     objects = kitti_labels.read_results(path)
-    return replace(told, detections3d=detections3d_from_kitti(objects, sample.calibration))
+    found = detections3d_from_kitti(objects, sample.calibration)
+    is_of_2d_alone = len(objects) > 0 and len(found.scores) == 0
+    return told if is_of_2d_alone else replace(told, detections3d=found)

@@ -1,1 +1,1 @@
-"""All tasks together: over a data set, in one line a frame, in pictures. Knows tasks by registry."""
+"""All tasks together: over a data set, as one line a frame, in pictures."""

@@ -124,7 +124,7 @@ def perceive(
 
 @dataclass(frozen=True, slots=True)
 class _FrameWork:
-    """Asks all tasks about a frame and writes its files, the line last: it says that all is done."""
+    """Asks all tasks about a frame and writes its files, last the line, which says: done."""
 
     dataset: SampleDataset
     index: int
