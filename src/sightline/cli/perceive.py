@@ -30,6 +30,12 @@ Args:
     overwrite: Makes files anew that are there already.
     shard_index: Which part of the frames to do, from 0.
     num_shards: Number of parts, each of which can run on another machine.
+    video: MP4 to write of all frames: camera with boxes, depth, bird's-eye view. H.264 with
+        pip install "sightline[viz]".
+    rerun: File for the Rerun viewer (.rrd) to write: image, depth, points, boxes on a time line.
+        Needs pip install "sightline[viz]".
+    fps: Frames per second of the video.
+    min_score: Detections that are less sure are in the results, and in neither picture.
 """
 _TASK_HELP = """    {argument}: What answers {name}: weights by name ({known}) or file
         (.safetensors, .ckpt){methods}, or none, which leaves the task out. Default: {default}.
@@ -57,6 +63,10 @@ def perceive_command() -> Callable[..., None]:
         "overwrite": (bool, False),
         "shard_index": (int, 0),
         "num_shards": (int, 1),
+        "video": (Path | None, None),
+        "rerun": (Path | None, None),
+        "fps": (float, 10.0),
+        "min_score": (float, 0.3),
     }
     return declare(command, {"data": Path, "out": Path}, tasks | options, help_text=text)
 

@@ -21,13 +21,12 @@ from sightline.inference.predict import (
 )
 from sightline.perception.lines import frame_line
 from sightline.perception.perceiver import Perceiver
+from sightline.perception.pictures import PictureFiles
+from sightline.perception.results import JOB_NAME
 from sightline.tasks import find_task
 
 LINES_NAME: Final = "perception.jsonl"
 """File in the output folder with a line for each frame, by name."""
-
-JOB_NAME: Final = "perceive"
-"""What the output folder's manifest calls the job."""
 
 _LINES_FOLDER = "lines"
 
@@ -55,6 +54,10 @@ def perceive(
     overwrite: bool = False,
     shard_index: int = 0,
     num_shards: int = 1,
+    video: Path | str | None = None,
+    rerun: Path | str | None = None,
+    fps: float = 10.0,
+    min_score: float = 0.3,
 ) -> PerceiveResult:
     """Asks all tasks about every frame of a data set, each of which is loaded once.
 
@@ -87,12 +90,19 @@ def perceive(
         overwrite: Whether to make files anew that are there already.
         shard_index: Which part of the frames to do, from 0.
         num_shards: Number of parts; each part can be done on another machine, at the same time.
+        video: An MP4 of all frames to write, too; see `PictureFiles`.
+        rerun: A file of the Rerun viewer (.rrd) to write, too; likewise.
+        fps: Frames per second of the video.
+        min_score: Detections that are less sure are in the results, and in neither picture.
 
     Raises:
         ValueError: The data cannot be read, a folder holds what something else made or cannot be
-            written to, or the numbers of workers and shards make no sense. Errors about a frame
-            name it; frames done before stay done.
+            written to, a number makes no sense, or a library for the pictures is missing. Errors
+            about a frame name it; frames done before stay done.
     """
+    pictures = PictureFiles.checked(video, rerun, fps=fps, min_score=min_score)
+    if num_shards > 1 and pictures:
+        raise ValueError("a shard has no whole video; leave the pictures to a last run of all")
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     data, out = Path(data), Path(out)
@@ -113,6 +123,8 @@ def perceive(
     run_job(works, workers, description=JOB_NAME)
     lines = _read_lines(out / _LINES_FOLDER)
     atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
+    if pictures:
+        pictures.write(dataset, out)
     return PerceiveResult(
         written=len(works),
         skipped=len(names) - len(works),

@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from sightline.data.jobs import read_claim
 from sightline.inference.predictor import Output
-from sightline.perception.perceive import JOB_NAME
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
+
+JOB_NAME: Final = "perceive"
+"""What the manifest of a folder of several tasks' results calls the job that made it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -4,6 +4,7 @@ Smaller than a sheet and always of one size, as videos and sheets of several fra
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -11,6 +12,7 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 
+from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
@@ -25,13 +27,14 @@ _TITLE: RGB = (236, 238, 242)
 _ALARM: RGB = (240, 130, 60)
 _GAP_PX: Final = 10
 _HEAD_PX: Final = 34
-_LINE_PX: Final = 24
+_LINE_PX: Final = 30
 _WIDE: Final = 2.0  # pictures at least so many times as wide as high stand one above the other
 _STACKED_PX, _BESIDE_PX = 940, 620  # widths of a camera's picture
 _ABOVE_PX: Final = 300
 _HIGHEST: Final = 1.5  # pictures higher than so many times their width are made narrower
 _NEAREST_EDGE_M: Final = 4.0  # behind the LiDAR, as in `BirdsEyeView`
 _FARTHEST_M: Final = 80.0
+_TWO_COLUMNS_FROM: Final = 4  # frames
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -75,8 +78,8 @@ def draw_row(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The frame as an RGB picture of the layout's size.
 
-    The camera's image with 2D boxes (their corners) and 3D boxes (the edges that it sees), depth
-    where it may be believed, and sweep and 3D boxes from above. What is missing is said where it
+    The camera's image with 2D boxes (beside 3D boxes their corners) and 3D boxes (the edges that
+    it sees), depth where it may be believed, and sweep and 3D boxes from above. What is missing is said where it
     would stand, and sensors that delivered nothing stand in the head.
 
     Args:
@@ -90,21 +93,19 @@ def draw_row(
     _put_head(page, sample, told, note)
     camera_px, line = layout.camera_size, _HEAD_PX
     fitted, seen = _fitted(sample, told, camera_px)
-    _put_titled(page, "Camera: 2D boxes (corners), 3D boxes (edges)", line, _GAP_PX)
+    _put_titled(page, _camera_title(told), line, _GAP_PX)
     _put_picture(page, _camera(fitted, seen), line + _LINE_PX, _GAP_PX, camera_px)
     left = _GAP_PX
     if layout.is_stacked:
         line += _LINE_PX + camera_px[0] + _GAP_PX
     else:
         left += camera_px[1] + _GAP_PX
-    _put_titled(page, "Depth", line, left)
-    put_legend(page, DEPTH_SCALE, right=left + camera_px[1] - 20, top=line + 3, hole="no value")
-    _put_picture(page, _depth(seen, camera_px), line + _LINE_PX, left, camera_px)
+    _put_titled(page, "Depth" if told.depth is not None else "Depth of the sweep", line, left)
+    put_legend(page, DEPTH_SCALE, right=left + camera_px[1] - 20, top=line + 4, hole="no value")
+    _put_picture(page, _depth(fitted, seen), line + _LINE_PX, left, camera_px)
     left += camera_px[1] + _GAP_PX
     _put_titled(page, "From above", _HEAD_PX, left)
-    _put_picture(
-        page, _above(sample, told, layout), _HEAD_PX + _LINE_PX, left, layout.above_size
-    )
+    _put_picture(page, _above(sample, told, layout), _HEAD_PX + _LINE_PX, left, layout.above_size)
     return page
 
 
@@ -114,6 +115,12 @@ def _fitted(
     zoom = min(side / old for side, old in zip(room, sample.image_size, strict=True))
     height, width = (max(round(side * zoom), 1) for side in sample.image_size)
     return zoomed(sample, told, (height, width))
+
+
+def _camera_title(told: Perception) -> str:
+    if told.detections2d is None or told.detections3d is None:
+        return "Camera"
+    return "Camera: 2D boxes (corners), 3D boxes (edges)"
 
 
 def _camera(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "height width 3"]:
@@ -133,15 +140,23 @@ def _camera(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "h
         )
     if in_2d is not None:
         picture = draw_boxes2d(
-            picture, in_2d.boxes, in_2d.class_names, scores=in_2d.scores, corners_only=True
+            picture,
+            in_2d.boxes,
+            in_2d.class_names,
+            scores=in_2d.scores,
+            corners_only=in_3d is not None,
         )
     return picture
 
 
-def _depth(told: Perception, room: tuple[int, int]) -> UInt8[np.ndarray, "height width 3"]:
-    if told.depth is None:
-        return _notice(room, "no depth")
-    return colorize_depth(torch.where(told.depth.valid, told.depth.depth_m, 0.0))
+def _depth(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "height width 3"]:
+    """Completed, else as far as it was measured."""
+    if told.depth is not None:
+        return colorize_depth(torch.where(told.depth.valid, told.depth.depth_m, 0.0))
+    if sample.points is None:
+        return _notice(sample.image_size, "no depth")
+    sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+    return colorize_depth(sparse, point_size_px=3)
 
 
 def _above(
@@ -197,10 +212,8 @@ def _put_head(
         put_text(page, note, right, baseline, height_px=10, color=MUTED)
 
 
-def _put_titled(
-    page: UInt8[np.ndarray, "height width 3"], title: str, top: int, left: int
-) -> None:
-    put_text(page, title, left, top + 16, height_px=10, color=_TITLE)
+def _put_titled(page: UInt8[np.ndarray, "height width 3"], title: str, top: int, left: int) -> None:
+    put_text(page, title, left, top + 20, height_px=10, color=_TITLE)
 
 
 def _put_picture(
@@ -227,3 +240,24 @@ def _put_notice(picture: UInt8[np.ndarray, "height width 3"], text: str) -> None
     height, width = picture.shape[:2]
     left = (width - text_width(text, 12)) // 2
     put_text(picture, text, left, height // 2 + 6, height_px=12, color=MUTED)
+
+
+def draw_rows(
+    frames: Sequence[tuple[CameraLidarSample, Perception]],
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Several frames on one page, two beside each other from the fourth on; see `draw_row`.
+
+    Raises:
+        ValueError: There is no frame.
+    """
+    if not frames:
+        raise ValueError("a page needs at least one frame")
+    layout = RowLayout.of(frames[0][0].image_size)
+    rows = [draw_row(sample, told, layout) for sample, told in frames]
+    num_columns = 1 if len(rows) < _TWO_COLUMNS_FROM else 2
+    rows += [np.full_like(rows[0], PAGE)] * (-len(rows) % num_columns)
+    lines = [
+        np.concatenate(rows[start : start + num_columns], axis=1)
+        for start in range(0, len(rows), num_columns)
+    ]
+    return np.concatenate(lines)

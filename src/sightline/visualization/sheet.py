@@ -42,7 +42,6 @@ _FARTHEST_M = 90.0  # no point of KITTI's LiDAR lies farther away
 _WIDE = 2.0  # pictures at least so many times as wide as high stand one above the other
 _HIGHEST = 1.5  # pictures higher than so many times the panel's width are made narrower than it
 _MAX_OBJECTS = 500  # drawn; twenty times KITTI's fullest frame
-_KINDS = {"2D boxes (corners)": "detections2d", "3D boxes (edges)": "detections3d"}
 _NO_POINT, _NO_VALUE = "no point", "no value"
 _SPARSE_SHARE = 0.3  # maps with values on fewer pixels are drawn with larger points
 
@@ -180,10 +179,16 @@ def _boxes_panel(frame: _Frame) -> _Panel:
         )
     if in_2d is not None:
         picture = draw_boxes2d(
-            picture, in_2d.boxes, in_2d.class_names, scores=in_2d.scores, corners_only=True
+            picture,
+            in_2d.boxes,
+            in_2d.class_names,
+            scores=in_2d.scores,
+            corners_only=in_3d is not None,
         )
     if has_detections:
-        kinds = [name for name, found in _KINDS.items() if getattr(frame.told, found) is not None]
+        kinds = [*["2D boxes"] * (in_2d is not None), *["3D boxes"] * (in_3d is not None)]
+        if len(kinds) > 1:
+            kinds = ["2D boxes (corners)", "3D boxes (edges)"]
         beside = "" if labels is None else ", labels in white"
         title = f"Detections: {', '.join(kinds)}{beside}"
     else:
@@ -215,7 +220,7 @@ def _with_labels(
             labels.class_names,
             color=color,
             tags=not beside_detections,
-            corners_only=True,
+            corners_only=not beside_detections,
         )
     return picture
 
