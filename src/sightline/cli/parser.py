@@ -48,7 +48,7 @@ class OneLineParser(jsonargparse.ArgumentParser):
         if dashed[0] in _MAY_BE_LEFT_OUT:
             dashed, settings["nargs"] = ["out_folder"], "?"
         if dashed[0] in _SEVERAL:
-            settings |= {"type": str, "nargs": "+"}
+            settings |= {"action": "store", "type": str, "nargs": "+"}
         if dashed[0] in _SHORT:
             dashed.append(_SHORT[dashed[0]])
         return super().add_argument(*dashed, **settings)

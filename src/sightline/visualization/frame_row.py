@@ -79,8 +79,8 @@ def draw_row(
     """The frame as an RGB picture of the layout's size.
 
     The camera's image with 2D boxes (beside 3D boxes their corners) and 3D boxes (the edges that
-    it sees), depth where it may be believed, and sweep and 3D boxes from above. What is missing is said where it
-    would stand, and sensors that delivered nothing stand in the head.
+    it sees), depth where it may be believed, and sweep and 3D boxes from above. What is missing is
+    said where it would stand, and sensors that delivered nothing stand in the head.
 
     Args:
         sample: Any of its sensors may be missing.

@@ -13,7 +13,13 @@ from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
 from sightline.geometry.transforms import transform_points
 from sightline.structures.sample import CameraLidarSample
-from sightline.visualization.canvas import put_lines, put_points, put_polygon, scale_of
+from sightline.visualization.canvas import (
+    put_lines,
+    put_picture_within,
+    put_points,
+    put_polygon,
+    scale_of,
+)
 from sightline.visualization.clipping import clip_polygon, clip_segments, view_planes
 from sightline.visualization.colors import DEPTH_SCALE, RGB, ColorScale, class_color
 from sightline.visualization.lettering import Tag, put_tags
@@ -30,6 +36,7 @@ _FRONT = _FACES[0]
 _EDGE_FACES = np.array([[set(edge) <= set(face) for face in _FACES.tolist()] for edge in _EDGES])
 """Which faces meet in each edge."""
 _CORNER_SHARE, _CORNER_PX = 0.3, 16.0  # what is drawn of a side from each corner, at most
+_COVERING = 0.75  # how much of a box is gone behind a nearer one
 _TAG_HEIGHT_PX = 9
 
 
@@ -112,7 +119,7 @@ def draw_boxes3d(
 
     Only edges of faces that the camera sees are drawn, all of them where it is within the box.
     Edges are cut where they pass the camera, so a box beside it is drawn right; a box behind the
-    camera, or of no size, is not drawn. Nearer boxes cover farther ones.
+    camera, or of no size, is not drawn. Within nearer boxes farther ones are faint.
 
     Args:
         picture: Is left as it is.
@@ -140,6 +147,7 @@ def draw_boxes3d(
             continue
         name = class_names[index]
         chosen = color or class_color(name)
+        put_picture_within(canvas, picture, segments.reshape(-1, 2), opacity=_COVERING)
         if sees_face[index, 0]:
             front = clip_polygon(homogeneous[index][_FRONT], planes)
             put_polygon(canvas, front, chosen, opacity=0.25)
