@@ -171,10 +171,12 @@ def test_frames_of_an_earlier_list_stay_in_the_lines(data, out):
 
 def test_other_weights_or_other_tasks_do_not_mix(data, out):
     perceive(data, out, perceiver=perceiver())
-    with pytest.raises(ValueError, match="out holds files made with .*sparse.* instead of .*other"):
+    with pytest.raises(
+        ValueError, match=r"out holds files made with .*sparse.* instead of .*other"
+    ):
         perceive(data, out, perceiver=perceiver(depth_name="other"))
     alone = Perceiver({"detection2d": perceiver().predictors["detection2d"]})
-    with pytest.raises(ValueError, match="out holds files made with .*depth-completion"):
+    with pytest.raises(ValueError, match=r"out holds files made with .*depth-completion"):
         perceive(data, out, perceiver=alone)
 
 

@@ -78,7 +78,7 @@ def test_files_of_others_are_told_by_their_suffix(tmp_path):
 @pytest.mark.parametrize("folder", ["nowhere", "empty"])
 def test_folders_without_results_are_refused(tmp_path, folder):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ValueError, match="is no folder|holds no results that can be drawn"):
+    with pytest.raises(ValueError, match=r"is no folder|holds no results that can be drawn"):
         open_results([tmp_path / folder])
 
 

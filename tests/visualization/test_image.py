@@ -71,7 +71,7 @@ def test_a_2d_box_far_outside_neither_draws_nor_raises(black):
     assert (draw_boxes2d(black, boxes, ["Car", "Car"], tags=False) == 0).all()
 
 
-def edges_of(box):
+def edges():
     """Pairs of corner indices (ahead, left, up), each of them 0 or 1."""
     for index in np.ndindex(2, 2, 2):
         for axis in range(3):
@@ -79,7 +79,7 @@ def edges_of(box):
                 yield index, tuple(1 if k == axis else v for k, v in enumerate(index)), axis
 
 
-def is_seen(corners, index, other, axis):
+def is_seen(corners, index, axis):
     """Whether the camera, in the origin, lies outside a face that the edge belongs to."""
     for across in {0, 1, 2} - {axis}:
         side = index[across]
@@ -98,7 +98,7 @@ def test_edges_of_faces_that_the_camera_sees_are_drawn_and_the_others_are_not(
     corners = corners_of(box)
     drawn = picture.max(axis=2) > 100
     seen = []
-    for index, other, axis in edges_of(box):
+    for index, other, axis in edges():
         shares = [
             drawn[row - 1 : row + 2, column - 1 : column + 2].any()
             for row, column in (
@@ -106,7 +106,7 @@ def test_edges_of_faces_that_the_camera_sees_are_drawn_and_the_others_are_not(
                 for share in (0.25, 0.5, 0.75)
             )
         ]
-        seen.append(is_seen(corners, index, other, axis))
+        seen.append(is_seen(corners, index, axis))
         assert all(shares) if seen[-1] else not all(shares)
     assert 4 <= sum(seen) <= 9
 

@@ -110,15 +110,16 @@ def perceive(
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
-    names = shard(dataset.sample_ids, shard_index, num_shards)
+    indices = shard(range(len(dataset)), shard_index, num_shards)
+    names = [dataset.sample_ids[index] for index in indices]
     places = _places(perceiver, out, all_outputs=all_outputs)
     made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
     _claim(perceiver, places, data, out, velodyne)
     done = set() if overwrite else _done_frames(out / _LINES_FOLDER, places)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out / _LINES_FOLDER)
-        for index, name in enumerate(dataset.sample_ids)
-        if name not in done and name in set(names)
+        for index, name in zip(indices, names, strict=True)
+        if name not in done
     ]
     run_job(works, workers, description=JOB_NAME)
     lines = _read_lines(out / _LINES_FOLDER)
