@@ -74,7 +74,7 @@ def _of_claim(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
     """As the manifest tells."""
     inner = claim.get("folders")
     if claim.get("job") == JOB_NAME and isinstance(inner, list):
-        found = []
+        found: list[ResultFolder] = []
         for name in inner:
             part = folder / Path(str(name)).name
             if told := read_claim(part):

@@ -19,7 +19,7 @@ from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
 from sightline.visualization.cells import MUTED, PAGE
 from sightline.visualization.colors import DEPTH_SCALE, INVALID, RGB, class_color
 from sightline.visualization.depth import colorize_depth, put_legend
-from sightline.visualization.image import camera_picture, draw_boxes2d, draw_boxes3d
+from sightline.visualization.image import camera_picture, draw_boxes2d, draw_boxes3d, sweep_picture
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.zoom import zoomed
 
@@ -125,10 +125,10 @@ def _camera_title(told: Perception) -> str:
 
 def _camera(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "height width 3"]:
     in_2d, in_3d = told.detections2d, told.detections3d
+    picture = camera_picture(sample)
     if sample.image is None:
-        picture = _notice(sample.image_size, "no camera image")
-    else:
-        picture = camera_picture(sample)
+        picture = sweep_picture(sample)  # so that boxes stand on something
+        _put_notice(picture, "no camera image", share=0.12)
     if in_3d is not None:
         picture = draw_boxes3d(
             picture,
@@ -236,10 +236,13 @@ def _notice(size: tuple[int, int], text: str) -> UInt8[np.ndarray, "height width
     return picture
 
 
-def _put_notice(picture: UInt8[np.ndarray, "height width 3"], text: str) -> None:
+def _put_notice(
+    picture: UInt8[np.ndarray, "height width 3"], text: str, *, share: float = 0.5
+) -> None:
+    """In the middle of a row, at a share of the height."""
     height, width = picture.shape[:2]
     left = (width - text_width(text, 12)) // 2
-    put_text(picture, text, left, height // 2 + 6, height_px=12, color=MUTED)
+    put_text(picture, text, left, round(share * height) + 6, height_px=12, color=MUTED)
 
 
 def draw_rows(

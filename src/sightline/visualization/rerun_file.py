@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -78,7 +79,7 @@ def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception
     return count
 
 
-def _library() -> "rerun":  # type: ignore[valid-type]
+def _library() -> ModuleType:
     try:
         return import_module("rerun")
     except ModuleNotFoundError as error:

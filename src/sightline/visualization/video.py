@@ -102,7 +102,7 @@ def _open_sink(path: Path, size: tuple[int, int], fps: float) -> Iterator[_Sink]
         stacklevel=5,
     )
     writer = cv2.VideoWriter(
-        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"mp4v"), fps, size[::-1]
+        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), fps, size[::-1]
     )
     if not writer.isOpened():
         raise ValueError(f"OpenCV cannot write {path.name}; install sightline[viz] for its videos")
