@@ -47,7 +47,7 @@ def test_without_pyav_it_is_mpeg4_and_a_warning_says_what_to_install(tmp_path, m
     monkeypatch.setattr(video, "find_spec", lambda _: None)
     path = tmp_path / "bar.mp4"
     with pytest.warns(UserWarning, match=r"browsers do not play; for H.264: pip install"):
-        write_video(path, pictures(5), fps=10)
+        write_video(path, pictures(5), fps=10.0)
     codec, _, frames = read(path)
     assert codec == "FMP4"
     assert_shows(frames, list(pictures(5)))
@@ -59,7 +59,7 @@ def test_a_video_that_is_broken_off_leaves_nothing(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_video(tmp_path / "bar.mp4", breaking(), fps=10)
+        write_video(tmp_path / "bar.mp4", breaking(), fps=10.0)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,7 +8,7 @@ from sightline.tasks import choose_task
 
 def show(
     data: Path,
-    frames: tuple[str, ...],
+    frames: list[str],
     *,
     out: Path | None = None,
     results: tuple[str, ...] = (),

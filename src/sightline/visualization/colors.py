@@ -101,7 +101,7 @@ UNCERTAINTY_SCALE = ColorScale(
     lowest_m=0.05,
     highest_m=10.0,
     ticks_m=(0.05, 0.2, 1.0, 3.0, 10.0),
-    table=_ramp(cv2.COLORMAP_INFERNO, 60, 255),
+    table=_ramp(cv2.COLORMAP_INFERNO, 75, 255),
 )
 """Expected errors of depth: violet where small, pale yellow where large (Inferno, as above)."""
 

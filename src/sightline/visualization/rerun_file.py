@@ -66,6 +66,7 @@ def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception
     count = 0
     with atomic_path(path) as temporary:
         recording = rr.RecordingStream("sightline")
+        recording.set_log_time_enabled(False)  # when it was written is nobody's time line
         recording.save(temporary, default_blueprint=_blueprint())
         recording.log("lidar", rr.ViewCoordinates.FLU, static=True)
         for sample, told in frames:
