@@ -34,6 +34,7 @@ def run(capsys, *arguments):
         ["tasks"],
         ["predict"],
         ["predict", "depth-completion"],
+        ["perceive"],
         ["evaluate"],
         ["evaluate", "objects"],
         ["evaluate", "proposals"],

@@ -31,10 +31,13 @@ if TYPE_CHECKING:
     from sightline.geometry.calibration import Calibration as Calibration
     from sightline.geometry.projection import project_points as project_points
     from sightline.geometry.projection import sparse_depth_map as sparse_depth_map
+    from sightline.perception.perceive import perceive as perceive
+    from sightline.perception.perceiver import Perceiver as Perceiver
     from sightline.structures.labels import ObjectLabels as ObjectLabels
     from sightline.structures.predictions import DepthMap as DepthMap
     from sightline.structures.predictions import Detections2D as Detections2D
     from sightline.structures.predictions import Detections3D as Detections3D
+    from sightline.structures.predictions import Perception as Perception
     from sightline.structures.sample import CameraLidarSample as CameraLidarSample
     from sightline.tasks import load as load
     from sightline.visualization.sheet import frame_sheet as frame_sheet
@@ -53,6 +56,8 @@ _MODULES: Final = {
     "Detections2D": "structures.predictions",
     "Detections3D": "structures.predictions",
     "ObjectLabels": "structures.labels",
+    "Perceiver": "perception.perceiver",
+    "Perception": "structures.predictions",
     "check_tree": "data.check",
     "evaluate_depth": "evaluation.depth",
     "evaluate_held_out": "evaluation.held_out",
@@ -63,6 +68,7 @@ _MODULES: Final = {
     "import_recording": "data.importing.import_recording",
     "load": "tasks",
     "open_dataset": "data.open",
+    "perceive": "perception.perceive",
     "project_points": "geometry.projection",
     "sparse_depth_map": "geometry.projection",
     "undistort": "data.undistortion",

@@ -12,9 +12,6 @@ from sightline.data.plain_text import shortened
 from sightline.data.weights_header import find_weights, read_description, shipped_names
 
 if TYPE_CHECKING:
-    import numpy as np
-    from jaxtyping import UInt8
-
     from sightline.depth_completion import registration as depth_completion
     from sightline.detection2d import registration as detection2d
     from sightline.detection3d import registration as detection3d
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
     from sightline.inference.network import LoadedNetwork
     from sightline.inference.predictor import Output, Predictor, Switch
     from sightline.robustness.scoring import Scoring
-    from sightline.structures.sample import CameraLidarSample
+    from sightline.structures.predictions import Perception
 
 REGISTRY: Final[dict[str, str]] = {
     "depth-completion": "sightline.depth_completion.registration:TASK",
@@ -113,12 +110,8 @@ class Task(Protocol):
         """How its answers are scored where sensors are broken."""
         ...
 
-    def picture(
-        self,
-        sample: "CameraLidarSample",
-        predictor: Any,  # noqa: ANN401 - the task's own
-    ) -> "UInt8[np.ndarray, 'height width 3']":
-        """A sample and the answer to it, drawn; the sample alone where it lacks what is needed."""
+    def perception(self, answer: Any) -> "Perception":  # noqa: ANN401 - the task's own
+        """What an answer tells, in the terms that all tasks share: for pictures and summaries."""
         ...
 
     def demo(self, frames: Path, out: Path) -> "DemoPart | None":

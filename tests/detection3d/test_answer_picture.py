@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.detection3d.answer_picture import LABELLED, PROPOSED, answer_picture, sure_boxes
+from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED, PROPOSED, answer_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D
@@ -50,7 +50,7 @@ def test_unsure_boxes_are_not_drawn_and_labels_are_white(sample):
     assert np.array_equal(unsure, without)
     unlabelled = answer_picture("frame", replace(sample, objects=None), NOTHING, NOTHING)
     assert pixels_of(without, LABELLED) > pixels_of(unlabelled, LABELLED) + 50
-    assert len(sure_boxes(detections(0.3)).scores) == 1
+    assert len(detections(0.3).surer_than(DRAWN_SCORE).scores) == 1
 
 
 def test_the_predictor_gives_what_both_stages_make(sample, tmp_path):

@@ -14,6 +14,13 @@ def _write_results(path, sample, answer):
     write_objects(path, kitti_from_detections(found, sample.calibration, sample.image_size))
 
 
+def _read_results(path, sample, told):
+    from sightline.detection2d.files import read_results
+
+    del sample
+    return read_results(path, told)
+
+
 def _write_likelihood(path, sample, answer):
     del sample
     from sightline.data.depth_png import write_depth_png
@@ -41,7 +48,13 @@ class FinderTask:
     default_weights = None
     methods = ()
     outputs = (
-        Output(name="results", suffix=".txt", summary="Result files.", write=_write_results),
+        Output(
+            name="results",
+            suffix=".txt",
+            summary="Result files.",
+            write=_write_results,
+            read=_read_results,
+        ),
         Output(name="likelihood", suffix=".png", summary="Of cells.", write=_write_likelihood),
     )
     switches = ()
@@ -100,10 +113,10 @@ class FinderTask:
 
         return SCORING
 
-    def picture(self, sample, predictor):
-        from sightline.visualization.sheet import frame_sheet
+    def perception(self, answer):
+        from sightline.structures.predictions import Perception
 
-        return frame_sheet(sample, detections2d=predictor(sample)[0])
+        return Perception(detections2d=answer[0])
 
     def demo(self, frames, out):
         del frames, out

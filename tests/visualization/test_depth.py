@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID
+from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, UNCERTAINTY_SCALE
 from sightline.visualization.depth import MISSING, colorize_depth, colorize_error, put_legend
 
 
@@ -16,10 +16,27 @@ def test_pixels_without_a_depth_are_dark():
     assert (picture[0, 4] == DEPTH_SCALE.colors(np.array([10.0]))[0]).all()
 
 
-def test_near_is_red_and_far_is_blue():
-    near, far = colorize_depth(torch.tensor([[2.5, 75.0]]))[0].astype(int)
-    assert near[0] > near[2] + 80
-    assert far[2] > far[0] + 80
+def brightness(rgb):
+    """CIE lightness (L* of 1976) of colours in sRGB, 0 to 100: what even the colour-blind see."""
+    linear = np.where(rgb <= 10, rgb / 255 / 12.92, ((rgb / 255 + 0.055) / 1.055) ** 2.4)
+    luminance = linear @ np.array([0.2126, 0.7152, 0.0722])
+    return 116 * np.cbrt(luminance) - 16
+
+
+def test_near_is_bright_and_every_step_away_is_darker_by_the_same():
+    steps = np.diff(brightness(DEPTH_SCALE.table[::8].astype(float)))
+    assert (steps < 0).all()
+    assert steps.min() > 2 * steps.mean()
+
+
+def test_large_expected_errors_are_bright_and_every_step_counts():
+    steps = np.diff(brightness(UNCERTAINTY_SCALE.table[::8].astype(float)))
+    assert (steps > 0).all()
+
+
+@pytest.mark.parametrize("scale", [DEPTH_SCALE, UNCERTAINTY_SCALE])
+def test_no_value_of_a_scale_looks_like_a_hole(scale):
+    assert brightness(scale.table.astype(float)).min() > brightness(np.array(INVALID, float)) + 15
 
 
 def test_depths_beyond_the_scale_take_the_colour_of_its_end():
@@ -57,7 +74,7 @@ def test_the_largest_error_stays_on_top_when_sparse_truth_grows():
     assert (picture[2, 2] == ERROR_SCALE.colors(np.array([-4.0]))[0]).all()
 
 
-@pytest.mark.parametrize("scale", [DEPTH_SCALE, ERROR_SCALE])
+@pytest.mark.parametrize("scale", [DEPTH_SCALE, ERROR_SCALE, UNCERTAINTY_SCALE])
 def test_positions_rise_from_0_to_1_and_ticks_lie_on_the_scale(scale):
     low = scale.lowest_m if scale.kind == "log" else -scale.highest_m
     positions = scale.positions(np.linspace(low, scale.highest_m, 500))
@@ -73,3 +90,13 @@ def test_a_legend_shows_the_scale_from_left_to_right():
     put_legend(canvas, DEPTH_SCALE, right=360, top=5, width_px=256)
     assert (canvas[8, 104:360] == DEPTH_SCALE.table).all()
     assert canvas[14:].max() > 100
+
+
+def test_a_legend_shows_what_a_hole_looks_like():
+    plain, canvas = (np.full((40, 500, 3), 60, np.uint8) for _ in range(2))
+    put_legend(plain, DEPTH_SCALE, right=460, top=5, width_px=256)
+    put_legend(canvas, DEPTH_SCALE, right=460, top=5, width_px=256, hole="no value")
+    assert (canvas[:, 204:] == plain[:, 204:]).all()
+    left = canvas[:, :204]
+    assert (left == INVALID).all(axis=2).sum() >= 50
+    assert left.max() > 120

@@ -71,23 +71,68 @@ def test_a_2d_box_far_outside_neither_draws_nor_raises(black):
     assert (draw_boxes2d(black, boxes, ["Car", "Car"], tags=False) == 0).all()
 
 
-def test_every_edge_of_a_3d_box_is_drawn_where_projection_says(black, calibration):
-    picture = draw_boxes3d(
-        black, Boxes3D(torch.tensor([CAR_AHEAD])), ["Car"], calibration, tags=False
-    )
-    corners = corners_of(CAR_AHEAD)
-    drawn = picture.max(axis=2) > 100
-    num_checked = 0
+def edges():
+    """Pairs of corner indices (ahead, left, up), each of them 0 or 1."""
     for index in np.ndindex(2, 2, 2):
         for axis in range(3):
-            if index[axis]:
-                continue
-            other = tuple(1 if place == axis else value for place, value in enumerate(index))
-            for share in (0.25, 0.5, 0.75):
-                row, column = pixel_of((1 - share) * corners[index] + share * corners[other])
-                assert drawn[row - 1 : row + 2, column - 1 : column + 2].any()
-                num_checked += 1
-    assert num_checked == 36
+            if not index[axis]:
+                yield index, tuple(1 if k == axis else v for k, v in enumerate(index)), axis
+
+
+def is_seen(corners, index, axis):
+    """Whether the camera, in the origin, lies outside a face that the edge belongs to."""
+    for across in {0, 1, 2} - {axis}:
+        side = index[across]
+        opposite = tuple(1 - side if k == across else v for k, v in enumerate(index))
+        outwards = corners[index] - corners[opposite]
+        if np.dot(-corners[index], outwards) > 0:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("box", [CAR_AHEAD, [9.0, 0.0, 1.2, 4.0, 1.8, 1.5, 1.2]])
+def test_edges_of_faces_that_the_camera_sees_are_drawn_and_the_others_are_not(
+    black, calibration, box
+):
+    picture = draw_boxes3d(black, Boxes3D(torch.tensor([box])), ["Car"], calibration, tags=False)
+    corners = corners_of(box)
+    drawn = picture.max(axis=2) > 100
+    seen = [edge[:2] for edge in edges() if is_seen(corners, edge[0], edge[2])]
+    assert 4 <= len(seen) <= 9
+    shown = [pixels_along(corners, *edge) for edge in seen]
+    for row, column in np.concatenate(shown):
+        assert drawn[row - 1 : row + 2, column - 1 : column + 2].any()
+    hidden = [edge[:2] for edge in edges() if edge[:2] not in seen]
+    for row, column in np.concatenate([pixels_along(corners, *edge) for edge in hidden]):
+        if np.abs(np.concatenate(shown) - (row, column)).max(axis=1).min() > 5:
+            assert not drawn[row, column]
+
+
+def pixels_along(corners, start, end):
+    """Rows and columns of a fine chain of points on an edge."""
+    shares = np.linspace(0.05, 0.95, 60)
+    return np.array([pixel_of((1 - s) * corners[start] + s * corners[end]) for s in shares])
+
+
+def test_a_farther_box_is_faint_within_a_nearer_one(black, calibration):
+    near, far = [8.0, 0.0, 0.0, 2.0, 4.0, 2.0, 0.0], [20.0, 0.0, 0.0, 2.0, 2.0, 1.0, 0.0]
+    alone = draw_boxes3d(black, Boxes3D(torch.tensor([far])), ["Car"], calibration, tags=False)
+    both = draw_boxes3d(
+        black, Boxes3D(torch.tensor([far, near])), ["Car", "Car"], calibration, tags=False
+    )
+    row, column = pixel_of(np.array([19.0, 1.0, 0.0]))
+    before, after = (int(picture[row, column - 1 : column + 2].max()) for picture in (alone, both))
+    assert before > 150
+    assert after < 0.5 * before
+
+
+def test_corners_alone_leave_the_middle_of_each_side_free(black):
+    box = Boxes2D(torch.tensor([[100.0, 20.0, 200.0, 100.0]]))
+    picture = draw_boxes2d(black, box, ["Car"], tags=False, corners_only=True)
+    for row, column in ((20, 100), (20, 200), (100, 100), (100, 200)):
+        assert picture[row, column].max() > 150
+    for row, column in ((20, 150), (100, 150), (60, 100), (60, 200)):
+        assert picture[row - 1 : row + 2, column - 1 : column + 2].max() == 0
 
 
 def test_nothing_is_drawn_outside_the_projected_corners(black, calibration):

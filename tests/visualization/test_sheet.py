@@ -39,6 +39,16 @@ def test_a_page_grows_by_a_panel_for_each_depth_map_that_is_there(sample):
     assert frame_sheet(replace(sample, depth=truth)).shape == four.shape
 
 
+def test_the_errors_that_a_network_expects_have_a_panel_of_their_own(sample):
+    dense = depth_map(sample.image_size)
+    error_m = torch.full(sample.image_size, 0.4)
+    error_m[:10] = torch.inf  # where there is no value
+    plain = frame_sheet(sample, dense)
+    page = frame_sheet(sample, replace(dense, uncertainty_m=error_m))
+    assert_is_picture(page)
+    assert page.shape[0] - plain.shape[0] > 1242 * 120 / 400
+
+
 @pytest.mark.parametrize("part", ["image", "points", "objects"])
 def test_a_page_is_made_without_a_part(sample, part):
     whole, lacking = frame_sheet(sample), frame_sheet(replace(sample, **{part: None}))

@@ -6,7 +6,6 @@ help. What a command needs is imported inside it, so that `--help` answers at on
 
 import os
 import sys
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -25,14 +24,15 @@ from sightline.cli.evaluate import (
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
 from sightline.cli.parser import REFUSED, OneLineParser, fail
+from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
 from sightline.cli.report import deliver
 from sightline.cli.reproduce import reproduce_dgfn, reproduce_shiftconv
 from sightline.cli.robustness import robustness
+from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
-from sightline.data.object_tree import Velodyne
 from sightline.export.names import Format
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
@@ -63,37 +63,6 @@ def check(data: Path, *, workers: int = 2) -> int:
         num_problems += 1
     print(f"{num_problems or 'no'} problem{'' if num_problems == 1 else 's'}")
     return int(num_problems > 0)
-
-
-def show(
-    data: Path,
-    frame: str,
-    *,
-    out: Path | None = None,
-    task: str | None = None,
-    method: str | None = None,
-    weights: str | None = None,
-    velodyne: Velodyne = "velodyne",
-) -> None:
-    """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, a task's answer.
-
-    Args:
-        data: A KITTI object tree, depth completion tree or raw drive.
-        frame: Name of the frame, e.g. 000008.
-        out: PNG to write; by default FRAME.png in the current folder.
-        task: Whose answer is drawn; `sightline tasks` lists them. Default: that of the weights,
-            or depth-completion.
-        method: What answers without a network.
-        weights: The network: name of weights that come with Sightline (`sightline tasks` lists
-            them) or a file (.safetensors, .ckpt). Default: the task's own.
-        velodyne: Folder of the sweeps in an object tree.
-    """
-    from sightline.inference.pictures import write_frame_picture
-
-    chosen = choose_task(task, weights)
-    draw = partial(chosen.picture, predictor=chosen.predictor(method=method, weights=weights))
-    path = out or Path(f"{frame}.png")
-    print(write_frame_picture(data, frame, path, draw=draw, velodyne=velodyne))
 
 
 def export(
@@ -168,6 +137,7 @@ def _commands() -> dict[str, Any]:
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "tasks": list_tasks,
         "predict": predict_commands(),
+        "perceive": perceive_command(),
         "proposals": proposals,
         "evaluate": {
             "_help": "Score results.",

@@ -20,6 +20,7 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--ious": (float, None),
     "--image-size": (int, 2),
     "--cases": (str, None),
+    "--results": (str, None),
     "--healthy": (str, None),
     "--compare": (str, 2),
 }
@@ -27,6 +28,8 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
 
 _MAY_BE_LEFT_OUT = ("--out-folder",)
 """Arguments without dashes that are not always needed: the command refuses where they are."""
+_SEVERAL = ("frames",)
+"""Arguments without dashes of which there may be several, one at least."""
 _SHORT = {"--page": "-o"}
 
 
@@ -50,6 +53,8 @@ class OneLineParser(jsonargparse.ArgumentParser):
             settings["action"] = _ValueList
         if dashed[0] in _MAY_BE_LEFT_OUT:
             dashed, settings["nargs"] = ["out_folder"], "?"
+        if dashed[0] in _SEVERAL:
+            settings |= {"action": "store", "type": str, "nargs": "+"}
         if dashed[0] in _SHORT:
             dashed.append(_SHORT[dashed[0]])
         return super().add_argument(*dashed, **settings)

@@ -132,6 +132,15 @@ def claim_folder(
         raise ValueError(_refusal(folder, _difference(there, settings), manifest_name))
 
 
+def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:
+    """What the manifest of a folder says; None where there is none that can be read."""
+    try:
+        told = json.loads((folder / manifest_name).read_text(errors="replace"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return told if isinstance(told, dict) else None
+
+
 def data_name(data: Path) -> str:
     """What a claim calls the data that files are made from: the folder's name and its parent's.
 

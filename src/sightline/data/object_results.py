@@ -1,9 +1,13 @@
-"""Detections as KITTI's result files hold them."""
+"""Detections as KITTI's result files hold them, and back."""
 
+import numpy as np
 import torch
+from jaxtyping import Float64
 from torch import Tensor
 
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
+from sightline.data.object_labels import labels_from_kitti
+from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.image_boxes import kitti_corners, project_boxes
@@ -62,6 +66,31 @@ def kitti_from_detections2d(found: Detections2D, image_size: tuple[int, int]) ->
         rotation_y=torch.full((count,), NO_ALPHA),
         alpha=torch.full((count,), NO_ALPHA),
     )
+
+
+def detections2d_from_kitti(objects: KittiObjects) -> Detections2D:
+    """The 2D boxes of a result file, in its order."""
+    return Detections2D(
+        class_names=objects.class_names,
+        boxes=Boxes2D(torch.tensor(objects.boxes2d)),
+        scores=torch.tensor(_scores_of(objects)),
+    )
+
+
+def detections3d_from_kitti(objects: KittiObjects, calibration: Calibration) -> Detections3D:
+    """Those objects of a result file that have a 3D part, in its order, in the LiDAR frame."""
+    labels = labels_from_kitti(objects, calibration)
+    kept = labels.has_box3d.nonzero()[:, 0]
+    return Detections3D(
+        class_names=tuple(objects.class_names[index] for index in kept.tolist()),
+        boxes=labels.boxes3d[kept],
+        scores=torch.tensor(_scores_of(objects))[kept],
+    )
+
+
+def _scores_of(objects: KittiObjects) -> Float64[np.ndarray, " num_objects"]:
+    assert objects.scores is not None, "result files have scores"
+    return objects.scores
 
 
 def _results(

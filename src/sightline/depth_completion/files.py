@@ -1,5 +1,6 @@
 """Depth maps of whole data sets as files in KITTI's format."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,12 @@ import torch
 from jaxtyping import Float32
 from torch import Tensor
 
-from sightline.data.depth_png import MAX_DEPTH_M, write_depth_png
-from sightline.structures.predictions import DepthMap
+from sightline.data.depth_png import MAX_DEPTH_M, read_depth_png, write_depth_png
+from sightline.depth_completion.postprocess import TRUSTED_SHARE
+from sightline.depth_completion.sparse_map import inside_hull
+from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.predictions import DepthMap, Perception
+from sightline.structures.sample import CameraLidarSample
 
 
 def write_depth(path: Path, answer: DepthMap) -> None:
@@ -25,6 +30,47 @@ def write_uncertainty(path: Path, answer: DepthMap) -> None:
     if answer.uncertainty_m is None:
         raise ValueError("the depth map tells no expected error; leave the uncertainty out")
     _write(path, torch.where(answer.uncertainty_m.isinf(), 0.0, answer.uncertainty_m))
+
+
+def read_depth(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
+    """Adds the depth map of a PNG, believed among the sample's measurements if it has any.
+
+    Raises:
+        ValueError: The file is no depth map, or not of the sample's image size.
+    """
+    depth_m = _read(path, sample)
+    valid = depth_m > 0
+    if sample.points is not None:
+        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+        valid = valid & torch.from_numpy(inside_hull(sparse.numpy(force=True) > 0))
+    return replace(told, depth=DepthMap(depth_m=depth_m, valid=valid))
+
+
+def read_uncertainty(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
+    """Adds the expected errors of a PNG to the depth map that they are of, and to what is valid.
+
+    Raises:
+        ValueError: There is no depth map, the file is none of errors, or not of the sample's size.
+    """
+    if told.depth is None:
+        raise ValueError(
+            f"{path} holds expected errors of a depth map; name the folder of the depths, too"
+        )
+    error_m = _read(path, sample)
+    error_m = torch.where(error_m > 0, error_m, torch.inf)
+    valid = told.depth.valid & (error_m < TRUSTED_SHARE * told.depth.depth_m)
+    return replace(told, depth=replace(told.depth, valid=valid, uncertainty_m=error_m))
+
+
+def _read(path: Path, sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
+    values_m = torch.from_numpy(read_depth_png(path))
+    if tuple(values_m.shape) != sample.image_size:
+        raise ValueError(
+            f"{path} is {values_m.shape[0]}x{values_m.shape[1]} (height x width), expected "
+            f"{sample.image_size[0]}x{sample.image_size[1]} like sample {sample.sample_id}; name "
+            "the results of this data set"
+        )
+    return values_m
 
 
 def _write(path: Path, values_m: Float32[Tensor, "height width"]) -> None:

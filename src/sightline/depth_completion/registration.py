@@ -11,9 +11,6 @@ from sightline.depth_completion.network_task import DepthNetworkTask
 from sightline.inference.predictor import Output, Switch
 
 if TYPE_CHECKING:
-    import numpy as np
-    from jaxtyping import UInt8
-
     from sightline.depth_completion.model import DepthCompletionNet
     from sightline.depth_completion.predictor import Completer
     from sightline.depth_completion.robustness import HeldOutScoring
@@ -21,7 +18,7 @@ if TYPE_CHECKING:
     from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
-    from sightline.structures.predictions import DepthMap
+    from sightline.structures.predictions import DepthMap, Perception
     from sightline.structures.sample import CameraLidarSample
 
 
@@ -45,6 +42,18 @@ def _only_valid(answer: "DepthMap") -> "DepthMap":
     return only_valid(answer)
 
 
+def _read_depth(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
+    from sightline.depth_completion.files import read_depth
+
+    return read_depth(path, sample, told)
+
+
+def _read_uncertainty(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
+    from sightline.depth_completion.files import read_uncertainty
+
+    return read_uncertainty(path, sample, told)
+
+
 class DepthCompletionTask(DepthNetworkTask):
     """`sightline.tasks.Task`, by networks or by methods without training."""
 
@@ -55,12 +64,19 @@ class DepthCompletionTask(DepthNetworkTask):
     trial_settings: Final = {"data.init_args.preparation.init_args.settings.crop_size": "[64,128]"}
     methods: tuple[str, ...] = get_args(Method)
     outputs: tuple[Output, ...] = (
-        Output(name="depth", suffix=".png", summary="Depth maps.", write=_write_depth),
+        Output(
+            name="depth",
+            suffix=".png",
+            summary="Depth maps.",
+            write=_write_depth,
+            read=_read_depth,
+        ),
         Output(
             name="uncertainty",
             suffix=".png",
             summary="The network's expected errors, as PNGs in the same format.",
             write=_write_uncertainty,
+            read=_read_uncertainty,
         ),
     )
 
@@ -100,13 +116,11 @@ class DepthCompletionTask(DepthNetworkTask):
 
         return HeldOutScoring()
 
-    def picture(
-        self, sample: "CameraLidarSample", predictor: "Completer"
-    ) -> "UInt8[np.ndarray, 'height width 3']":
-        """See `draw_completed`."""
-        from sightline.depth_completion.frame_picture import draw_completed
+    def perception(self, answer: "DepthMap") -> "Perception":
+        """The depth map."""
+        from sightline.structures.predictions import Perception
 
-        return draw_completed(sample, predictor)
+        return Perception(depth=answer)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """See `run_depth_demo`."""

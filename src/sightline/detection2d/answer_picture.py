@@ -8,7 +8,6 @@ from jaxtyping import Bool, UInt8
 from torch import Tensor
 
 from sightline.detection2d.predictor import DetectorAnswer
-from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.canvas import scaled_to_width
 from sightline.visualization.cells import MUTED, titled_cell
@@ -24,7 +23,8 @@ Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
 
 _LABEL: RGB = (245, 245, 245)
 _OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
-_DRAWN_SCORE = 0.3  # what is less sure is not drawn
+DRAWN_SCORE: Final = 0.3
+"""What is less sure is not drawn."""
 
 
 def answer_row(
@@ -90,13 +90,6 @@ def answer_panels(
     return panels
 
 
-def sure_detections(found: Detections2D, min_score: float = _DRAWN_SCORE) -> Detections2D:
-    """Those of a score of `min_score` or more, in their order."""
-    kept = (found.scores >= min_score).nonzero()[:, 0]
-    names = tuple(found.class_names[index] for index in kept.tolist())
-    return Detections2D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
-
-
 def _with_boxes(
     image: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample, answer: DetectorAnswer
 ) -> UInt8[np.ndarray, "height width 3"]:
@@ -104,7 +97,7 @@ def _with_boxes(
     scale_y, scale_x = (
         new / old for new, old in zip(image.shape[:2], sample.image_size, strict=True)
     )
-    found = sure_detections(answer.detections)
+    found = answer.detections.surer_than(DRAWN_SCORE)
     if sample.objects is not None:
         labels = sample.objects
         boxes = labels.boxes2d.resize(scale_x, scale_y)

@@ -8,7 +8,7 @@ import numpy as np
 from sightline.corruptions.suites import CLEAN, find_suite
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.detection2d.answer_picture import answer_row, sure_detections
+from sightline.detection2d.answer_picture import DRAWN_SCORE, answer_row
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.inference.demo import DemoPart, Headline
 from sightline.inference.predict import predict
@@ -51,7 +51,7 @@ def run_detection_demo(
         answer = predictor(corrupted)
         said = _SHOWN[case.name]
         rows.append(answer_row(said, corrupted, answer))
-        counts[said] = len(sure_detections(answer.detections).scores)
+        counts[said] = len(answer.detections.surer_than(DRAWN_SCORE).scores)
     write_rgb(picture, np.concatenate(rows))
     found = ", ".join(f"{count} with {said}" for said, count in counts.items())
     table = TextTable(

@@ -1,20 +1,31 @@
 """What the detectors find, as files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from sightline.data import kitti_labels
 from sightline.data.image_file import write_rgb
-from sightline.data.kitti_labels import write_objects
-from sightline.data.object_results import kitti_from_detections2d
+from sightline.data.object_results import detections2d_from_kitti, kitti_from_detections2d
 from sightline.detection2d.pictures import gate_picture
 from sightline.detection2d.predictor import DetectorAnswer
+from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 
 
 def write_results(path: Path, sample: CameraLidarSample, answer: DetectorAnswer) -> None:
     """Writes KITTI's result file."""
-    write_objects(path, kitti_from_detections2d(answer.detections, sample.image_size))
+    kitti_labels.write_objects(path, kitti_from_detections2d(answer.detections, sample.image_size))
+
+
+def read_results(path: Path, told: Perception) -> Perception:
+    """Adds the 2D boxes of KITTI's result file.
+
+    Raises:
+        FileError: The file is damaged.
+    """
+    return replace(told, detections2d=detections2d_from_kitti(kitti_labels.read_results(path)))
 
 
 def write_gates(path: Path, sample: CameraLidarSample, answer: DetectorAnswer) -> None:

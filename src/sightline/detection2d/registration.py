@@ -11,9 +11,6 @@ from sightline.detection2d.network_task import DetectionNetworkTask
 from sightline.inference.predictor import Output, Switch
 
 if TYPE_CHECKING:
-    import numpy as np
-    from jaxtyping import UInt8
-
     from sightline.detection2d.model import Detector
     from sightline.detection2d.predictor import DetectionPredictor, DetectorAnswer
     from sightline.export.graph import ExportGraph
@@ -21,6 +18,7 @@ if TYPE_CHECKING:
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.robustness.object_scoring import ObjectScoring
+    from sightline.structures.predictions import Perception
     from sightline.structures.sample import CameraLidarSample
 
 
@@ -28,6 +26,13 @@ def _write_results(path: Path, sample: "CameraLidarSample", answer: "DetectorAns
     from sightline.detection2d.files import write_results
 
     write_results(path, sample, answer)
+
+
+def _read_results(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
+    from sightline.detection2d.files import read_results
+
+    del sample
+    return read_results(path, told)
 
 
 def _write_gates(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswer") -> None:
@@ -59,6 +64,7 @@ class Detection2DTask(DetectionNetworkTask):
             suffix=".txt",
             summary="KITTI's result files, with 2D boxes and scores.",
             write=_write_results,
+            read=_read_results,
         ),
         Output(
             name="gates",
@@ -106,16 +112,11 @@ class Detection2DTask(DetectionNetworkTask):
 
         return SCORING
 
-    def picture(
-        self, sample: "CameraLidarSample", predictor: "DetectionPredictor"
-    ) -> "UInt8[np.ndarray, 'height width 3']":
-        """All there is to see of a sample, with what was detected where a sensor was there."""
-        from sightline.visualization.sheet import frame_sheet
+    def perception(self, answer: "DetectorAnswer") -> "Perception":
+        """The detections, without the gates."""
+        from sightline.structures.predictions import Perception
 
-        can_answer = any(getattr(sample, part) is not None for part in predictor.parts)
-        return frame_sheet(
-            sample, detections2d=predictor(sample).detections if can_answer else None
-        )
+        return Perception(detections2d=answer.detections)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """See `run_detection_demo`."""

@@ -44,7 +44,7 @@ def answer_picture(
     """
     height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
     sample = resize(sample, height_px, width_px)
-    proposed, sure = sure_boxes(proposed), sure_boxes(found)
+    proposed, sure = proposed.surer_than(DRAWN_SCORE), found.surer_than(DRAWN_SCORE)
     image = camera_picture(sample)
     first = draw_boxes3d(
         image,
@@ -69,13 +69,6 @@ def answer_picture(
     )
     above = _from_above(sample, proposed, sure, seen.shape[0] - TITLE_PX - GAP_PX)
     return np.concatenate((seen, titled_cell("From above", "to 60 m", above)), axis=1)
-
-
-def sure_boxes(found: Detections3D) -> Detections3D:
-    """Those that are drawn, in their order."""
-    kept = (found.scores >= DRAWN_SCORE).nonzero()[:, 0]
-    names = tuple(found.class_names[index] for index in kept.tolist())
-    return Detections3D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
 
 
 def _with_labels(

@@ -7,7 +7,7 @@ import numpy as np
 
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.detection3d.answer_picture import answer_picture, sure_boxes
+from sightline.detection3d.answer_picture import DRAWN_SCORE, answer_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.inference.demo import DemoPart
 from sightline.inference.demo_page import picture_html
@@ -44,7 +44,7 @@ def run_detection3d_demo(
     for sample in (dataset[index] for index in range(len(dataset))):
         proposed, found = predictor.both_stages(sample)
         pages.append(answer_picture(f"Frame {sample.sample_id}", sample, proposed, found))
-        counts.append(f"{len(sure_boxes(found).scores)} in {sample.sample_id}")
+        counts.append(f"{len(found.surer_than(DRAWN_SCORE).scores)} in {sample.sample_id}")
     write_rgb(picture, np.concatenate(pages))
     return DemoPart(
         title="3D detection",

@@ -1,13 +1,28 @@
 """What the detectors find, as files."""
 
+from dataclasses import replace
 from pathlib import Path
 
-from sightline.data.kitti_labels import write_objects
-from sightline.data.object_results import kitti_from_detections
-from sightline.structures.predictions import Detections3D
+from sightline.data import kitti_labels
+from sightline.data.object_results import detections3d_from_kitti, kitti_from_detections
+from sightline.structures.predictions import Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 
 
 def write_results(path: Path, sample: CameraLidarSample, answer: Detections3D) -> None:
     """Writes KITTI's result file: 2D boxes are the projections of 3D boxes."""
-    write_objects(path, kitti_from_detections(answer, sample.calibration, sample.image_size))
+    kitti_labels.write_objects(
+        path, kitti_from_detections(answer, sample.calibration, sample.image_size)
+    )
+
+
+def read_results(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
+    """Adds the 3D boxes of KITTI's result file; one of 2D boxes alone tells nothing.
+
+    Raises:
+        FileError: The file is damaged.
+    """
+    objects = kitti_labels.read_results(path)
+    found = detections3d_from_kitti(objects, sample.calibration)
+    is_of_2d_alone = len(objects) > 0 and len(found.scores) == 0
+    return told if is_of_2d_alone else replace(told, detections3d=found)

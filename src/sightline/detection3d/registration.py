@@ -10,9 +10,6 @@ from sightline.detection3d.network_task import DetectionNetworkTask
 from sightline.inference.predictor import Output, Switch
 
 if TYPE_CHECKING:
-    import numpy as np
-    from jaxtyping import UInt8
-
     from sightline.detection3d.model import Detector3D
     from sightline.detection3d.predictor import Detection3DPredictor
     from sightline.export.graph import ExportGraph
@@ -20,7 +17,7 @@ if TYPE_CHECKING:
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.robustness.object_scoring import ObjectScoring
-    from sightline.structures.predictions import Detections3D
+    from sightline.structures.predictions import Detections3D, Perception
     from sightline.structures.sample import CameraLidarSample
 
 
@@ -28,6 +25,12 @@ def _write_results(path: Path, sample: "CameraLidarSample", answer: "Detections3
     from sightline.detection3d.files import write_results
 
     write_results(path, sample, answer)
+
+
+def _read_results(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
+    from sightline.detection3d.files import read_results
+
+    return read_results(path, sample, told)
 
 
 class Detection3DTask(DetectionNetworkTask):
@@ -53,6 +56,7 @@ class Detection3DTask(DetectionNetworkTask):
             suffix=".txt",
             summary="KITTI's result files, with 3D boxes, their projections and scores.",
             write=_write_results,
+            read=_read_results,
         ),
     )
     switches: tuple[Switch, ...] = ()
@@ -95,14 +99,11 @@ class Detection3DTask(DetectionNetworkTask):
 
         return SCORING
 
-    def picture(
-        self, sample: "CameraLidarSample", predictor: "Detection3DPredictor"
-    ) -> "UInt8[np.ndarray, 'height width 3']":
-        """All there is to see of a sample, with what was detected; the sample alone if no sweep."""
-        from sightline.visualization.sheet import frame_sheet
+    def perception(self, answer: "Detections3D") -> "Perception":
+        """The detections."""
+        from sightline.structures.predictions import Perception
 
-        found = None if sample.points is None else predictor(sample)
-        return frame_sheet(sample, detections3d=found)
+        return Perception(detections3d=answer)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """See `run_detection3d_demo`."""

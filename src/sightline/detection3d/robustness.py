@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from sightline.detection3d.answer_picture import LABELLED, sure_boxes
+from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED
 from sightline.detection3d.files import write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import Answered, Panel
@@ -15,7 +15,7 @@ _VIEW: Final = BirdsEyeView(x_max_m=60.0, y_min_m=-30.0, y_max_m=30.0)
 
 def _panels(answered: Answered, width_px: int) -> tuple[Panel, ...]:
     """Boxes on the image and from above; labels are the thin white ones."""
-    given, found = answered.corrupted.sample, sure_boxes(answered.answer)
+    given, found = answered.corrupted.sample, answered.answer.surer_than(DRAWN_SCORE)
     boxes, names, labels = found.boxes, found.class_names, given.objects
     picture = draw_boxes3d(
         camera_picture(given), boxes, names, given.calibration, scores=found.scores

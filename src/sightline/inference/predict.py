@@ -17,6 +17,10 @@ from sightline.data.jobs import (
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.inference.predictor import AnsweringTask, Output, Predictor
+from sightline.structures.sample import CameraLidarSample
+
+Places = tuple[tuple[Output, Path], ...]
+"""What is written of each answer, and into which folder."""
 
 
 def predict(
@@ -62,7 +66,7 @@ def predict(
     """
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
-    places = _places(task, predictor, out, also or {})
+    places = output_places(task, predictor, out, also or {})
     changes = _changes(task, switches)
     dataset = open_dataset(
         data,
@@ -73,17 +77,9 @@ def predict(
     )
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = dataset.sample_ids
-    present = _answered(places)
+    present = answered_samples(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
-    made_from = {"data": data_name(data), "velodyne": velodyne}
-    made_by = {
-        "sightline": version("sightline"),
-        **predictor.made_by,
-        **dict.fromkeys(changes, True),
-    }
-    for output, folder in places:
-        settings = {"task": task.name, "output": output.name, "method": predictor.name}
-        claim_folder(folder, settings | made_from | made_by, results=(f"*{output.suffix}",))
+    claim_places(task, predictor, places, data, velodyne, switches=changes)
     works = [
         _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)
         for index in pending
@@ -101,7 +97,7 @@ class _SampleWork:
     name: str
     predictor: Predictor
     changes: tuple[Callable[[Any], Any], ...]
-    places: tuple[tuple[Output, Path], ...]
+    places: Places
 
     def __str__(self) -> str:
         return f"sample {self.name}"
@@ -111,8 +107,7 @@ class _SampleWork:
         answer = self.predictor(sample)
         for change in self.changes:
             answer = change(answer)
-        for output, folder in self.places:
-            output.write(folder / f"{self.name}{output.suffix}", sample, answer)
+        write_answer(self.places, sample, answer)
 
 
 def _changes(task: AnsweringTask, switches: Collection[str]) -> dict[str, Callable[[Any], Any]]:
@@ -125,10 +120,14 @@ def _changes(task: AnsweringTask, switches: Collection[str]) -> dict[str, Callab
     return {name: change for name, change in by_name.items() if name in switches}
 
 
-def _places(
+def output_places(
     task: AnsweringTask, predictor: Predictor, out: Path, also: Mapping[str, Path]
-) -> tuple[tuple[Output, Path], ...]:
-    """Each output that is asked for with its folder."""
+) -> Places:
+    """Each output that is asked for with its folder.
+
+    Raises:
+        ValueError: The task or the predictor has no such output, or two would share a folder.
+    """
     by_name = {output.name: output for output in task.outputs}
     first = task.outputs[0]
     places = [(first, out)]
@@ -153,7 +152,38 @@ def _places(
     return tuple(places)
 
 
-def _answered(places: Collection[tuple[Output, Path]]) -> set[str]:
+def claim_places(
+    task: AnsweringTask,
+    predictor: Predictor,
+    places: Places,
+    data: Path,
+    velodyne: Velodyne,
+    *,
+    switches: Collection[str] = (),
+) -> None:
+    """Claims each folder for the files that the predictor makes of the data, with these switches.
+
+    Raises:
+        ValueError: A folder holds what something else made, or cannot be written to.
+    """
+    made_from = {"data": data_name(data), "velodyne": velodyne}
+    made_by = {
+        "sightline": version("sightline"),
+        **predictor.made_by,
+        **dict.fromkeys(switches, True),
+    }
+    for output, folder in places:
+        settings = {"task": task.name, "output": output.name, "method": predictor.name}
+        claim_folder(folder, settings | made_from | made_by, results=(f"*{output.suffix}",))
+
+
+def write_answer(places: Places, sample: CameraLidarSample, answer: object) -> None:
+    """Writes the files of one answer."""
+    for output, folder in places:
+        output.write(folder / f"{sample.sample_id}{output.suffix}", sample, answer)
+
+
+def answered_samples(places: Places) -> set[str]:
     """Names of the samples all of whose files are there."""
     return set.intersection(
         *({path.stem for path in folder.glob(f"*{output.suffix}")} for output, folder in places)

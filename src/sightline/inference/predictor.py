@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from sightline.data.object_tree import Part
+    from sightline.structures.predictions import Perception
     from sightline.structures.sample import CameraLidarSample
 
 
@@ -63,6 +64,20 @@ class Output:
     """What the folder holds, in one sentence."""
     write: "Callable[[Path, CameraLidarSample, Any], None]"
     """Writes the answer to a sample, whole or not at all; picklable."""
+    read: "Callable[[Path, CameraLidarSample, Perception], Perception] | None" = None
+    """Adds what such a file tells of a sample to what the outputs before this one have told; None
+    where a file tells nothing that is drawn."""
+
+
+def lacking_parts(predictor: Predictor, sample: "CameraLidarSample") -> "tuple[Part, ...]":
+    """For want of which parts a predictor has no answer to a sample; empty: it has one.
+
+    Those that it needs; where it can do without each of its parts, all of them if none is there.
+    """
+    absent = [part for part in predictor.parts if getattr(sample, part) is None]
+    if len(absent) == len(predictor.parts):
+        return tuple(absent)
+    return tuple(part for part in absent if part in predictor.needs)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,9 +1,10 @@
 """What the tasks answer."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from beartype import beartype
-from jaxtyping import Bool, Float, Float32, jaxtyped
+from jaxtyping import Bool, Float, Float32, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
@@ -57,6 +58,18 @@ class Detections2D:
         """Checks that the columns belong together."""
         _check_lengths(self.class_names, self.boxes, self.scores)
 
+    def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections2D":
+        """Those of the indices, in their order."""
+        return Detections2D(
+            class_names=tuple(self.class_names[index] for index in kept.tolist()),
+            boxes=self.boxes[kept],
+            scores=self.scores[kept],
+        )
+
+    def surer_than(self, min_score: float) -> "Detections2D":
+        """Those of a score of `min_score` or more, in their order."""
+        return self.select((self.scores >= min_score).nonzero()[:, 0])
+
 
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -80,6 +93,55 @@ class Detections3D:
     def __post_init__(self) -> None:
         """Checks that the columns belong together."""
         _check_lengths(self.class_names, self.boxes, self.scores)
+
+    def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections3D":
+        """Those of the indices, in their order."""
+        return Detections3D(
+            class_names=tuple(self.class_names[index] for index in kept.tolist()),
+            boxes=self.boxes[kept],
+            scores=self.scores[kept],
+        )
+
+    def surer_than(self, min_score: float) -> "Detections3D":
+        """Those of a score of `min_score` or more, in their order."""
+        return self.select((self.scores >= min_score).nonzero()[:, 0])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Perception:
+    """What is known of one frame once tasks have looked at it; None where none has told.
+
+    >>> from sightline import Perception
+    >>> nothing = Perception()
+    >>> nothing.detections3d is None, nothing.depth is None
+    (True, True)
+    """
+
+    detections2d: Detections2D | None = None
+    """In the frame's pixels."""
+    detections3d: Detections3D | None = None
+    depth: DepthMap | None = None
+    """Of the frame's image size."""
+
+    @classmethod
+    def joined(cls, parts: "Iterable[Perception]") -> "Perception":
+        """All that the parts know; where two know of one thing, the first is believed."""
+        joined = cls()
+        for part in parts:
+            joined = cls(
+                detections2d=joined.detections2d or part.detections2d,
+                detections3d=joined.detections3d or part.detections3d,
+                depth=joined.depth or part.depth,
+            )
+        return joined
+
+    def surer_than(self, min_score: float) -> "Perception":
+        """Without the detections that are less sure."""
+        return replace(
+            self,
+            detections2d=self.detections2d and self.detections2d.surer_than(min_score),
+            detections3d=self.detections3d and self.detections3d.surer_than(min_score),
+        )
 
 
 def _check_lengths(class_names: tuple[str, ...], boxes: Boxes2D | Boxes3D, scores: Tensor) -> None:

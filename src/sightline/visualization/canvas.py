@@ -68,6 +68,28 @@ def put_polygon(
     _blend(canvas, filled, opacity)
 
 
+def put_picture_within(
+    canvas: UInt8[np.ndarray, "height width 3"],
+    picture: UInt8[np.ndarray, "height width 3"],
+    points: Float[np.ndarray, "num_points 2"],
+    *,
+    opacity: float,
+) -> None:
+    """Puts a picture over the canvas within the convex hull of points (x, y) [px]."""
+    limits = np.array(canvas.shape[1::-1])
+    hull = cv2.convexHull(np.rint(points.clip(-limits, 2 * limits)).astype(np.int32))
+    left, top, width, height = cv2.boundingRect(hull)
+    rows = slice(max(top, 0), max(top + height, 0))
+    columns = slice(max(left, 0), max(left + width, 0))
+    part = canvas[rows, columns]
+    if part.size == 0:
+        return
+    mask = np.zeros(part.shape[:2], np.uint8)
+    cv2.fillConvexPoly(mask, hull - np.array([columns.start, rows.start]), 1)
+    mixed = cv2.addWeighted(picture[rows, columns], opacity, part, 1 - opacity, 0)
+    part[mask > 0] = mixed[mask > 0]
+
+
 def put_points(
     canvas: UInt8[np.ndarray, "height width 3"],
     pixels: Float[np.ndarray, "num_points 2"],

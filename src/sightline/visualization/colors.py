@@ -66,10 +66,10 @@ class ColorScale:
         return rgb
 
 
-def _near_is_warm() -> UInt8[np.ndarray, "256 3"]:
-    """OpenCV's Turbo (Mikhailov 2019) from red to blue, without its darkest ends."""
-    ramp = np.rint(np.linspace(245, 15, 256)).astype(np.uint8)
-    bgr = cv2.applyColorMap(ramp[:, None], cv2.COLORMAP_TURBO)
+def _ramp(color_map: int, first: int, last: int) -> UInt8[np.ndarray, "256 3"]:
+    """A part of one of OpenCV's colour maps, in RGB."""
+    levels = np.rint(np.linspace(first, last, 256)).astype(np.uint8)
+    bgr = cv2.applyColorMap(levels[:, None], color_map)
     return np.ascontiguousarray(bgr[:, 0, ::-1])
 
 
@@ -88,9 +88,22 @@ DEPTH_SCALE = ColorScale(
     lowest_m=2.0,
     highest_m=80.0,
     ticks_m=(2.0, 5.0, 10.0, 20.0, 40.0, 80.0),
-    table=_near_is_warm(),
+    table=_ramp(cv2.COLORMAP_VIRIDIS, 255, 45),
 )
-"""Depth and range: logarithmic, because errors of depth grow with it; near is red, far is blue."""
+"""Depth and range: logarithmic, because errors of depth grow with it; near is yellow, far violet.
+
+Viridis (Smith and van der Walt 2015), even steps to every eye, without its darkest end, which
+would look like a hole.
+"""
+
+UNCERTAINTY_SCALE = ColorScale(
+    kind="log",
+    lowest_m=0.05,
+    highest_m=10.0,
+    ticks_m=(0.05, 0.2, 1.0, 3.0, 10.0),
+    table=_ramp(cv2.COLORMAP_INFERNO, 75, 255),
+)
+"""Expected errors of depth: violet where small, pale yellow where large (Inferno, as above)."""
 
 ERROR_SCALE = ColorScale(
     kind="symmetric_log",

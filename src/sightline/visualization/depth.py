@@ -80,9 +80,21 @@ def put_legend(
     right: int,
     top: int,
     width_px: int = 300,
+    hole: str = "",
 ) -> None:
-    """Writes a scale's bar with its marks in metres, its right end at column `right`."""
+    """Writes a scale's bar with its marks in metres, its right end at column `right`.
+
+    Args:
+        canvas: Where it is written.
+        scale: What it explains.
+        right: Column of the bar's right end.
+        top: Row of its upper side.
+        width_px: Of the bar.
+        hole: What pixels without a value are called, left of the bar; empty: nothing is said.
+    """
     left, height = right - width_px, 8
+    if hole:
+        _put_hole(canvas, hole, left - 16, top)
     bar = scale.table[np.linspace(0, 255, width_px).astype(np.int64)]
     canvas[top : top + height, left:right] = bar
     sign = "+" if scale.kind == "symmetric_log" else ""
@@ -94,6 +106,14 @@ def put_legend(
         put_text(canvas, text, text_left, top + height + 14, height_px=8, color=_MUTED)
     after = text_left + text_width(text, 8) + 4
     put_text(canvas, "m", after, top + height + 14, height_px=8, color=_MUTED)
+
+
+def _put_hole(canvas: UInt8[np.ndarray, "height width 3"], hole: str, right: int, top: int) -> None:
+    """A square of the colour of holes before its name, which ends at column `right`."""
+    left = right - text_width(hole, 8)
+    put_text(canvas, hole, left, top + 9, height_px=8, color=_MUTED)
+    cv2.rectangle(canvas, (left - 16, top), (left - 6, top + 9), _MUTED, 1)
+    canvas[top + 1 : top + 9, left - 15 : left - 6] = INVALID
 
 
 def _known(depth_m: Float[Tensor, "height width"]) -> Float[np.ndarray, "height width"]:

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, UInt8
+import torch
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
@@ -12,7 +13,13 @@ from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
 from sightline.geometry.transforms import transform_points
 from sightline.structures.sample import CameraLidarSample
-from sightline.visualization.canvas import put_lines, put_points, put_polygon, scale_of
+from sightline.visualization.canvas import (
+    put_lines,
+    put_picture_within,
+    put_points,
+    put_polygon,
+    scale_of,
+)
 from sightline.visualization.clipping import clip_polygon, clip_segments, view_planes
 from sightline.visualization.colors import DEPTH_SCALE, RGB, ColorScale, class_color
 from sightline.visualization.lettering import Tag, put_tags
@@ -21,7 +28,15 @@ from sightline.visualization.lettering import Tag, put_tags
 _EDGES = np.array(
     [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
 )
-_FRONT = np.array([0, 1, 5, 4])
+_FACES = np.array(
+    [[0, 1, 5, 4], [2, 3, 7, 6], [3, 0, 4, 7], [1, 2, 6, 5], [4, 5, 6, 7], [0, 1, 2, 3]]
+)
+"""Front, rear, left, right, top, bottom."""
+_FRONT = _FACES[0]
+_EDGE_FACES = np.array([[set(edge) <= set(face) for face in _FACES.tolist()] for edge in _EDGES])
+"""Which faces meet in each edge."""
+_CORNER_SHARE, _CORNER_PX = 0.3, 16.0  # what is drawn of a side from each corner, at most
+_COVERING = 0.75  # how much of a box is gone behind a nearer one
 _TAG_HEIGHT_PX = 9
 
 
@@ -48,6 +63,7 @@ def draw_boxes2d(
     scores: Float[Tensor, " num_boxes"] | None = None,
     color: RGB | None = None,
     tags: bool = True,
+    corners_only: bool = False,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The RGB picture with the boxes' outlines in the colours of their classes.
 
@@ -59,6 +75,8 @@ def draw_boxes2d(
         color: One for all boxes instead.
         tags: Whether the classes are written at the boxes; larger boxes first where it is narrow.
             DontCare regions are never named.
+        corners_only: Draws strong corners instead of whole outlines, which leaves room for 3D boxes
+            of the same objects.
     """
     canvas = picture.copy()
     scale = scale_of(canvas)
@@ -72,10 +90,13 @@ def draw_boxes2d(
         # A homogeneous 1 makes pixels of them: boxes far outside are cut like all else.
         homogeneous = np.concatenate((corners, np.ones((4, 1))), axis=1)
         outline = np.stack((homogeneous, np.roll(homogeneous, -1, axis=0)), axis=1)
+        if corners_only:
+            outline = _ends(outline, _CORNER_PX * scale)
         segments = clip_segments(outline, view_planes(canvas.shape[:2]))
         chosen = color or class_color(name)
         opacity = 0.7 if name == "DontCare" else 1.0
-        put_lines(canvas, segments, chosen, width_px=round(scale), halo=True, opacity=opacity)
+        width_px = round(2 * scale) if corners_only else round(scale)
+        put_lines(canvas, segments, chosen, width_px=width_px, halo=True, opacity=opacity)
         if name != "DontCare" and len(segments):
             text = name if scores is None else f"{name} {float(scores[index]):.2f}"
             named.append(Tag(text=text, color=chosen, box=(x_min, y_min, x_max, y_max)))
@@ -94,10 +115,11 @@ def draw_boxes3d(
     color: RGB | None = None,
     tags: bool = True,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The RGB picture with the projected boxes, the front face of each filled.
+    """The RGB picture with the projected boxes, the front face filled where it is seen.
 
+    Only edges of faces that the camera sees are drawn, all of them where it is within the box.
     Edges are cut where they pass the camera, so a box beside it is drawn right; a box behind the
-    camera, or of no size, is not drawn. Nearer boxes cover farther ones.
+    camera, or of no size, is not drawn. Within nearer boxes farther ones are faint.
 
     Args:
         picture: Is left as it is.
@@ -114,17 +136,21 @@ def draw_boxes3d(
     corners = boxes.corners().detach().cpu().double()
     flat = transform_points(calibration.image_from_lidar, corners.reshape(-1, 3))
     homogeneous = flat.reshape(-1, 8, 3).numpy()
+    sees_face = _seen_faces(boxes, calibration)
+    sees_edge = (sees_face @ _EDGE_FACES.T) | ~sees_face.any(axis=1, keepdims=True)
     has_size = (boxes.sizes > 0).all(dim=-1).cpu().numpy()
     order = np.argsort(-homogeneous[..., 2].mean(axis=1), kind="stable")
     named: list[Tag] = []
     for index in order[has_size[order]].tolist():
-        segments = clip_segments(homogeneous[index][_EDGES], planes)
+        segments = clip_segments(homogeneous[index][_EDGES[sees_edge[index]]], planes)
         if len(segments) == 0:
             continue
         name = class_names[index]
         chosen = color or class_color(name)
-        front = clip_polygon(homogeneous[index][_FRONT], planes)
-        put_polygon(canvas, front, chosen, opacity=0.25)
+        put_picture_within(canvas, picture, segments.reshape(-1, 2), opacity=_COVERING)
+        if sees_face[index, 0]:
+            front = clip_polygon(homogeneous[index][_FRONT], planes)
+            put_polygon(canvas, front, chosen, opacity=0.25)
         put_lines(canvas, segments, chosen, width_px=round(scale), halo=True)
         x_min, y_min = segments.min(axis=(0, 1)).tolist()
         x_max, y_max = segments.max(axis=(0, 1)).tolist()
@@ -133,6 +159,32 @@ def draw_boxes3d(
     if tags:
         put_tags(canvas, named[::-1], height_px=round(_TAG_HEIGHT_PX * max(scale, 1.0)))
     return canvas
+
+
+def _seen_faces(
+    boxes: Boxes3D, calibration: Calibration
+) -> Bool[np.ndarray, "num_boxes num_faces"]:
+    """Which faces, as in `_FACES`, the camera's centre lies outside of."""
+    image_from_lidar = calibration.image_from_lidar
+    centre = -torch.linalg.solve(image_from_lidar[:, :3], image_from_lidar[:, 3])
+    exact = Boxes3D(boxes.tensor.detach().cpu().double())
+    x, y, z = exact.to_canonical(centre.cpu()[None])[:, 0].unbind(dim=1)
+    length, width, height = (exact.sizes / 2).unbind(dim=1)
+    outside = (x > length, -x > length, y > width, -y > width, z > height, -z > height)
+    return torch.stack(outside, dim=1).numpy()
+
+
+def _ends(
+    outline: Float[np.ndarray, "num_sides 2 3"], length_px: float
+) -> Float[np.ndarray, "twice_as_many 2 3"]:
+    """Both ends of each side."""
+    start, end = outline[:, 0], outline[:, 1]
+    along = end - start
+    whole = np.linalg.norm(along, axis=1, keepdims=True).clip(min=1e-9)
+    reach = along * np.minimum(_CORNER_SHARE, length_px / whole)
+    return np.concatenate(
+        (np.stack((start, start + reach), axis=1), np.stack((end - reach, end), axis=1))
+    )
 
 
 def draw_points(

@@ -9,17 +9,24 @@ import torch
 from jaxtyping import Float, Float32, Int64, UInt8
 from torch import Tensor
 
-from sightline.data.scene_changes import resize, resize_map
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.labels import ObjectLabels
-from sightline.structures.predictions import DepthMap, Detections2D, Detections3D
+from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
-from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, RGB, ColorScale
+from sightline.visualization.colors import (
+    DEPTH_SCALE,
+    ERROR_SCALE,
+    INVALID,
+    RGB,
+    UNCERTAINTY_SCALE,
+    ColorScale,
+)
 from sightline.visualization.depth import colorize_depth, colorize_error, put_legend
 from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.object_table import draw_object_table
+from sightline.visualization.zoom import zoomed
 
 _PAGE: RGB = (36, 39, 46)
 _TITLE: RGB = (236, 238, 242)
@@ -35,6 +42,7 @@ _FARTHEST_M = 90.0  # no point of KITTI's LiDAR lies farther away
 _WIDE = 2.0  # pictures at least so many times as wide as high stand one above the other
 _HIGHEST = 1.5  # pictures higher than so many times the panel's width are made narrower than it
 _MAX_OBJECTS = 500  # drawn; twenty times KITTI's fullest frame
+_NO_POINT, _NO_VALUE = "no point", "no value"
 _SPARSE_SHARE = 0.3  # maps with values on fewer pixels are drawn with larger points
 
 
@@ -43,16 +51,16 @@ class _Panel:
     title: str
     picture: UInt8[np.ndarray, "height width 3"]
     scale: ColorScale | None = None
+    hole: str = ""
+    """What its pixels without a value are."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class _Frame:
     """What the page shows, at the size at which it shows it."""
 
     sample: CameraLidarSample
-    dense_depth: DepthMap | None
-    detections2d: Detections2D | None
-    detections3d: Detections3D | None
+    told: Perception
 
 
 def frame_sheet(
@@ -65,8 +73,9 @@ def frame_sheet(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """An RGB page of the frame's boxes, sweep and depth maps, titled and with legends.
 
-    Shows the image with 2D and 3D boxes, the LiDAR coloured by range on it, the sparse depth, the
-    dense depth (and its error where the sample has true depth), a bird's-eye view and a table of
+    Shows the image with 2D boxes (their corners) and 3D boxes (the edges that the camera sees), the
+    LiDAR coloured by range on it, the sparse depth, the dense depth with its expected error (where
+    it has one) and its error (where the sample has true depth), a bird's-eye view and a table of
     the objects. What the sample lacks is said where it would stand. Where there are detections,
     they have the colours and labels are white. Of more than 500 labels the nearest are drawn, of
     detections the surest.
@@ -95,15 +104,12 @@ def frame_sheet(
         )
     num_columns = 1 if sample.image_size[1] >= _WIDE * sample.image_size[0] else 2
     panel_px = (_COLUMN_PX - (num_columns - 1) * _GAP_PX) // num_columns
-    frame = _zoomed(
-        _Frame(
-            sample=replace(sample, objects=_nearest(sample.objects)),
-            dense_depth=dense_depth,
-            detections2d=_surest_in_2d(detections2d),
-            detections3d=_surest_in_3d(detections3d),
-        ),
-        panel_px,
+    told = Perception(
+        detections2d=detections2d and detections2d.select(_surest(detections2d.scores)),
+        detections3d=detections3d and detections3d.select(_surest(detections3d.scores)),
+        depth=dense_depth,
     )
+    frame = _fitted(replace(sample, objects=_nearest(sample.objects)), told, panel_px)
     panels = [_boxes_panel(frame), _lidar_panel(frame), *_depth_panels(frame, dense_name)]
     main = _arranged([_titled(panel, panel_px) for panel in panels], num_columns)
     side = _side_column(frame, main.shape[0])
@@ -127,44 +133,19 @@ def _nearest(labels: ObjectLabels | None) -> ObjectLabels | None:
     return labels.select(is_drawn)
 
 
-def _surest_in_2d(found: Detections2D | None) -> Detections2D | None:
-    if found is None:
-        return None
-    kept = _surest(found.scores)
-    names = tuple(found.class_names[index] for index in kept.tolist())
-    return Detections2D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
-
-
-def _surest_in_3d(found: Detections3D | None) -> Detections3D | None:
-    if found is None:
-        return None
-    kept = _surest(found.scores)
-    names = tuple(found.class_names[index] for index in kept.tolist())
-    return Detections3D(class_names=names, boxes=found.boxes[kept], scores=found.scores[kept])
-
-
 def _surest(scores: Float[Tensor, " num_detections"]) -> Int64[Tensor, " num_kept"]:
     """In their order."""
     return scores.argsort(descending=True, stable=True)[:_MAX_OBJECTS].sort().values
 
 
-def _zoomed(frame: _Frame, panel_px: int) -> _Frame:
+def _fitted(sample: CameraLidarSample, told: Perception, panel_px: int) -> _Frame:
     """The frame at a size that fits the panel; kept pixel by pixel where it nearly does."""
-    height, width = frame.sample.image_size
+    height, width = sample.image_size
     zoom = min(panel_px / width, _HIGHEST * panel_px / height)
     if 1 <= zoom <= 1 / 0.75:
-        return frame
+        return _Frame(sample, told)
     size = (max(round(height * zoom), 1), max(round(width * zoom), 1))
-    dense, found = frame.dense_depth, frame.detections2d
-    if dense is not None:
-        dense = DepthMap(
-            depth_m=resize_map(dense.depth_m, *size),
-            valid=resize_map(dense.valid.float(), *size) > 0,
-        )
-    if found is not None:
-        found = replace(found, boxes=found.boxes.resize(size[1] / width, size[0] / height))
-    sample = resize(frame.sample, *size)
-    return replace(frame, sample=sample, dense_depth=dense, detections2d=found)
+    return _Frame(*zoomed(sample, told, size))
 
 
 def _backdrop(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
@@ -181,18 +162,12 @@ def _notice(size: tuple[int, int], text: str) -> UInt8[np.ndarray, "height width
 
 
 def _boxes_panel(frame: _Frame) -> _Panel:
+    """Labels below detections, 3D boxes below the corners of 2D boxes."""
     sample, picture = frame.sample, _backdrop(frame.sample)
-    in_2d, in_3d, labels = frame.detections2d, frame.detections3d, sample.objects
+    in_2d, in_3d, labels = frame.told.detections2d, frame.told.detections3d, sample.objects
     has_detections = in_2d is not None or in_3d is not None
     if labels is not None:
-        color = _LABEL_BESIDE_DETECTION if has_detections else None
-        kept = labels.select(labels.has_box3d)
-        picture = draw_boxes3d(
-            picture, kept.boxes3d, kept.class_names, sample.calibration, color=color, tags=False
-        )
-        picture = draw_boxes2d(
-            picture, labels.boxes2d, labels.class_names, color=color, tags=not has_detections
-        )
+        picture = _with_labels(picture, frame, beside_detections=has_detections)
     if in_3d is not None:
         picture = draw_boxes3d(
             picture,
@@ -203,12 +178,51 @@ def _boxes_panel(frame: _Frame) -> _Panel:
             tags=in_2d is None,
         )
     if in_2d is not None:
-        picture = draw_boxes2d(picture, in_2d.boxes, in_2d.class_names, scores=in_2d.scores)
+        picture = draw_boxes2d(
+            picture,
+            in_2d.boxes,
+            in_2d.class_names,
+            scores=in_2d.scores,
+            corners_only=in_3d is not None,
+        )
     if has_detections:
-        title = "2D and 3D boxes: detections, and labels in white"
+        kinds = [*["2D boxes"] * (in_2d is not None), *["3D boxes"] * (in_3d is not None)]
+        if len(kinds) > 1:
+            kinds = ["2D boxes (corners)", "3D boxes (edges)"]
+        beside = "" if labels is None else ", labels in white"
+        title = f"Detections: {', '.join(kinds)}{beside}"
     else:
         title = "2D and 3D boxes: labels" if labels is not None else "Image: no labels"
     return _Panel(title=title, picture=picture)
+
+
+def _with_labels(
+    picture: UInt8[np.ndarray, "height width 3"], frame: _Frame, *, beside_detections: bool
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Labels by their classes; beside detections in white, and only what was to be detected."""
+    labels, told = frame.sample.objects, frame.told
+    assert labels is not None, "there are labels to draw"
+    color = _LABEL_BESIDE_DETECTION if beside_detections else None
+    if not beside_detections or told.detections3d is not None:
+        kept = labels.select(labels.has_box3d)
+        picture = draw_boxes3d(
+            picture,
+            kept.boxes3d,
+            kept.class_names,
+            frame.sample.calibration,
+            color=color,
+            tags=False,
+        )
+    if not beside_detections or told.detections3d is None:
+        picture = draw_boxes2d(
+            picture,
+            labels.boxes2d,
+            labels.class_names,
+            color=color,
+            tags=not beside_detections,
+            corners_only=not beside_detections,
+        )
+    return picture
 
 
 def _lidar_panel(frame: _Frame) -> _Panel:
@@ -222,7 +236,7 @@ def _lidar_panel(frame: _Frame) -> _Panel:
 
 
 def _depth_panels(frame: _Frame, dense_name: str) -> list[_Panel]:
-    sample, dense, truth = frame.sample, frame.dense_depth, frame.sample.depth
+    sample, dense, truth = frame.sample, frame.told.depth, frame.sample.depth
     panels = []
     if sample.points is None:
         picture = _notice(sample.image_size, "no LiDAR sweep")
@@ -231,14 +245,24 @@ def _depth_panels(frame: _Frame, dense_name: str) -> list[_Panel]:
         sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
         share = f"{100 * float((sparse > 0).float().mean()):.1f} % of the pixels"
         picture = colorize_depth(sparse, point_size_px=3)
-        panels.append(_Panel(title=f"Sparse depth: {share}", picture=picture, scale=DEPTH_SCALE))
+        title = f"Sparse depth: {share}"
+        panels.append(_Panel(title=title, picture=picture, scale=DEPTH_SCALE, hole=_NO_POINT))
     if truth is not None and dense is None:
         picture = colorize_depth(truth, point_size_px=_point_size(truth))
-        panels.append(_Panel(title="True depth", picture=picture, scale=DEPTH_SCALE))
+        panels.append(
+            _Panel(title="True depth", picture=picture, scale=DEPTH_SCALE, hole=_NO_VALUE)
+        )
     if dense is not None:
         depth = torch.where(dense.valid, dense.depth_m, 0.0)
         title = "Dense depth" + (f": {dense_name}" if dense_name else "")
-        panels.append(_Panel(title=title, picture=colorize_depth(depth), scale=DEPTH_SCALE))
+        picture = colorize_depth(depth)
+        panels.append(_Panel(title=title, picture=picture, scale=DEPTH_SCALE, hole=_NO_VALUE))
+        if dense.uncertainty_m is not None:
+            picture = colorize_depth(dense.uncertainty_m, scale=UNCERTAINTY_SCALE)
+            title = "Error of the dense depth that the network expects, everywhere"
+            panels.append(
+                _Panel(title=title, picture=picture, scale=UNCERTAINTY_SCALE, hole=_NO_VALUE)
+            )
         if truth is not None:
             picture = colorize_error(depth, truth, point_size_px=_point_size(truth))
             title = "Dense depth less true depth; violet where none was predicted"
@@ -252,7 +276,7 @@ def _point_size(depth_m: Float32[Tensor, "height width"]) -> int:
 
 def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 3"]:
     """The bird's-eye view and, where it leaves room, the table of the objects."""
-    sample, found, labels = frame.sample, frame.detections3d, frame.sample.objects
+    sample, found, labels = frame.sample, frame.told.detections3d, frame.sample.objects
     listed = found if found is not None else labels
     view = BirdsEyeView(pixels_per_m=_SIDE_PX / (BirdsEyeView.y_max_m - BirdsEyeView.y_min_m))
     room = height - _TITLE_PX
@@ -285,8 +309,8 @@ def _titled(panel: _Panel, width_px: int) -> UInt8[np.ndarray, "height width 3"]
     """The picture under a line with its title and its legend, padded to the panel's width."""
     line = _blank(_TITLE_PX, width_px)
     put_text(line, panel.title, 0, _TITLE_PX - 12, height_px=11, color=_TITLE)
-    if panel.scale is not None and text_width(panel.title, 11) + 350 < width_px:
-        put_legend(line, panel.scale, right=width_px - 24, top=8)
+    if panel.scale is not None and text_width(panel.title, 11) + 430 < width_px:
+        put_legend(line, panel.scale, right=width_px - 24, top=8, hole=panel.hole)
     height, width = panel.picture.shape[:2]
     padded = np.concatenate((panel.picture, _blank(height, width_px - width)), axis=1)
     return np.concatenate((line, padded))

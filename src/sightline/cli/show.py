@@ -1,0 +1,54 @@
+"""`sightline show`: frames and what was found in them, as a picture."""
+
+from pathlib import Path
+
+from sightline.data.object_tree import Velodyne
+from sightline.tasks import choose_task
+
+
+def show(
+    data: Path,
+    frames: list[str],
+    *,
+    out: Path | None = None,
+    results: tuple[str, ...] = (),
+    task: str | None = None,
+    method: str | None = None,
+    weights: str | None = None,
+    min_score: float = 0.3,
+    velodyne: Velodyne = "velodyne",
+) -> None:
+    """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth, its errors.
+
+    Draws the answer of one task, or result files. Of several frames it makes a page with camera,
+    depth and bird's-eye view of each.
+
+    Args:
+        data: A recording, or a KITTI object tree, depth completion tree or raw drive.
+        frames: Names of the frames, e.g. 000008 000010.
+        out: PNG or JPEG to write; by default FRAME.png in the current folder, or FIRST-LAST.png.
+        results: Folders of result files to draw instead of asking a task: what perceive or predict
+            has written, or others' files in KITTI's formats.
+        task: Whose answer is drawn; `sightline tasks` lists them. Default: that of the weights,
+            or depth-completion.
+        method: What answers without a network.
+        weights: The network: name of weights that come with Sightline (`sightline tasks` lists
+            them) or a file (.safetensors, .ckpt). Default: the task's own.
+        min_score: Detections that are less sure are not drawn.
+        velodyne: Folder of the sweeps in an object tree.
+    """
+    from sightline.perception.show import Answers, Results, write_frames_picture
+
+    if results and (task or method or weights):
+        raise ValueError("results are drawn as they are; leave out task, method and weights")
+    tell: Answers | Results
+    if results:
+        tell = Results([Path(folder) for folder in results])
+    else:
+        chosen = choose_task(task, weights)
+        tell = Answers(chosen, chosen.predictor(method=method, weights=weights))
+    name = frames[0] if len(frames) == 1 else f"{frames[0]}-{frames[-1]}"
+    path = out or Path(f"{name}.png")
+    print(
+        write_frames_picture(data, frames, path, tell=tell, min_score=min_score, velodyne=velodyne)
+    )

@@ -1,0 +1,223 @@
+"""Runs all tasks over a whole data set: result files and one line a frame, resumable, parallel."""
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from sightline.data.atomic import atomic_write_text
+from sightline.data.jobs import check_workers, claim_folder, data_name, run_job, shard
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import SampleDataset, open_dataset
+from sightline.inference.predict import (
+    Places,
+    answered_samples,
+    claim_places,
+    output_places,
+    write_answer,
+)
+from sightline.perception.lines import frame_line
+from sightline.perception.perceiver import Perceiver
+from sightline.perception.pictures import PictureFiles
+from sightline.perception.results import JOB_NAME
+from sightline.tasks import find_task
+
+LINES_NAME: Final = "perception.jsonl"
+"""File in the output folder with a line for each frame, by name."""
+
+_LINES_FOLDER = "lines"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PerceiveResult:
+    """What a job did."""
+
+    written: int
+    skipped: int
+    """Frames whose files were there already."""
+    answered: Mapping[str, int]
+    """By task: how many of these frames it had an answer to."""
+
+
+def perceive(
+    data: Path | str,
+    out: Path | str,
+    *,
+    perceiver: Perceiver | None = None,
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne = "velodyne",
+    all_outputs: bool = False,
+    workers: int = 1,
+    overwrite: bool = False,
+    shard_index: int = 0,
+    num_shards: int = 1,
+    video: Path | str | None = None,
+    rerun: Path | str | None = None,
+    fps: float = 10.0,
+    min_score: float = 0.3,
+) -> PerceiveResult:
+    """Asks all tasks about every frame of a data set, each of which is loaded once.
+
+    `out` then holds a folder of result files for each task, the same as `sightline predict`
+    writes, and perception.jsonl: docs/perception.md tells what stands in a line. A frame without
+    a sensor is answered by the tasks that can do without it.
+
+    A file appears whole or not at all, and frames that are done are skipped, so a job that was
+    stopped goes on where it was: run it again.
+
+    >>> import json, sightline, tempfile
+    >>> from pathlib import Path
+    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+    >>> weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "nearest"}
+    >>> perceiver = sightline.Perceiver.load(weights)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     done = sightline.perceive(PACKAGED_FRAMES, folder, perceiver=perceiver)
+    ...     lines = (Path(folder) / "perception.jsonl").read_text().splitlines()
+    >>> done.written, [json.loads(line)["frame"] for line in lines]
+    (2, ['000000', '000001'])
+
+    Args:
+        data: Folder of the data set; see `open_dataset`.
+        out: Folder for all results; made where it is missing.
+        perceiver: Which tasks, and by what. None: all, by their default weights.
+        sample_list: Which frames; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder in an object tree.
+        all_outputs: Whether to write the further outputs of tasks, too: expected errors, gates.
+        workers: Processes that work; 1 is this process alone.
+        overwrite: Whether to make files anew that are there already.
+        shard_index: Which part of the frames to do, from 0.
+        num_shards: Number of parts; each part can be done on another machine, at the same time.
+        video: An MP4 of all frames to write, too; see `PictureFiles`.
+        rerun: A file of the Rerun viewer (.rrd) to write, too; likewise.
+        fps: Frames per second of the video.
+        min_score: Detections that are less sure are in the results, and in neither picture.
+
+    Raises:
+        ValueError: The data cannot be read, a folder holds what something else made or cannot be
+            written to, a number makes no sense, or a library for the pictures is missing. Errors
+            about a frame name it; frames done before stay done.
+    """
+    pictures = PictureFiles.checked(video, rerun, fps=fps, min_score=min_score)
+    if num_shards > 1 and pictures:
+        raise ValueError("a shard has no whole video; leave the pictures to a last run of all")
+    check_workers(workers)
+    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    data, out = Path(data), Path(out)
+    perceiver = perceiver or Perceiver.load(threads=1)
+    dataset = open_dataset(
+        data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
+    )
+    indices = shard(range(len(dataset)), shard_index, num_shards)
+    names = [dataset.sample_ids[index] for index in indices]
+    places = _places(perceiver, out, all_outputs=all_outputs)
+    made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
+    _claim(perceiver, places, data, out, velodyne)
+    done = set() if overwrite else _done_frames(out / _LINES_FOLDER, places)
+    works = [
+        _FrameWork(dataset, index, name, perceiver, places, made_by, out / _LINES_FOLDER)
+        for index, name in zip(indices, names, strict=True)
+        if name not in done
+    ]
+    run_job(works, workers, description=JOB_NAME)
+    lines = _read_lines(out / _LINES_FOLDER)
+    atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
+    if pictures:
+        pictures.write(dataset, out)
+    return PerceiveResult(
+        written=len(works),
+        skipped=len(names) - len(works),
+        answered={
+            task: sum(task in _answering(lines[name][1]) for name in names) for task in made_by
+        },
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _FrameWork:
+    """Asks all tasks about a frame and writes its files, last the line, which says: done."""
+
+    dataset: SampleDataset
+    index: int
+    name: str
+    perceiver: Perceiver
+    places: Mapping[str, Places]
+    made_by: Mapping[str, str]
+    lines: Path
+
+    def __str__(self) -> str:
+        return f"sample {self.name}"
+
+    def run(self) -> None:
+        sample = self.dataset[self.index]
+        answered = self.perceiver.answer(sample)
+        for task, answer in answered.answers.items():
+            write_answer(self.places[task], sample, answer)
+        line = frame_line(sample, answered, self.made_by)
+        atomic_write_text(self.lines / f"{self.name}.json", f"{line}\n")
+
+
+def _places(perceiver: Perceiver, out: Path, *, all_outputs: bool) -> dict[str, Places]:
+    """By task: a folder of its name for its first output, and one for each further output."""
+    places = {}
+    for name, predictor in perceiver.predictors.items():
+        task = find_task(name)
+        also = {
+            output.name: out / f"{name}-{output.name}"
+            for output in task.outputs[1:]
+            if all_outputs and output.name in predictor.gives
+        }
+        places[name] = output_places(task, predictor, out / name, also)
+    return places
+
+
+def _claim(
+    perceiver: Perceiver, places: Mapping[str, Places], data: Path, out: Path, velodyne: Velodyne
+) -> None:
+    """Claims the folder as a whole, and each task's as `predict` does."""
+    made_by = {
+        name: {"method": predictor.name, **predictor.made_by}
+        for name, predictor in perceiver.predictors.items()
+    }
+    settings = {
+        "job": JOB_NAME,
+        "folders": [folder.name for task in places.values() for _, folder in task],
+        "data": data_name(data),
+        "velodyne": velodyne,
+        "sightline": version("sightline"),
+        **made_by,
+    }
+    claim_folder(out, settings, results=(f"{_LINES_FOLDER}/*.json", LINES_NAME))
+    for name, predictor in perceiver.predictors.items():
+        claim_places(find_task(name), predictor, places[name], data, velodyne)
+
+
+def _done_frames(folder: Path, places: Mapping[str, Places]) -> set[str]:
+    """The frames that have a line, and all files of the tasks that it says had an answer."""
+    present = {task: answered_samples(task_places) for task, task_places in places.items()}
+    return {
+        name
+        for name, (_, line) in _read_lines(folder).items()
+        if all(name in present.get(task, ()) for task in _answering(line))
+    }
+
+
+def _read_lines(folder: Path) -> dict[str, tuple[str, dict[str, object]]]:
+    """The lines that are there, by frame in order: as text, and what it says; damaged ones not."""
+    lines: dict[str, tuple[str, dict[str, object]]] = {}
+    for path in sorted(folder.glob("*.json")):
+        text = path.read_text(errors="replace").strip()
+        with suppress(ValueError, RecursionError):
+            told = json.loads(text)
+            if isinstance(told, dict) and isinstance(told.get("tasks"), dict):
+                lines[path.stem] = (text, told)
+    return lines
+
+
+def _answering(line: Mapping[str, object]) -> Collection[str]:
+    """The tasks that had an answer to the frame of a line."""
+    tasks = line["tasks"]
+    assert isinstance(tasks, dict), "checked when it was read"
+    return [name for name, told in tasks.items() if "lacks" not in told]

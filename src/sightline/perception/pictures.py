@@ -1,0 +1,83 @@
+"""Videos and files of the Rerun viewer, made of results on disk."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from sightline.data.open import SampleDataset
+from sightline.data.progress import track
+from sightline.perception.results import ResultFolder, open_results, read_perception
+from sightline.structures.predictions import Perception
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.frame_row import RowLayout, draw_row
+from sightline.visualization.rerun_file import check_rerun, write_rerun
+from sightline.visualization.video import check_video, write_video
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PictureFiles:
+    """What is drawn of a data set and its results, and where it is written; whole or not at all."""
+
+    video: Path | None
+    """MP4: camera with boxes, depth and bird's-eye view of each frame; see `draw_row`."""
+    rerun: Path | None
+    """For the Rerun viewer: image, depth, points, boxes on a time line; see `write_rerun`."""
+    fps: float
+    min_score: float
+
+    @classmethod
+    def checked(
+        cls, video: Path | str | None, rerun: Path | str | None, *, fps: float, min_score: float
+    ) -> "PictureFiles | None":
+        """What is asked for, if it can be made at all; None where nothing is asked for.
+
+        Raises:
+            ValueError: A name has the wrong ending, a library is missing, or the rate makes no
+                sense.
+        """
+        if video is None and rerun is None:
+            return None
+        if video is not None:
+            check_video(Path(video), fps)
+        if rerun is not None:
+            check_rerun(Path(rerun))
+        return cls(
+            video=None if video is None else Path(video),
+            rerun=None if rerun is None else Path(rerun),
+            fps=fps,
+            min_score=min_score,
+        )
+
+    def write(self, dataset: SampleDataset, results: Path) -> None:
+        """Draws all frames, in their order.
+
+        Raises:
+            ValueError: A frame or a result cannot be read, or a file cannot be written.
+        """
+        opened = open_results([results])
+        if self.video is not None:
+            frames = self._frames(dataset, opened, "video")
+            write_video(self.video, _pictures(frames), fps=self.fps)
+        if self.rerun is not None:
+            write_rerun(self.rerun, self._frames(dataset, opened, "rerun"))
+
+    def _frames(
+        self, dataset: SampleDataset, results: tuple[ResultFolder, ...], description: str
+    ) -> Iterator[tuple[CameraLidarSample, Perception]]:
+        numbers = range(len(dataset))
+        for sample in track(map(dataset.__getitem__, numbers), description=description,
+                            total=len(numbers)):  # fmt: skip
+            yield sample, read_perception(results, sample).surer_than(self.min_score)
+
+
+def _pictures(
+    frames: Iterator[tuple[CameraLidarSample, Perception]],
+) -> Iterator[UInt8[np.ndarray, "_height _width 3"]]:
+    layout = None
+    for sample, told in frames:
+        layout = layout or RowLayout.of(sample.image_size)
+        at = sample.timestamp_s
+        yield draw_row(sample, told, layout, note="" if at is None else f"{at:.2f} s")

@@ -1,0 +1,103 @@
+"""Result files on disk, read back for pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from sightline.data.jobs import read_claim
+from sightline.inference.predictor import Output
+from sightline.structures.predictions import Perception
+from sightline.structures.sample import CameraLidarSample
+from sightline.tasks import REGISTRY, find_task, task_names
+
+JOB_NAME: Final = "perceive"
+"""What the manifest of a folder of several tasks' results calls the job that made it."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ResultFolder:
+    """A folder of one kind of result files."""
+
+    folder: Path
+    output: Output
+    made_by: str
+    """Name of the weights or the method; empty where the folder does not say."""
+    position: int
+    """Of the output among its task's: further ones add to what the first tells."""
+
+    def path(self, name: str) -> Path:
+        """The file of a frame."""
+        return self.folder / f"{name}{self.output.suffix}"
+
+
+def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
+    """What there is to draw in folders that `perceive` or `predict` have written, or others.
+
+    A folder's sightline.json tells what its files are. Without one, all tasks that write files of
+    the same suffix read them: .txt as KITTI's results in 2D and 3D, .png as depth maps. What is
+    not drawn, gates for one, is passed over.
+
+    Raises:
+        ValueError: A folder is not there, or holds nothing that can be drawn.
+    """
+    opened: list[ResultFolder] = []
+    for folder in folders:
+        if not folder.is_dir():
+            raise ValueError(f"{folder} is no folder; give one of result files")
+        claim = read_claim(folder)
+        found = _of_claim(folder, claim) if claim else _by_suffix(folder)
+        if not found:
+            raise ValueError(
+                f"{folder} holds no results that can be drawn; give a folder that perceive or "
+                "predict has written, of result files (.txt) or of depth maps (.png)"
+            )
+        opened += found
+    return tuple(sorted(opened, key=lambda each: each.position))
+
+
+def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) -> Perception:
+    """What the results tell of a sample; nothing where they have no file of it.
+
+    Raises:
+        ValueError: A file is damaged, or of another image size.
+    """
+    told = Perception()
+    for each in results:
+        path = each.path(sample.sample_id)
+        if each.output.read is not None and path.is_file():
+            told = each.output.read(path, sample, told)
+    return told
+
+
+def _of_claim(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
+    """As the manifest tells."""
+    inner = claim.get("folders")
+    if claim.get("job") == JOB_NAME and isinstance(inner, list):
+        found: list[ResultFolder] = []
+        for name in inner:
+            part = folder / Path(str(name)).name
+            if told := read_claim(part):
+                found += _of_claim(part, told)
+        return found
+    task_name, output_name = claim.get("task"), claim.get("output")
+    if task_name not in REGISTRY:
+        return []
+    outputs = find_task(str(task_name)).outputs
+    return [
+        ResultFolder(
+            folder=folder, output=output, made_by=str(claim.get("method", "")), position=position
+        )
+        for position, output in enumerate(outputs)
+        if output.name == output_name and output.read is not None
+    ]
+
+
+def _by_suffix(folder: Path) -> list[ResultFolder]:
+    """By what the files look like, where nobody has told what they are."""
+    outputs = [find_task(name).outputs[0] for name in task_names()]
+    return [
+        ResultFolder(folder=folder, output=output, made_by="", position=0)
+        for output in outputs
+        if output.read is not None and next(folder.glob(f"*{output.suffix}"), None) is not None
+    ]

@@ -1,0 +1,102 @@
+"""Frames with what was found in them, as one picture: by a predictor, or from result files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sightline.data.image_file import write_rgb
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import open_dataset
+from sightline.inference.predictor import Predictor, lacking_parts
+from sightline.perception.results import ResultFolder, open_results, read_perception
+from sightline.structures.predictions import Perception
+from sightline.structures.sample import CameraLidarSample
+from sightline.tasks import Task
+from sightline.visualization.frame_row import draw_rows
+from sightline.visualization.sheet import frame_sheet
+
+
+class Answers:
+    """What a task's predictor tells of samples; nothing of those that lack a sensor it needs."""
+
+    def __init__(self, task: Task, predictor: Predictor) -> None:
+        self.depth_name = predictor.name
+        self._task, self._predictor = task, predictor
+
+    def __call__(self, sample: CameraLidarSample) -> Perception:
+        """Asks the predictor."""
+        if lacking_parts(self._predictor, sample):
+            return Perception()
+        return self._task.perception(self._predictor(sample))
+
+
+class Results:
+    """What result files tell of samples."""
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        self._folders = tuple(folders)
+        self._opened = open_results(self._folders)
+
+    @property
+    def depth_name(self) -> str:
+        """By what the depth maps were made, if they are known."""
+        return next((each.made_by for each in self._opened if _is_depth(each)), "")
+
+    def __call__(self, sample: CameraLidarSample) -> Perception:
+        """Reads the files.
+
+        Raises:
+            ValueError: There is none of the sample, or one is damaged.
+        """
+        if not any(each.path(sample.sample_id).is_file() for each in self._opened):
+            raise ValueError(
+                f"{', '.join(map(str, self._folders))} has no result of frame {sample.sample_id}; "
+                "name another frame or another folder"
+            )
+        return read_perception(self._opened, sample)
+
+
+def write_frames_picture(
+    data: Path,
+    frames: Sequence[str],
+    out: Path,
+    *,
+    tell: Answers | Results,
+    min_score: float,
+    velodyne: Velodyne = "velodyne",
+) -> Path:
+    """Draws one frame with all there is to know of it, or several side by side, to a PNG or JPEG.
+
+    Args:
+        data: Folder of the data set; see `open_dataset`.
+        frames: Names of the frames.
+        out: The picture.
+        tell: What is drawn beside the data's own labels.
+        min_score: Detections that are less sure are not drawn.
+        velodyne: The sweeps' folder in an object tree.
+
+    Returns:
+        `out`.
+
+    Raises:
+        ValueError: The data or the results lack a frame, a file is at fault, or `out` cannot be
+            written.
+    """
+    dataset = open_dataset(data, sample_list=tuple(frames), velodyne=velodyne)
+    samples = [dataset[index] for index in range(len(dataset))]
+    told = [tell(sample).surer_than(min_score) for sample in samples]
+    if len(samples) > 1:
+        picture = draw_rows(list(zip(samples, told, strict=True)))
+    else:
+        picture = frame_sheet(
+            samples[0],
+            told[0].depth,
+            dense_name=tell.depth_name,
+            detections2d=told[0].detections2d,
+            detections3d=told[0].detections3d,
+        )
+    write_rgb(out, picture)
+    return out
+
+
+def _is_depth(result: ResultFolder) -> bool:
+    return result.output.suffix == ".png"

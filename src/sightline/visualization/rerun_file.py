@@ -1,0 +1,222 @@
+"""Frames and what was found in them as a file of the Rerun viewer, on a time line."""
+
+from collections.abc import Iterable
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float64, UInt8
+
+from sightline.data.atomic import atomic_path
+from sightline.data.depth_png import MAX_DEPTH_M, STEPS_PER_METRE
+from sightline.geometry.calibration import Calibration
+from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
+from sightline.structures.sample import CameraLidarSample
+from sightline.visualization.colors import DEPTH_SCALE, class_color
+
+if TYPE_CHECKING:
+    import rerun
+
+POINTS: Final = "lidar/points"
+BOXES_3D: Final = "lidar/boxes"
+CAMERA: Final = "lidar/camera"
+IMAGE: Final = "lidar/camera/image"
+BOXES_2D: Final = "lidar/camera/boxes"
+DEPTH: Final = "lidar/camera/depth"
+"""Paths in the file; `lidar` is the LiDAR frame, in metres."""
+
+FRAME_TIMELINE: Final = "frame"
+TIME_TIMELINE: Final = "time"
+"""Time lines: the number of the frame, and seconds where the data set tells them."""
+
+_JPEG_QUALITY = 85
+_SHOWN_DEPTH_M = (0.0, 80.0)
+
+
+def check_rerun(path: Path) -> None:
+    """Refuses what cannot become a file of the viewer, before anything is made for it.
+
+    Raises:
+        ValueError: The name does not end in .rrd, or the library is not installed.
+    """
+    if path.suffix.lower() != ".rrd":
+        raise ValueError(f"{path} cannot be written: expected a name that ends in .rrd")
+    _library()
+
+
+def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception]]) -> int:
+    """Writes a file that `rerun FILE` opens, whole or not at all; gives the number of frames.
+
+    Image, depth, points, 2D and 3D boxes stand at each frame's own time; what a frame lacks is
+    cleared, so that nothing of the frame before stays on the screen.
+
+    Args:
+        path: The file; its name ends in .rrd.
+        frames: In their order, one at a time.
+
+    Raises:
+        ValueError: The name ends otherwise, or rerun-sdk is not installed.
+    """
+    check_rerun(path)
+    rr = _library()
+    count = 0
+    with atomic_path(path) as temporary:
+        recording = rr.RecordingStream("sightline")
+        recording.set_log_time_enabled(False)  # when it was written is nobody's time line
+        recording.save(temporary, default_blueprint=_blueprint())
+        recording.log("lidar", rr.ViewCoordinates.FLU, static=True)
+        for sample, told in frames:
+            recording.set_time(FRAME_TIMELINE, sequence=count)
+            if sample.timestamp_s is not None:
+                recording.set_time(TIME_TIMELINE, duration=sample.timestamp_s)
+            _log_frame(recording, sample, told)
+            count += 1
+        recording.flush()
+        recording.disconnect()
+    return count
+
+
+def _library() -> ModuleType:
+    try:
+        return import_module("rerun")
+    except ModuleNotFoundError as error:
+        if error.name != "rerun":
+            raise
+        raise ValueError(
+            'rerun-sdk is not installed; install it with: pip install "sightline[viz]"'
+        ) from error
+
+
+def _blueprint() -> "rerun.blueprint.Blueprint":
+    """The image over the depth, and the scene beside them."""
+    import rerun.blueprint as rrb
+
+    flat = (
+        rrb.Spatial2DView(origin=CAMERA, name="camera", contents=["$origin/**", f"- {DEPTH}"]),
+        rrb.Spatial2DView(origin=CAMERA, name="depth", contents=[DEPTH, BOXES_2D]),
+    )
+    scene = rrb.Spatial3DView(origin="lidar", name="scene", contents=["$origin/**", f"- {DEPTH}"])
+    return rrb.Blueprint(rrb.Horizontal(rrb.Vertical(*flat), scene), collapse_panels=True)
+
+
+def _log_frame(
+    recording: "rerun.RecordingStream", sample: CameraLidarSample, told: Perception
+) -> None:
+    import rerun as rr
+
+    empty = rr.Clear(recursive=False)
+    _log_camera(recording, sample)
+    image, points = sample.image, sample.points
+    recording.log("frame", rr.TextDocument(_description(sample)))
+    recording.log(IMAGE, empty if image is None else _image(image.permute(1, 2, 0).numpy()))
+    recording.log(POINTS, empty if points is None else _points(points[:, :3].numpy()))
+    found = told.detections2d
+    recording.log(BOXES_2D, empty if found is None else _boxes_2d(found))
+    recording.log(BOXES_3D, empty if told.detections3d is None else _boxes_3d(told.detections3d))
+    recording.log(DEPTH, empty if told.depth is None else _depth(told.depth))
+
+
+def _description(sample: CameraLidarSample) -> str:
+    missing = [
+        name
+        for part, name in (("image", "camera"), ("points", "LiDAR"))
+        if getattr(sample, part) is None
+    ]
+    return f"{sample.sample_id}{''.join(f', no {name}' for name in missing)}"
+
+
+def _log_camera(recording: "rerun.RecordingStream", sample: CameraLidarSample) -> None:
+    """Where the camera stands, at each frame: a calibration may change."""
+    import rerun as rr
+
+    matrix, lidar_from_camera = pinhole_of(sample.calibration)
+    height, width = sample.image_size
+    recording.log(
+        CAMERA,
+        rr.Transform3D(translation=lidar_from_camera[:3, 3], mat3x3=lidar_from_camera[:3, :3]),
+        rr.Pinhole(
+            image_from_camera=matrix,
+            resolution=(width, height),
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=3.0,
+        ),
+    )
+
+
+def pinhole_of(
+    calibration: Calibration,
+) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "4 4"]]:
+    """The camera's matrix [px], and the LiDAR frame from the frame of the camera's own centre.
+
+    KITTI's P2 has the way from camera 0 to camera 2 in its last column; a pinhole has no such.
+    """
+    matrix = calibration.image_from_camera[:, :3]
+    offset = torch.linalg.solve(matrix, calibration.image_from_camera[:, 3])
+    pinhole_from_lidar = calibration.camera_from_lidar.clone()
+    pinhole_from_lidar[:3, 3] += offset
+    return matrix.numpy(), torch.linalg.inv(pinhole_from_lidar).numpy()
+
+
+def _image(pixels: UInt8[np.ndarray, "height width 3"]) -> "rerun.EncodedImage":
+    import rerun as rr
+
+    bgr = cv2.cvtColor(np.ascontiguousarray(pixels), cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
+
+
+def _points(xyz: np.ndarray) -> "rerun.Points3D":
+    import rerun as rr
+
+    return rr.Points3D(xyz, colors=DEPTH_SCALE.colors(np.linalg.norm(xyz, axis=1)), radii=0.03)
+
+
+def _depth(depth: DepthMap) -> "rerun.DepthImage":
+    """As KITTI's PNGs have it; what may not be believed is left out."""
+    import rerun as rr
+
+    metres = np.where(depth.valid.numpy(), depth.depth_m.numpy(), 0).clip(0, MAX_DEPTH_M)
+    steps = np.rint(metres * STEPS_PER_METRE).astype(np.uint16)
+    return rr.DepthImage(
+        steps, meter=STEPS_PER_METRE, colormap="viridis", depth_range=_shown_steps()
+    )
+
+
+def _shown_steps() -> tuple[float, float]:
+    nearest_m, farthest_m = _SHOWN_DEPTH_M
+    return nearest_m * STEPS_PER_METRE, farthest_m * STEPS_PER_METRE
+
+
+def _boxes_2d(found: Detections2D) -> "rerun.Boxes2D":
+    import rerun as rr
+
+    return rr.Boxes2D(
+        array=found.boxes.tensor.numpy(),
+        array_format=rr.Box2DFormat.XYXY,
+        colors=[class_color(name) for name in found.class_names],
+        labels=_labels(found),
+    )
+
+
+def _boxes_3d(found: Detections3D) -> "rerun.Boxes3D":
+    import rerun as rr
+
+    upright = (0.0, 0.0, 1.0)
+    return rr.Boxes3D(
+        centers=found.boxes.centers.numpy(),
+        half_sizes=found.boxes.sizes.numpy() / 2,
+        rotation_axis_angles=[
+            rr.RotationAxisAngle(axis=upright, radians=yaw) for yaw in found.boxes.yaws.tolist()
+        ],
+        colors=[class_color(name) for name in found.class_names],
+        labels=_labels(found),
+    )
+
+
+def _labels(found: Detections2D | Detections3D) -> list[str]:
+    scores = zip(found.class_names, found.scores.tolist(), strict=True)
+    return [f"{name} {score:.2f}" for name, score in scores]

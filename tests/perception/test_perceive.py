@@ -1,0 +1,260 @@
+"""All tasks over a data set: files, lines, resuming, absent sensors."""
+
+import json
+
+import pytest
+import torch
+
+from sightline.data.image_file import read_rgb
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.inference.predict import predict
+from sightline.perception.perceive import perceive
+from sightline.perception.perceiver import Perceiver
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.tasks import find_task
+from tests.inference.trees import contents_of, write_object_tree
+from tests.perception.predictors import one_box, perceiver, sparse_depth
+
+FOLDERS = ("depth-completion", "detection2d")
+
+
+@pytest.fixture
+def data(tmp_path):
+    return write_object_tree(tmp_path / "data", 4)
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "out"
+
+
+def lines_of(out):
+    lines = (out / "perception.jsonl").read_text().splitlines()
+    return {line["frame"]: line for line in map(json.loads, lines)}
+
+
+def without_times(out):
+    """All files of the results by folder, and the lines but for what differs from run to run."""
+    lines = lines_of(out)
+    for line in lines.values():
+        for task in line["tasks"].values():
+            task.pop("milliseconds", None)
+    return {name: contents_of(out / name) for name in FOLDERS}, lines
+
+
+def test_its_files_are_those_that_predict_writes_manifest_and_all(data, out, tmp_path):
+    done = perceive(data, out, perceiver=perceiver())
+    assert (done.written, done.skipped) == (4, 0)
+    assert done.answered == {"depth-completion": 4, "detection2d": 4}
+    for name, predictor in perceiver().predictors.items():
+        predict(find_task(name), predictor, data, tmp_path / name, workers=1)
+        assert contents_of(out / name) == contents_of(tmp_path / name)
+        again = predict(find_task(name), predictor, data, out / name, workers=1)
+        assert (again.written, again.skipped) == (0, 4)
+
+
+def test_shipped_networks_give_the_files_that_predict_writes(tmp_path):
+    weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "depth-fast-cpu"}
+    asked = Perceiver.load(weights | {"detection3d": None}, threads=1)
+    perceive(PACKAGED_FRAMES, tmp_path / "out", perceiver=asked, sample_list=["000001"])
+    for name, chosen in weights.items():
+        task = find_task(name)
+        predictor = task.predictor(weights=chosen, threads=1)
+        predict(task, predictor, PACKAGED_FRAMES, tmp_path / name, sample_list=["000001"],
+                workers=1)  # fmt: skip
+        assert contents_of(tmp_path / "out" / name) == contents_of(tmp_path / name)
+    (line,) = lines_of(tmp_path / "out").values()
+    assert {each["class"] for each in line["detections2d"]} <= {"Car", "Pedestrian", "Cyclist"}
+    assert max(each["score"] for each in line["detections2d"]) > 0.5
+    assert 2 < line["depth"]["nearest_m"] < line["depth"]["median_m"] < line["depth"]["farthest_m"]
+
+
+def test_a_frame_is_loaded_once_for_all_tasks(data, out, monkeypatch):
+    loaded = []
+    original = KittiObjectDataset.__getitem__
+
+    def counting(self, index):
+        loaded.append(index)
+        return original(self, index)
+
+    monkeypatch.setattr(KittiObjectDataset, "__getitem__", counting)
+    perceive(data, out, perceiver=perceiver())
+    assert loaded == [0, 1, 2, 3]
+
+
+def test_a_line_says_what_was_found(data, out):
+    perceive(data, out, perceiver=perceiver())
+    line = lines_of(out)["000002"]
+    depth = line.pop("depth")
+    times = [task.pop("milliseconds") for task in line["tasks"].values()]
+    assert all(time >= 0 for time in times)
+    assert line == {
+        "frame": "000002",
+        "timestamp_s": None,
+        "image_size_px": [24, 32],
+        "sensors": {"camera": True, "lidar": True},
+        "num_points": 200,
+        "tasks": {"depth-completion": {"by": "sparse"}, "detection2d": {"by": "one-box"}},
+        "detections2d": [{"class": "Car", "score": 0.8, "box_px": [1.0, 2.0, 5.0, 12.0]}],
+        "detections3d": None,
+    }
+    assert depth["valid_share"] > 0.05
+    assert 5 <= depth["nearest_m"] < depth["median_m"] < depth["farthest_m"] <= 45
+    assert depth["median_expected_error_m"] == pytest.approx(0.1 * depth["median_m"], abs=1e-3)
+
+
+def test_a_frame_without_a_sensor_is_answered_by_those_that_can_do_without_it(data, out):
+    (data / "training" / "image_2" / "000001.png").unlink()
+    (data / "training" / "velodyne" / "000002.bin").unlink()
+    done = perceive(data, out, perceiver=perceiver())
+    assert done.answered == {"depth-completion": 3, "detection2d": 4}
+    lines = lines_of(out)
+    assert lines["000001"]["sensors"] == {"camera": False, "lidar": True}
+    assert lines["000001"]["detections2d"][0]["score"] == 0.4
+    assert lines["000002"]["sensors"] == {"camera": True, "lidar": False}
+    assert lines["000002"]["tasks"]["depth-completion"] == {"by": "sparse", "lacks": ["points"]}
+    assert (lines["000002"]["depth"], lines["000002"]["num_points"]) == (None, None)
+    assert not (out / "depth-completion" / "000002.png").exists()
+    assert (out / "detection2d" / "000002.txt").exists()
+    again = perceive(data, out, perceiver=perceiver())
+    assert (again.written, again.skipped) == (0, 4)
+
+
+def test_a_job_that_is_stopped_goes_on_where_it_was(data, out, tmp_path):
+    def stopping(sample):
+        if sample.sample_id == "000002":
+            raise KeyboardInterrupt
+        return one_box(sample)
+
+    with pytest.raises(KeyboardInterrupt):
+        perceive(data, out, perceiver=perceiver(boxes=stopping))
+    assert sorted(contents_of(out / "lines")) == ["000000.json", "000001.json"]
+    assert not (out / "perception.jsonl").exists()
+    done = perceive(data, out, perceiver=perceiver())
+    assert (done.written, done.skipped) == (2, 2)
+    perceive(data, tmp_path / "whole", perceiver=perceiver())
+    assert without_times(out) == without_times(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("lost", ["lines/000001.json", "detection2d/000001.txt"])
+def test_what_is_lost_or_damaged_is_made_anew(data, out, lost):
+    perceive(data, out, perceiver=perceiver())
+    before = without_times(out)
+    if lost.endswith(".json"):
+        whole = (out / lost).read_text()
+        (out / lost).write_text(whole[: len(whole) // 2])
+    else:
+        (out / lost).unlink()
+    done = perceive(data, out, perceiver=perceiver())
+    assert (done.written, done.skipped) == (1, 3)
+    assert without_times(out) == before
+    assert perceive(data, out, perceiver=perceiver(), overwrite=True).written == 4
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+def test_workers_and_shards_change_nothing(data, out, tmp_path):
+    perceive(data, out, perceiver=perceiver(), workers=2)
+    parts = [
+        perceive(data, tmp_path / "parts", perceiver=perceiver(), shard_index=i, num_shards=3)
+        for i in (0, 1, 2)
+    ]
+    assert [part.written for part in parts] == [2, 1, 1]
+    assert without_times(out) == without_times(tmp_path / "parts")
+
+
+def test_frames_of_an_earlier_list_stay_in_the_lines(data, out):
+    perceive(data, out, perceiver=perceiver(), sample_list=["000003"])
+    done = perceive(data, out, perceiver=perceiver(), sample_list=["000000"])
+    assert done.answered == {"depth-completion": 1, "detection2d": 1}
+    assert list(lines_of(out)) == ["000000", "000003"]
+
+
+def test_other_weights_or_other_tasks_do_not_mix(data, out):
+    perceive(data, out, perceiver=perceiver())
+    with pytest.raises(
+        ValueError, match=r"out holds files made with .*sparse.* instead of .*other"
+    ):
+        perceive(data, out, perceiver=perceiver(depth_name="other"))
+    alone = Perceiver({"detection2d": perceiver().predictors["detection2d"]})
+    with pytest.raises(ValueError, match=r"out holds files made with .*depth-completion"):
+        perceive(data, out, perceiver=alone)
+
+
+def test_further_outputs_are_written_where_asked_for(data, out):
+    perceive(data, out, perceiver=perceiver(), all_outputs=True)
+    assert "000003.png" in contents_of(out / "depth-completion-uncertainty")
+    assert not (out / "detection2d-gates").exists()  # it gives none
+
+
+def test_a_bad_frame_is_named_in_one_line(data, out):
+    (data / "training" / "velodyne" / "000001.bin").write_bytes(b"123")
+    with pytest.raises(ValueError, match=r"^sample 000001: [^\n]*000001\.bin[^\n]*$"):
+        perceive(data, out, perceiver=perceiver())
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"video": "v.mp4", "num_shards": 2}, "a shard has no whole video"),
+        ({"video": "v.avi"}, r"expected a name that ends in \.mp4"),
+        ({"video": "v.mp4", "fps": 0.0}, "a video of 0.0 frames per second"),
+        ({"rerun": "r.mp4"}, r"expected a name that ends in \.rrd"),
+        ({"workers": 0}, "workers must be at least 1"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_any_work(data, out, settings, said):
+    with pytest.raises(ValueError, match=said):
+        perceive(data, out, perceiver=perceiver(), **settings)
+    assert not out.exists()
+
+
+def test_no_tasks_and_unknown_ones_are_refused():
+    everything = dict.fromkeys(("detection2d", "detection3d", "depth-completion"), "none")
+    with pytest.raises(ValueError, match="all tasks are left out; ask at least one of"):
+        Perceiver.load(everything)
+    with pytest.raises(ValueError, match="there is no task tarot"):
+        Perceiver.load({"tarot": "deck"})
+
+
+def test_a_method_without_a_network_can_be_named():
+    asked = Perceiver.load(
+        {"depth-completion": "nearest", "detection2d": None, "detection3d": "none"}
+    )
+    assert {name: each.name for name, each in asked.predictors.items()} == {
+        "depth-completion": "nearest"
+    }
+
+
+def test_a_video_and_a_rerun_file_are_made_of_the_results(data, out, tmp_path):
+    pytest.importorskip("rerun")
+    (data / "training" / "image_2" / "000000.png").unlink()
+    video, scene = tmp_path / "v.mp4", tmp_path / "r.rrd"
+    perceive(data, out, perceiver=perceiver(), video=video, rerun=scene)
+    import cv2
+    from rerun.chunk import RrdReader
+
+    reader = cv2.VideoCapture(str(video))
+    shown = []
+    while (read := reader.read())[0]:
+        shown.append(read[1])
+    assert len(shown) == 4
+    assert (shown[0].astype(int) - shown[1]).std() > 1  # no camera, then one
+    assert "/lidar/points" in {chunk.entity_path for chunk in RrdReader(scene).stream()}
+
+
+def test_the_answers_of_a_blank_frame_are_lines_without_depths(data, out):
+    def nothing(sample):
+        depth = sparse_depth(sample)
+        return type(depth)(
+            depth_m=torch.zeros_like(depth.depth_m), valid=torch.zeros_like(depth.valid)
+        )
+
+    perceive(data, out, perceiver=perceiver(nothing), sample_list=["000000"])
+    assert lines_of(out)["000000"]["depth"] == {
+        "valid_share": 0.0,
+        "nearest_m": None,
+        "median_m": None,
+        "farthest_m": None,
+        "median_expected_error_m": None,
+    }
+    assert not read_rgb(data / "training" / "image_2" / "000000.png").any()

@@ -1,0 +1,149 @@
+"""Result files read back, and drawn beside their frames."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.cli.main import main
+from sightline.data.image_file import read_rgb
+from sightline.data.open import open_dataset
+from sightline.detection3d.files import write_results
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.perception.perceive import perceive
+from sightline.perception.results import open_results, read_perception
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
+from tests.inference.trees import write_object_tree
+from tests.perception.predictors import perceiver, sparse_depth
+
+
+@pytest.fixture
+def data(tmp_path):
+    return write_object_tree(tmp_path / "data", 3)
+
+
+@pytest.fixture
+def results(data, tmp_path):
+    perceive(data, tmp_path / "results", perceiver=perceiver(), all_outputs=True)
+    return tmp_path / "results"
+
+
+def test_what_perceive_has_written_is_read_back(data, results):
+    sample = open_dataset(data)[1]
+    told = read_perception(open_results([results]), sample)
+    expected = sparse_depth(sample)
+    assert told.depth.depth_m.numpy() == pytest.approx(expected.depth_m.numpy(), abs=1 / 512)
+    measured = expected.depth_m > 0
+    error_m = told.depth.uncertainty_m
+    assert error_m[measured].numpy() == pytest.approx(
+        expected.uncertainty_m[measured].numpy(), abs=1 / 512
+    )
+    assert error_m[~measured].isinf().all()
+    assert torch.equal(told.depth.valid, expected.valid)
+    assert told.detections2d.class_names == ("Car",)
+    assert told.detections2d.boxes.tensor.tolist() == [[1.0, 2.0, 4.0, 12.0]]
+    assert told.detections3d is None
+
+
+def test_expected_errors_alone_are_refused(data, results):
+    sample = open_dataset(data)[1]
+    folder = results / "depth-completion-uncertainty"
+    with pytest.raises(ValueError, match=r"000001\.png holds expected errors of a depth map"):
+        read_perception(open_results([folder]), sample)
+    both = open_results([folder, results / "depth-completion"])  # in any order
+    assert read_perception(both, sample).depth.uncertainty_m is not None
+
+
+def test_results_of_another_image_size_are_refused(results):
+    sample = open_dataset(PACKAGED_FRAMES)[0]
+    with pytest.raises(ValueError, match=r"000000\.png is 24x32 .* expected 375x1242"):
+        read_perception(open_results([results]), sample)
+
+
+def test_files_of_others_are_told_by_their_suffix(tmp_path):
+    sample = open_dataset(PACKAGED_FRAMES)[0]
+    boxes = Boxes3D(torch.tensor([[15.0, 1.0, -0.8, 4.0, 1.7, 1.5, 0.2]]))
+    found = Detections3D(class_names=("Car",), boxes=boxes, scores=torch.tensor([0.75]))
+    write_results(tmp_path / f"{sample.sample_id}.txt", sample, found)
+    told = read_perception(open_results([tmp_path]), sample)
+    assert told.detections3d.boxes.tensor.numpy() == pytest.approx(boxes.tensor.numpy(), abs=0.02)
+    assert told.detections3d.scores.tolist() == [0.75]
+    assert len(told.detections2d.boxes) == 1
+    assert told.depth is None
+
+
+@pytest.mark.parametrize("folder", ["nowhere", "empty"])
+def test_folders_without_results_are_refused(tmp_path, folder):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match=r"is no folder|holds no results that can be drawn"):
+        open_results([tmp_path / folder])
+
+
+def test_one_frame_is_a_page_and_several_are_one_sheet(data, results, tmp_path, capsys):
+    one, several = tmp_path / "one.png", tmp_path / "several.png"
+    drawn = ["--results", str(results)]
+    assert main(["show", str(data), "000001", "--out", str(one), *drawn]) == 0
+    assert main(["show", str(data), "000000", "000002", "--out", str(several), *drawn]) == 0
+    assert capsys.readouterr().out.split() == [str(one), str(several)]
+    assert read_rgb(one).shape[1] == 1900
+    page = read_rgb(several)
+    half = page.shape[0] // 2
+    assert page.shape[1] > 1000
+    assert not np.array_equal(page[:half], page[half:])
+
+
+def test_unsure_detections_are_not_drawn(data, results, tmp_path):
+    pages = []
+    for score in ("0.7", "0.9"):  # the box has 0.8
+        path = tmp_path / f"{score}.png"
+        words = ["show", str(data), "000001", "--out", str(path), "--min-score", score]
+        assert main([*words, "--results", str(results)]) == 0
+        pages.append(read_rgb(path))
+    assert not np.array_equal(*pages)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["000001", "--results", "RESULTS", "--task", "detection2d"], "results are drawn as they"),
+        (["000001", "--results", "DATA"], "holds no results that can be drawn"),
+        (["000009", "--results", "RESULTS"], "000009"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_in_one_line(data, results, capsys, words, said):
+    given = {"RESULTS": str(results), "DATA": str(data)}
+    assert main(["show", str(data), *(given.get(word, word) for word in words)]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_a_frame_without_results_is_refused(data, results, capsys):
+    (results / "detection2d" / "000001.txt").unlink()
+    (results / "depth-completion" / "000001.png").unlink()
+    (results / "depth-completion-uncertainty" / "000001.png").unlink()
+    assert main(["show", str(data), "000001", "--results", str(results)]) == 2
+    assert f"{results} has no result of frame 000001" in capsys.readouterr().err
+
+
+def test_of_parts_that_know_the_same_the_first_is_believed():
+    boxes = Boxes2D(torch.zeros(1, 4))
+    first, second = (
+        Perception(
+            detections2d=Detections2D(
+                class_names=(name,), boxes=boxes, scores=torch.tensor([score])
+            )
+        )
+        for name, score in (("Car", 0.2), ("Van", 0.9))
+    )
+    depth_m = torch.ones(2, 3)
+    third = Perception(depth=DepthMap(depth_m=depth_m, valid=depth_m > 0))
+    joined = Perception.joined([first, second, third])
+    assert joined.detections2d.class_names == ("Car",)
+    assert joined.depth is third.depth
+    assert joined.surer_than(0.2).detections2d.class_names == ("Car",)
+    unsure = dataclasses.replace(joined, detections3d=None).surer_than(0.3)
+    assert unsure.detections2d.class_names == ()

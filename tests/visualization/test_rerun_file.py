@@ -1,0 +1,107 @@
+"""Files of the Rerun viewer, opened by its own reader."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.projection import project_points
+from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
+from sightline.visualization import rerun_file
+from sightline.visualization.rerun_file import pinhole_of, write_rerun
+
+
+def told(sample):
+    depth_m = torch.full(sample.image_size, 12.0)
+    return Perception(
+        detections2d=Detections2D(
+            class_names=("Car",),
+            boxes=Boxes2D(torch.tensor([[150.0, 40.0, 240.0, 90.0]])),
+            scores=torch.tensor([0.75]),
+        ),
+        detections3d=Detections3D(
+            class_names=("Car",),
+            boxes=Boxes3D(torch.tensor([[12.0, 0.0, -0.9, 4.0, 1.7, 1.5, 0.3]])),
+            scores=torch.tensor([0.5]),
+        ),
+        depth=DepthMap(depth_m=depth_m, valid=depth_m > 0),
+    )
+
+
+def as_plain(column):
+    """Python's values; times in nanoseconds, which Python's own have not."""
+    is_time = str(column.type).startswith("duration")
+    return (column.cast("int64") if is_time else column).to_pylist()
+
+
+@pytest.fixture
+def rows(sample, tmp_path):
+    """Of two frames, the second without sensors: by entity, each row with its frame's number."""
+    chunk = pytest.importorskip("rerun.chunk")
+    whole = replace(sample, timestamp_s=2.5)
+    blind = replace(sample, image=None, points=None, timestamp_s=2.6)
+    path = tmp_path / "scene.rrd"
+    assert write_rerun(path, [(whole, told(sample)), (blind, Perception())]) == 2
+    reader = chunk.RrdReader(path)
+    assert len(reader.recordings()) == 1
+    assert len(reader.blueprints()) == 1
+    found = {}
+    for each in reader.stream():
+        batch = each.to_record_batch()
+        table = {name: as_plain(batch.column(name)) for name in batch.schema.names}
+        for number, frame in enumerate(table.get("frame", ())):
+            values = {name: column[number] for name, column in table.items()}
+            found.setdefault(each.entity_path, {}).setdefault(frame, {}).update(values)
+    return found
+
+
+def test_every_part_stands_on_the_time_line(rows):
+    parts = ("points", "boxes", "camera", "camera/image", "camera/boxes", "camera/depth")
+    assert {f"/lidar/{part}" for part in parts} <= set(rows)
+    for part in parts:
+        assert sorted(rows[f"/lidar/{part}"]) == [0, 1]
+    assert rows["/lidar/points"][0]["time"] == 2_500_000_000
+
+
+def test_points_and_boxes_are_those_of_the_frame(rows, sample):
+    points = np.array(rows["/lidar/points"][0]["Points3D:positions"])
+    assert points == pytest.approx(sample.points[:, :3].numpy())
+    boxes = rows["/lidar/boxes"][0]
+    assert boxes["Boxes3D:labels"] == ["Car 0.50"]
+    assert np.array(boxes["Boxes3D:half_sizes"]) == pytest.approx(np.array([[2.0, 0.85, 0.75]]))
+    assert rows["/lidar/camera/boxes"][0]["Boxes2D:labels"] == ["Car 0.75"]
+    assert rows["/lidar/camera/depth"][0]["DepthImage:meter"] == [256.0]
+
+
+@pytest.mark.parametrize(
+    "part", ["points", "boxes", "camera/image", "camera/boxes", "camera/depth"]
+)
+def test_what_a_frame_lacks_is_cleared(rows, part):
+    later = rows[f"/lidar/{part}"][1]
+    assert any(name.startswith("Clear") and value for name, value in later.items())
+
+
+def test_the_pinhole_sees_points_where_the_calibration_does(calibration):
+    shifted = calibration.image_from_camera.clone()
+    shifted[:, 3] = torch.tensor([12.0, -3.0, 0.02])  # the way to camera 2, as in KITTI's P2
+    moved = Calibration(image_from_camera=shifted, camera_from_lidar=calibration.camera_from_lidar)
+    matrix, lidar_from_camera = pinhole_of(moved)
+    points = torch.tensor([[10.0, 1.0, -0.5], [25.0, -4.0, 1.0]], dtype=torch.float64)
+    homogeneous = np.linalg.inv(lidar_from_camera) @ np.c_[points, np.ones(2)].T
+    seen = matrix @ homogeneous[:3]
+    expected = project_points(points, moved)
+    np.testing.assert_allclose((seen[:2] / seen[2]).T, expected.pixels.numpy())
+    np.testing.assert_allclose(seen[2], expected.depths.numpy())
+
+
+def test_without_the_library_it_says_what_to_install(tmp_path, monkeypatch):
+    def missing(name):
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+    monkeypatch.setattr(rerun_file, "import_module", missing)
+    with pytest.raises(ValueError, match=r'pip install "sightline\[viz\]"'):
+        write_rerun(tmp_path / "scene.rrd", [])
