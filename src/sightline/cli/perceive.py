@@ -21,8 +21,8 @@ run is finished by running it again.
 Args:
     data: A recording, or a KITTI object tree, depth completion tree or raw drive.
     out: Folder for all results.
-{tasks}    engine: What runs the networks: by default (auto) openvino where it is installed, on the CPU,
-        and torch elsewhere.
+{tasks}    engine: What runs the networks: by default (auto) openvino where it is installed, on the
+        CPU, and torch elsewhere.
     device: Where PyTorch runs the networks.
     all_outputs: Writes the further outputs of the tasks, too: expected errors of depth, gates.
     sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
