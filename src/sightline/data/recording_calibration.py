@@ -163,7 +163,10 @@ def _lens(said: object) -> Lens | None:
         raise ValueError("lens has coefficients that are no numbers") from None
     model = said.get("model", "plumb_bob")
     if model not in get_args(LensModel):
-        raise ValueError(f"lens has no model of {', '.join(get_args(LensModel))}")
+        raise ValueError(
+            f"lens has the unknown model {str(model)[:40]!r}, expected one of "
+            f"{', '.join(get_args(LensModel))} (radtan is plumb_bob, fisheye equidistant)"
+        )
     check_lens(cast("LensModel", model), coefficients)
     if not any(coefficients):
         return None
@@ -177,6 +180,6 @@ def _lens(said: object) -> Lens | None:
 
 
 def _max_intensity(said: object) -> float:
-    if not isinstance(said, int | float) or not 0 < said < 1e9:
+    if isinstance(said, bool) or not isinstance(said, int | float) or not 0 < said < 1e9:
         raise ValueError("max_intensity is no positive number")
     return float(said)

@@ -7,7 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from sightline.data.calibration_checks import check_matrices
-from sightline.data.frame_checks import read_or_note
+from sightline.data.depth_png import read_depth_png
+from sightline.data.frame_checks import check_objects, read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_labels import read_labels
@@ -100,19 +101,25 @@ def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list
     problems: list[Problem] = []
     said = read_or_note(read_recording_calibration, frame.calibration, [])
     image = read_or_note(read_rgb, frame.image, problems)
+    depth_m = read_or_note(read_depth_png, frame.depth, problems)
     read_or_note(
         # without a calibration nobody knows which intensities are too high
         partial(read_cloud, max_intensity=math.inf if said is None else said.max_intensity),
         frame.points,
         problems,
     )
-    read_or_note(read_labels, frame.objects, problems)
-    if said is None or problems or image is None:
+    objects = read_or_note(read_labels, frame.objects, problems)
+    size = None if image is None else (image.shape[0], image.shape[1])
+    if objects is not None and frame.objects is not None:
+        problems += check_objects(objects, size, frame.objects)
+    if said is None or problems:
         return problems
-    assert frame.image is not None, "it was read"
-    misfit = size_misfit(frame.image, image.shape[:2], said, reference)
-    if misfit is not None:
-        return [misfit]
+    # Depth is of the image's size, and stands for it where there is none.
+    pictures = ((frame.image, size), (frame.depth, None if depth_m is None else depth_m.shape))
+    for path, shape in pictures:
+        misfit = size_misfit(path, shape, said, reference) if path and shape else None
+        if misfit is not None:
+            return [misfit]
     view = view_of_recording(frame)
     is_mounted_well = mount_doubt(said.matrices.camera_from_lidar) is None  # told of once for all
     return [view.doubt] if is_mounted_well and view is not None and view.doubt is not None else []
@@ -138,15 +145,20 @@ def size_misfit(
         path=image,
         problem=f"is {size[0]}x{size[1]} (height x width), expected {expected[0]}x{expected[1]} as "
         f"{source}",
-        remedy="give each frame a calibration of its own (calibration/NAME.yaml), or the images "
+        remedy="turn it as it was when the camera was calibrated; a note of its orientation "
+        "(EXIF) is not followed"
+        if expected == size[::-1]
+        else "give each frame a calibration of its own (calibration/NAME.yaml), or the images "
         "that were calibrated",
     )
 
 
 def reference_images(frames: Sequence[ObjectFrame]) -> dict[Path, Path | None]:
-    """The first image of each calibration file; None where it has none."""
+    """The first image of each calibration file, else the first depth map; None where none is."""
     first: dict[Path, Path | None] = {}
-    for frame in frames:
-        if frame.calibration is not None:
-            first[frame.calibration] = first.get(frame.calibration) or frame.image
+    for part in ("image", "depth"):
+        for frame in frames:
+            if frame.calibration is not None:
+                known = first.get(frame.calibration)
+                first[frame.calibration] = known or getattr(frame, part)
     return first
