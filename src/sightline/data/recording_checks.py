@@ -46,7 +46,7 @@ def first_whole(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
 
 
 def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
-    """How a frame's parts fit; None where it lacks one, or a file of it cannot be read."""
+    """How a frame's parts fit; None where it lacks one, has no point, or cannot be read."""
     if frame is None or frame.points is None or frame.calibration is None:
         return None
     try:
@@ -55,14 +55,14 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
         points = read_cloud(frame.points, said.max_intensity)
     except FileError:
         return None  # whoever reads the frame is told
-    if size is None:
+    if size is None or not len(points):
         return None
     matrices = said.matrices
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
-    share = float(shown.mean()) if len(points) else 0.0
+    share = float(shown.mean())
     doubt = mount_doubt(matrices.camera_from_lidar)
     problem = None if doubt is None else f"camera_from_lidar {doubt}"
-    if doubt is None and len(points) and share < _LEAST_SHARE:
+    if doubt is None and share < _LEAST_SHARE:
         problem = (
             f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
             f"into the image of {size[0]}x{size[1]} (height x width)"

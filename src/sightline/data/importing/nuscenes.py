@@ -68,7 +68,14 @@ class Tables:
         Raises:
             ValueError: A table is missing or damaged, or there is no such channel.
         """
-        return _Reader(self).moments(camera, lidar)
+        try:
+            yield from _Reader(self).moments(camera, lidar)
+        except (KeyError, TypeError) as error:
+            raise FileError(
+                self.folder,
+                f"has a table without the row or entry {error} that another one needs",
+                _REMEDY,
+            ) from error
 
 
 def find_tables(source: Path) -> Tables | None:
@@ -108,6 +115,11 @@ class _Reader:
             self._rows("sample"), key=lambda row: (scenes[row["scene_token"]], row["timestamp"])
         )
         self._check_channels(by_sample, (camera, lidar))
+        if camera == lidar or not any(len(taken) == 2 for taken in by_sample.values()):
+            raise ValueError(
+                f"{self._tables.folder} has no sample with key frames of {camera} and {lidar}; "
+                "name a camera by --camera-topic and a LiDAR by --lidar-topic"
+            )
         counts = dict.fromkeys(scenes, 0)
         for sample in samples:
             number = counts[sample["scene_token"]]
@@ -186,6 +198,9 @@ class _Reader:
 
 def _pose(row: Row) -> Rigid:
     w, x, y, z = row["rotation"]
-    return rigid_from_quaternion(
-        np.array((x, y, z, w), dtype=np.float64), np.array(row["translation"], dtype=np.float64)
-    )
+    try:
+        return rigid_from_quaternion(
+            np.array((x, y, z, w), dtype=np.float64), np.array(row["translation"], dtype=np.float64)
+        )
+    except ValueError as error:
+        raise ValueError(f"nuScenes' row {row['token']} {error}") from error
