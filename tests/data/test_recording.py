@@ -57,6 +57,7 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     (summary,) = summarize_tree(tmp_path)
     assert "2 frames (images 2, points 2, calibration 2, labels 0, depth 0); " in str(summary)
     assert "% of the points of frame a fall into the image" in str(summary)
+    assert "by the road that it sees the LiDAR is 1.7" in str(summary)
 
 
 def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
@@ -160,6 +161,7 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"camera_from_lidar": [[float("nan")] * 4] * 3}, "holds NaN, infinite or absurdly large"),
         ({"camera_from_lidar": [[0] * 4] * 3}, "holds no rotation"),
         ({"max_intensity": "bright"}, "max_intensity is no positive number"),
+        ({"lidar_height_m": 173}, "lidar_height_m is 173, expected the LiDAR's height above"),
         ({"image_size": [375, 1242]}, "image_size is no {width: .., height: ..}"),
         ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
         ({"lens": [0.1]}, "lens is no"),
@@ -195,7 +197,7 @@ def test_what_is_no_calibration_file_is_refused(tmp_path, text):
 def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
     path = tmp_path / "calibration.yaml"
     lens = {"model": "equidistant", "coefficients": [0.1, 1e-7, 0, 0.3], "undistort": True}
-    changes = {"lens": lens, "image_size": {"width": 3, "height": 2}}
+    changes = {"lens": lens, "image_size": {"width": 3, "height": 2}, "lidar_height_m": 2.1}
     path.write_text(yaml.safe_dump(calibration_entries(**changes)))
     read = read_recording_calibration(path)
     path.write_text(recording_calibration_text(read))
@@ -204,6 +206,7 @@ def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
         ours, theirs = getattr(read.matrices, name), getattr(again.matrices, name)
         np.testing.assert_array_equal(ours, theirs)
     assert (again.image_size, again.max_intensity) == ((2, 3), 255)
+    assert again.lidar_height_m == 2.1
     assert (again.lens.model, again.lens.coefficients) == ("equidistant", (0.1, 1e-7, 0.0, 0.3))
 
 
@@ -278,6 +281,24 @@ def test_images_that_lie_on_their_side_are_told_to_be_turned(tmp_path):
     write_recording(tmp_path, ("a",), image_size={"width": 375, "height": 1242})
     (problem,) = check_tree(tmp_path)
     assert problem.remedy.startswith("turn it as it was when the camera was calibrated")
+
+
+def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_path):
+    write_recording(tmp_path, ("a", "b", "c"), cloud=".npy")
+    write_cloud_file(tmp_path / "points" / "b.npy", POINTS[:3])  # shows no road
+    assert open_dataset(tmp_path, sample_list=("b",))[0].lidar_height_m == pytest.approx(
+        1.73, abs=0.1
+    )
+    rewrite_calibration(tmp_path, lidar_height_m=2.31)
+    assert open_dataset(tmp_path)[0].lidar_height_m == 2.31
+    (summary,) = summarize_tree(tmp_path)
+    assert "above it" not in str(summary)
+    rewrite_calibration(tmp_path)
+    for name in "abc":
+        write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[:3])
+    assert open_dataset(tmp_path)[0].lidar_height_m is None
+    (summary,) = summarize_tree(tmp_path)
+    assert "taken to be 1.73 m above the road, as KITTI's" in str(summary)
 
 
 def test_recordings_travel_between_processes(tmp_path):

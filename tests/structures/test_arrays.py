@@ -35,6 +35,16 @@ def test_a_size_may_come_from_an_array_but_not_contradict_the_image():
         CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, image_size=(1242, 375))
 
 
+def test_the_height_of_the_lidar_is_told_by_the_points_where_nobody_says_it():
+    made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=POINTS)
+    assert made.lidar_height_m == pytest.approx(1.73, abs=0.1)
+    said = CameraLidarSample.from_arrays(
+        CALIBRATION, image=IMAGE, points=POINTS, lidar_height_m=2.23
+    )
+    assert said.higher_than_kitti_m == pytest.approx(0.5)
+    assert SAMPLE.higher_than_kitti_m == 0
+
+
 def test_a_grey_picture_becomes_three_channels_and_a_view_of_it_a_picture_of_its_own():
     planes = image_planes(IMAGE[::-1, ::2, 0])
     assert planes.shape == (3, 375, 621)

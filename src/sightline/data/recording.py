@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Collection, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from sightline.data.problem import FileError
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.recording_checks import (
     first_whole,
+    height_of_recording,
     reference_images,
     size_misfit,
     view_of_recording,
@@ -78,6 +80,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 f"{self.folder} has no frame {describe_absent(absent)}: "
                 f"{suggest_frames(absent[0], tuple(known))}; name others or another folder"
             )
+        self._all_frames = files.frames
         self._frames = tuple(known[name] for name in wanted)
         self._check_whole(self.parts if needs is None else self.parts & set(needs))
         pictures = (frame.image or frame.depth for frame in files.frames)
@@ -136,6 +139,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 objects=objects,
                 depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
                 timestamp_s=self._time_of(frame.sample_id),
+                lidar_height_m=self._height(said) if points is not None else None,
             )
         except ValueError as error:
             if isinstance(error, FileError):
@@ -152,6 +156,14 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             )
             self._last_calibration = (path, said, calibration)
         return self._last_calibration[1:]
+
+    def _height(self, said: RecordingCalibration) -> float | None:
+        return self._height_by_clouds if said.lidar_height_m is None else said.lidar_height_m
+
+    @cached_property
+    def _height_by_clouds(self) -> float | None:
+        """By all frames' files, so that any selection of frames gets the same."""
+        return height_of_recording(self._all_frames)
 
     def _image_size(
         self,

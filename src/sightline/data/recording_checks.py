@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float32
+
 from sightline.data.calibration_checks import check_matrices
 from sightline.data.depth_png import read_depth_png
 from sightline.data.frame_checks import check_objects, read_or_note
@@ -17,9 +20,12 @@ from sightline.data.point_files import read_cloud
 from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.view import is_in_view
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import mount_doubt
+from sightline.geometry.road_height import drive_height_m
 
 _REMEDY = "correct the calibration file; docs/recordings.md says how"
+_TELL_HEIGHT = 5  # clouds, spread over a recording
 _LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
 
 
@@ -76,6 +82,41 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
             else Problem(path=frame.calibration, problem=problem, remedy=_REMEDY)
         ),
     )
+
+
+def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+    """How a recording's parts fit, and how high its LiDAR sits, in a clause each."""
+    first = first_whole(frames)
+    view = view_of_recording(first)
+    said = (
+        None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
+    )
+    described = [] if view is None else [str(view)]
+    if said is not None and said.lidar_height_m is None:
+        height_m = height_of_recording(frames)
+        described.append(
+            f"the LiDAR is taken to be {KITTI_LIDAR_HEIGHT_M} m above the road, as KITTI's"
+            if height_m is None
+            else f"by the road that it sees the LiDAR is {height_m:.2f} m above it"
+        )
+    return tuple(described)
+
+
+def height_of_recording(frames: Sequence[ObjectFrame]) -> float | None:
+    """How high above the road the LiDAR sits [m] by some clouds; None where none can tell."""
+    seen = [frame for frame in frames if frame.points and frame.calibration]
+    step = max(len(seen) // _TELL_HEIGHT, 1)
+    return drive_height_m(map(_cloud_or_empty, seen[::step][:_TELL_HEIGHT]))
+
+
+def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
+    assert frame.points is not None, "it was asked for"
+    assert frame.calibration is not None, "likewise"
+    try:
+        said = read_recording_calibration(frame.calibration)
+        return read_cloud(frame.points, said.max_intensity)
+    except FileError:
+        return np.zeros((0, 4), np.float32)  # whoever reads the frame is told
 
 
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:

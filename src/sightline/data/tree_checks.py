@@ -28,9 +28,8 @@ from sightline.data.problem import FileError, Problem
 from sightline.data.recording_checks import (
     check_recording_calibration,
     check_recording_frame,
-    first_whole,
+    describe_recording,
     reference_images,
-    view_of_recording,
 )
 from sightline.data.recording_tree import (
     CALIBRATIONS,
@@ -247,8 +246,8 @@ def _recording_tree(folder: Path) -> Tree | None:
     if unpaired is not None:  # instead of all files that are missing
         problem, _, remedy = unpaired.partition("; ")
         tree = replace(tree, gaps=(Problem(path=folder, problem=problem, remedy=remedy),))
-    view = view_of_recording(first_whole(frames))
-    return tree if view is None else replace(tree, summary=replace(tree.summary, note=str(view)))
+    note = "; ".join(describe_recording(frames))
+    return replace(tree, summary=replace(tree.summary, note=note))
 
 
 def _frame_checks(

@@ -11,6 +11,8 @@ from jaxtyping import Float32, Float64, UInt8, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.road_height import road_height_m
 from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 
@@ -51,6 +53,8 @@ class CameraLidarSample:
     """Where the sweep was taken, in the frame of its drive."""
     timestamp_s: float | None = None
     """Seconds since the drive's first frame."""
+    lidar_height_m: float | None = None
+    """Of the LiDAR above the road; None: as high as KITTI's."""
 
     def __post_init__(self) -> None:
         """Checks that all maps are of one size."""
@@ -62,6 +66,12 @@ class CameraLidarSample:
                     "the camera; resize both or none"
                 )
 
+    @property
+    def higher_than_kitti_m(self) -> float:
+        """How much higher than KITTI's, by which detectors have learned, the LiDAR is mounted."""
+        height_m = self.lidar_height_m
+        return 0.0 if height_m is None else height_m - KITTI_LIDAR_HEIGHT_M
+
     @classmethod
     def from_arrays(
         cls,
@@ -71,6 +81,7 @@ class CameraLidarSample:
         points: np.ndarray | Tensor | None = None,
         image_size: Sequence[SupportsIndex] | None = None,
         max_intensity: float = 1.0,
+        lidar_height_m: float | None = None,
         sample_id: str = "sample",
     ) -> "CameraLidarSample":
         """A sample of arrays of your own; warns where hardly a point falls into the image.
@@ -98,6 +109,8 @@ class CameraLidarSample:
                 None: no LiDAR.
             image_size: Height, width [px]; needed only where there is no image.
             max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
+            lidar_height_m: Of the LiDAR above the road. None: told from the points; where they
+                show too little of the road, as high as KITTI's (1.73 m).
             sample_id: What errors call it.
 
         Raises:
@@ -120,10 +133,13 @@ class CameraLidarSample:
         sweep = None if points is None else sweep_points(points, max_intensity)
         if sweep is not None:
             warn_of_view(sweep, calibration, size)
+            if lidar_height_m is None:
+                lidar_height_m = road_height_m(sweep.numpy())
         return cls(
             sample_id=sample_id,
             calibration=calibration,
             image_size=size,
             image=planes,
             points=sweep,
+            lidar_height_m=lidar_height_m,
         )

@@ -121,7 +121,8 @@ def _calibration(moment: Moment) -> RecordingCalibration:
         matrices=CalibrationMatrices(
             image_from_camera=np.pad(camera, ((0, 0), (0, 1))),
             camera_from_lidar=moment.camera_from_lidar,
-        )
+        ),
+        lidar_height_m=moment.lidar_height_m,
     )
 
 

@@ -49,6 +49,8 @@ class Moment:
     """Of the image's and the sweep's own times, between which the car has moved."""
     mount: Rigid
     """camera_from_lidar of a car at rest."""
+    lidar_height_m: float
+    """Above the road, on which the car's frame stands."""
     world_from_lidar: Rigid
     annotations: tuple[Annotation, ...]
 
@@ -144,6 +146,7 @@ class _Reader:
             camera_matrix=tuple(tuple(map(float, row)) for row in camera["camera_intrinsic"]),
             camera_from_lidar=np.linalg.inv(world_from_camera) @ world_from_lidar,
             mount=np.linalg.inv(ego_from_camera) @ ego_from_lidar,
+            lidar_height_m=float(ego_from_lidar[2, 3]),
             world_from_lidar=world_from_lidar,
             annotations=tuple(map(self._annotation, labelled)),
         )
