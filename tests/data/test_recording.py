@@ -301,6 +301,17 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
     assert "taken to be 1.73 m above the road, as KITTI's" in str(summary)
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_camera_matrix_of_another_resolution_is_told_once(tmp_path, factor):
+    camera = np.diag([factor, factor, 1]) @ CAMERA_MATRIX
+    write_recording(tmp_path, camera_matrix=camera.tolist())
+    with pytest.warns(UserWarning, match="probably that of another resolution"):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert problem.path == tmp_path / "calibration.yaml"
+    assert "but images are 375x1242" in problem.problem
+
+
 def test_recordings_travel_between_processes(tmp_path):
     write_recording(tmp_path, ("a",))
     copy = pickle.loads(pickle.dumps(open_dataset(tmp_path)))

@@ -21,7 +21,7 @@ from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.view import is_in_view
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.mount import mount_doubt
+from sightline.geometry.mount import mount_doubt, resolution_doubt
 from sightline.geometry.road_height import drive_height_m
 
 _REMEDY = "correct the calibration file; docs/recordings.md says how"
@@ -36,6 +36,8 @@ class RecordingView:
     sample_id: str
     share: float
     """Of the points, 0 to 1, that the image shows."""
+    size: tuple[int, int]
+    """Height, width [px] of the image."""
     doubt: Problem | None
     """What is implausible about it, with the likely cause."""
 
@@ -66,9 +68,8 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     matrices = said.matrices
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
     share = float(shown.mean())
-    doubt = mount_doubt(matrices.camera_from_lidar)
-    problem = None if doubt is None else f"camera_from_lidar {doubt}"
-    if doubt is None and share < _LEAST_SHARE:
+    problem = _doubt(said, size)
+    if problem is None and share < _LEAST_SHARE:
         problem = (
             f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
             f"into the image of {size[0]}x{size[1]} (height x width)"
@@ -76,6 +77,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     return RecordingView(
         sample_id=frame.sample_id,
         share=share,
+        size=size,
         doubt=(
             None
             if problem is None
@@ -126,10 +128,19 @@ def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]
     if said is None:
         return problems
     size = read_or_note(read_image_size, image, []) or said.image_size
+    doubt = _doubt(said, size)
+    if doubt is not None:
+        return [Problem(path=path, problem=doubt, remedy=_REMEDY)]
+    return check_matrices(said.matrices, size, path)
+
+
+def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
+    """What is implausible about a calibration alone, or against the size of its images."""
     doubt = mount_doubt(said.matrices.camera_from_lidar)
     if doubt is not None:
-        return [Problem(path=path, problem=f"camera_from_lidar {doubt}", remedy=_REMEDY)]
-    return check_matrices(said.matrices, size, path)
+        return f"camera_from_lidar {doubt}"
+    scale = None if size is None else resolution_doubt(said.matrices.image_from_camera, size)
+    return None if scale is None else f"camera_matrix {scale}"
 
 
 def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list[Problem]:
@@ -162,8 +173,9 @@ def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list
         if misfit is not None:
             return [misfit]
     view = view_of_recording(frame)
-    is_mounted_well = mount_doubt(said.matrices.camera_from_lidar) is None  # told of once for all
-    return [view.doubt] if is_mounted_well and view is not None and view.doubt is not None else []
+    if view is None or view.doubt is None or _doubt(said, view.size) is not None:
+        return []  # a calibration's own faults are told of once for all frames
+    return [view.doubt]
 
 
 def size_misfit(

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault, echoes, reflectances, rows_of
-from sightline.geometry.mount import mount_doubt
+from sightline.geometry.mount import mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
 
 _LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
@@ -80,7 +80,10 @@ def sweep_points(
 def warn_of_view(
     points: Float32[Tensor, "num_points 4"], calibration: Calibration, image_size: tuple[int, int]
 ) -> None:
-    """Warns, with the likely cause, where hardly a point falls into the image."""
+    """Warns, with the likely cause, where hardly a point falls into the image, or it is scaled."""
+    scale = resolution_doubt(calibration.image_from_camera.numpy(), image_size)
+    if scale is not None:
+        warnings.warn(f"camera_matrix {scale}", stacklevel=3)
     share = share_in_image(points, calibration, image_size)
     if len(points) and share < _LEAST_SHARE:
         doubt = mount_doubt(calibration.camera_from_lidar.numpy())
