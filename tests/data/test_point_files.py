@@ -30,9 +30,9 @@ def test_every_encoding_of_pcd_is_read(tmp_path, encoding):
 
 def test_fields_are_found_by_name_and_what_is_not_finite_is_left_out(tmp_path):
     rows = np.zeros(
-        3, [("ring", "u2"), ("z", "f8"), ("Reflectivity", "u1"), ("y", "f4"), ("x", "f4")]
+        3, [("ring", "u2"), ("z", "f8"), ("Reflectivity", "u1"), ("Y", "f4"), ("x", "f4")]
     )
-    rows["x"], rows["y"], rows["z"] = (1, np.nan, 3), (4, 5, 6), (7, 8, 9)
+    rows["x"], rows["Y"], rows["z"] = (1, np.nan, 3), (4, 5, 6), (7, 8, 9)
     rows["Reflectivity"] = (51, 0, 255)
     np.save(tmp_path / "cloud.npy", rows)
     expected = np.float32([[1, 4, 7, 0.2], [3, 6, 9, 1]])
@@ -48,6 +48,46 @@ def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(t
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.pcd")[:, :3], POINTS[:7, :3])
 
 
+def test_an_organised_cloud_is_read_row_by_row(tmp_path):
+    np.save(tmp_path / "cloud.npy", SCALED[:60].reshape(6, 10, 4))
+    np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255.0), POINTS[:60], atol=1e-6)
+
+
+def test_points_without_an_echo_are_left_out(tmp_path):
+    cloud = SCALED[:4].copy()
+    cloud[1, :3] = 0  # as Ouster's drivers write it
+    cloud[2, 0] = np.nan
+    np.save(tmp_path / "cloud.npy", cloud)
+    expected = POINTS[[0, 3]]
+    np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255.0), expected, atol=1e-6)
+    np.save(tmp_path / "cloud.npy", np.array([[1e300, 0, 0], [1, 2, 3]]))  # more than float32 has
+    np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.npy"), [[1, 2, 3, 0]])
+
+
+def test_one_point_in_a_hundred_may_be_brighter_than_the_scale(tmp_path):
+    cloud = SCALED[:300].clip(max=200)
+    cloud[:3, 3] = 1000
+    np.save(tmp_path / "cloud.npy", cloud)
+    reflectance = read_cloud(tmp_path / "cloud.npy", 255.0)[:, 3]
+    assert reflectance[:3].tolist() == [1, 1, 1]
+    np.testing.assert_allclose(reflectance[3:], cloud[3:, 3] / 255, atol=1e-6)
+    cloud[3, 3] = 1000
+    np.save(tmp_path / "cloud.npy", cloud)
+    with pytest.raises(FileError, match="intensities from 0 to 1000, expected 0 to 255"):
+        read_cloud(tmp_path / "cloud.npy", 255.0)
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary"])
+def test_a_pcd_of_fewer_points_than_it_announces_is_cut_short(tmp_path, data):
+    path = tmp_path / "cloud.pcd"
+    PointCloud.from_xyz_points(POINTS[:50, :3]).save(path, Encoding(data))
+    content = path.read_bytes()
+    lines = content.splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:-9]) if data == "ascii" else content[: -9 * 12])
+    with pytest.raises(FileError, match=r"holds 41 of the 50 points .*: it is cut short"):
+        read_cloud(path)
+
+
 def save(array):
     return lambda path: np.save(path, array)
 
@@ -56,6 +96,7 @@ def save(array):
     ("name", "write", "said"),
     [
         ("a.npy", save(POINTS[:, :2]), "expected rows of x, y, z"),
+        ("a.npy", save(POINTS[:500].T), r"of shape \(4, 500\), expected rows of x, y, z"),
         ("a.npy", save(np.array([None])), "is no whole .npy file"),
         ("a.npy", lambda path: path.write_bytes(b"\x93NUMPY\x01"), "is no whole .npy file"),
         ("a.npy", save(POINTS * 1000), "probably in millimetres"),

@@ -55,8 +55,9 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     torch.testing.assert_close(ours, true, rtol=0, atol=1e-9)
     assert list(check_tree(tmp_path)) == []
     (summary,) = summarize_tree(tmp_path)
-    assert "2 frames (images 2, points 2, calibration 2, labels 0); " in str(summary)
+    assert "2 frames (images 2, points 2, calibration 2, labels 0, depth 0); " in str(summary)
     assert "% of the points of frame a fall into the image" in str(summary)
+    assert "by the road that it sees the LiDAR is 1.7" in str(summary)
 
 
 def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
@@ -160,6 +161,7 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"camera_from_lidar": [[float("nan")] * 4] * 3}, "holds NaN, infinite or absurdly large"),
         ({"camera_from_lidar": [[0] * 4] * 3}, "holds no rotation"),
         ({"max_intensity": "bright"}, "max_intensity is no positive number"),
+        ({"lidar_height_m": 173}, "lidar_height_m is 173, expected the LiDAR's height above"),
         ({"image_size": [375, 1242]}, "image_size is no {width: .., height: ..}"),
         ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
         ({"lens": [0.1]}, "lens is no"),
@@ -167,7 +169,10 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
             {"lens": {"coefficients": [0.1]}},
             "expected 4 or 5 finite numbers of the model plumb_bob",
         ),
-        ({"lens": {"coefficients": [0.1] * 4, "model": "pinhole"}}, "lens has no model of"),
+        (
+            {"lens": {"coefficients": [0.1] * 4, "model": "pinhole"}},
+            "lens has the unknown model 'pinhole', expected one of",
+        ),
         ({"focal": 3}, "has the unknown entry 'focal'"),
     ],
 )
@@ -192,7 +197,7 @@ def test_what_is_no_calibration_file_is_refused(tmp_path, text):
 def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
     path = tmp_path / "calibration.yaml"
     lens = {"model": "equidistant", "coefficients": [0.1, 1e-7, 0, 0.3], "undistort": True}
-    changes = {"lens": lens, "image_size": {"width": 3, "height": 2}}
+    changes = {"lens": lens, "image_size": {"width": 3, "height": 2}, "lidar_height_m": 2.1}
     path.write_text(yaml.safe_dump(calibration_entries(**changes)))
     read = read_recording_calibration(path)
     path.write_text(recording_calibration_text(read))
@@ -201,6 +206,7 @@ def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
         ours, theirs = getattr(read.matrices, name), getattr(again.matrices, name)
         np.testing.assert_array_equal(ours, theirs)
     assert (again.image_size, again.max_intensity) == ((2, 3), 255)
+    assert again.lidar_height_m == 2.1
     assert (again.lens.model, again.lens.coefficients) == ("equidistant", (0.1, 1e-7, 0.0, 0.3))
 
 
@@ -216,6 +222,94 @@ def test_a_line_of_times_that_is_none_is_named(tmp_path):
     (tmp_path / "times.txt").write_text("a 1\n12\n")
     with pytest.raises(FileError, match=r"times.txt: line 2 is no frame's name and a time"):
         open_dataset(tmp_path)
+
+
+def test_a_calibration_that_was_corrected_is_read_again(tmp_path):
+    write_recording(tmp_path, ("a",))
+    assert open_dataset(tmp_path)[0].calibration.camera_from_lidar[0, 3] != 0.5
+    moved = CAMERA_FROM_LIDAR.copy()
+    moved[0, 3] = 0.5
+    rewrite_calibration(tmp_path, camera_from_lidar=moved.tolist())
+    assert open_dataset(tmp_path)[0].calibration.camera_from_lidar[0, 3] == 0.5
+
+
+def test_names_end_in_any_case_and_hold_any_characters(tmp_path):
+    write_recording(tmp_path, ("Füße 2",))
+    (tmp_path / "images" / "Füße 2.jpg").rename(tmp_path / "images" / "Füße 2.Jpg")
+    (tmp_path / "points" / "Füße 2.pcd").rename(tmp_path / "points" / "Füße 2.PCD")
+    sample = open_dataset(tmp_path, needs=("image", "points"))[0]
+    assert sample.sample_id == "Füße 2"
+
+
+def test_images_and_clouds_of_different_names_are_told_once(tmp_path):
+    write_recording(tmp_path, ("1", "2"))
+    for path in list((tmp_path / "points").iterdir()):
+        path.rename(path.with_name(f"000{path.name}"))
+    with pytest.warns(UserWarning, match=r"no image and cloud of one name: images are called 1 "):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert "clouds 0001 .." in problem.problem
+    assert problem.remedy == "give the files of a frame one name"
+
+
+def test_a_recording_without_a_calibration_is_known_as_one(tmp_path):
+    write_recording(tmp_path, ("a",))
+    (tmp_path / "calibration.yaml").unlink()
+    with pytest.raises(ValueError, match=r"without a calibration; write calibration.yaml beside"):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert problem.problem == "holds images or points without a calibration"
+
+
+def test_check_looks_at_depth_labels_and_times_too(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    write_depth_png(tmp_path / "depth" / "a.png", np.ones((10, 20)))
+    (tmp_path / "depth" / "b.png").write_bytes(b"no PNG")
+    (tmp_path / "labels").mkdir()
+    for name in "ab":
+        line = "Car 0 0 0 10 10 5 5 1 1 1 1 1 9 0\n"
+        (tmp_path / "labels" / f"{name}.txt").write_text(line if name == "b" else "")
+    (tmp_path / "times.txt").write_text("a\t1\nb two\n")
+    problems = {problem.path.name: problem.problem for problem in check_tree(tmp_path)}
+    assert "is 10x20 (height x width), expected 375x1242" in problems["a.png"]
+    assert "neither a PNG nor a JPEG" in problems["b.png"]
+    assert "2D box with its maximum below its minimum" in problems["b.txt"]
+    assert "line 2: value 1 is 'two'" in problems["times.txt"]
+
+
+def test_images_that_lie_on_their_side_are_told_to_be_turned(tmp_path):
+    write_recording(tmp_path, ("a",), image_size={"width": 375, "height": 1242})
+    (problem,) = check_tree(tmp_path)
+    assert problem.remedy.startswith("turn it as it was when the camera was calibrated")
+
+
+def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_path):
+    write_recording(tmp_path, ("a", "b", "c"), cloud=".npy")
+    write_cloud_file(tmp_path / "points" / "b.npy", POINTS[:3])  # shows no road
+    assert open_dataset(tmp_path, sample_list=("b",))[0].lidar_height_m == pytest.approx(
+        1.73, abs=0.1
+    )
+    rewrite_calibration(tmp_path, lidar_height_m=2.31)
+    assert open_dataset(tmp_path)[0].lidar_height_m == 2.31
+    (summary,) = summarize_tree(tmp_path)
+    assert "above it" not in str(summary)
+    rewrite_calibration(tmp_path)
+    for name in "abc":
+        write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[:3])
+    assert open_dataset(tmp_path)[0].lidar_height_m is None
+    (summary,) = summarize_tree(tmp_path)
+    assert "taken to be 1.73 m above the road, as KITTI's" in str(summary)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_camera_matrix_of_another_resolution_is_told_once(tmp_path, factor):
+    camera = np.diag([factor, factor, 1]) @ CAMERA_MATRIX
+    write_recording(tmp_path, camera_matrix=camera.tolist())
+    with pytest.warns(UserWarning, match="probably that of another resolution"):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert problem.path == tmp_path / "calibration.yaml"
+    assert "but images are 375x1242" in problem.problem
 
 
 def test_recordings_travel_between_processes(tmp_path):

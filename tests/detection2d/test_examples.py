@@ -17,6 +17,7 @@ from sightline.detection2d.health import CELL_PX
 from sightline.detection2d.placement import lidar_image
 from sightline.detection2d.targets import TargetConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
 from tests.detection2d.frames import SIZE, painted_frame
@@ -253,6 +254,26 @@ def test_the_lidars_image_is_near_and_low_where_it_is_bright(sample):
     literal = lidar_image(sample, InputConfig(height_offset_m=0.0))
     assert (literal[1] >= image[1]).all()
     assert not lidar_image(replace(sample, points=None), InputConfig()).any()
+
+
+def test_the_lidars_image_shows_heights_above_the_road_wherever_the_lidar_sits(sample):
+    exact = (sample.points * 1024).round() / 1024  # so that no digit is lost on the way
+    image = lidar_image(replace(sample, points=exact), InputConfig())
+    old_from_new = torch.eye(4, dtype=torch.float64)
+    old_from_new[2, 3] = 0.5
+    calibration = sample.calibration
+    higher = replace(
+        sample,
+        points=exact - exact.new_tensor([0, 0, 0.5, 0]),
+        calibration=replace(
+            calibration, camera_from_lidar=calibration.camera_from_lidar @ old_from_new
+        ),
+        lidar_height_m=KITTI_LIDAR_HEIGHT_M + 0.5,
+    )
+    differs = (lidar_image(higher, InputConfig()) - image).abs() > 1e-5
+    assert differs.float().mean() < 1e-4  # a point on the border of two pixels may fall into either
+    untold = lidar_image(replace(higher, lidar_height_m=None), InputConfig())
+    assert (untold[1] - image[1]).max() > 0.05
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_results
 from sightline.data.object_results import kitti_from_detections
 from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection3d.frames import (
     COMPACT,
@@ -100,6 +101,33 @@ def test_boxes_come_back_in_the_sweeps_own_height(tmp_path, sample):
     found = mounted(replace(sample, points=lowered))
     moved = found.boxes.tensor + found.boxes.tensor.new_tensor([0, 0, offset, 0, 0, 0, 0])
     torch.testing.assert_close(moved, expected.boxes.tensor, atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("up_m", [-0.5, 0.75])
+def test_a_lidar_of_another_height_gets_the_same_boxes_in_its_own_frame(predictor, sample, up_m):
+    """What is found does not hang on where the LiDAR's frame has its origin."""
+    exact = (sample.points * 1024).round() / 1024  # so that no digit is lost on the way
+    sample = replace(sample, points=exact)
+    old_from_new = torch.eye(4, dtype=torch.float64)
+    old_from_new[2, 3] = up_m
+    moved = replace(
+        sample,
+        points=sample.points - sample.points.new_tensor([0, 0, up_m, 0]),
+        calibration=replace(
+            sample.calibration,
+            camera_from_lidar=sample.calibration.camera_from_lidar @ old_from_new,
+        ),
+        lidar_height_m=KITTI_LIDAR_HEIGHT_M + up_m,
+    )
+    for expected, found in zip(
+        predictor.both_stages(sample), predictor.both_stages(moved), strict=True
+    ):
+        shift = expected.boxes.tensor.new_tensor([0, 0, up_m, 0, 0, 0, 0])
+        assert len(expected.scores)
+        torch.testing.assert_close(
+            found.boxes.tensor, expected.boxes.tensor - shift, atol=1e-3, rtol=0
+        )
+        torch.testing.assert_close(found.scores, expected.scores, atol=1e-4, rtol=0)
 
 
 def test_the_command_writes_kittis_result_files(weights, predictor, sample, tmp_path):

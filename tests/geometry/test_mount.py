@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sightline.geometry.mount import mount_doubt
+from sightline.geometry.mount import mount_doubt, resolution_doubt
 
 NOMINAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 TILTS_DEG = ((0.0, 0.0, 0.0), (0.4, -0.8, 0.2), (1.0, 3.0, -2.0), (-1.0, -6.0, 4.0))
@@ -88,3 +88,21 @@ def test_radians_for_degrees_are_named(rigid, order):
 def test_an_offset_in_millimetres_is_named(rigid):
     rigid[:3, 3] *= 1000
     assert "its last column is probably in millimetres" in mount_doubt(rigid)
+
+
+@pytest.mark.parametrize("factor", [0.25, 0.5, 1.5, 2.0])
+def test_a_camera_matrix_of_another_resolution_is_told(factor):
+    camera = np.array([[1100.0, 0, 959.5], [0, 1100.0, 599.5], [0, 0, 1]])
+    scaled = np.diag([factor, factor, 1]) @ camera
+    said = resolution_doubt(scaled, (1200, 1920))
+    assert said is not None
+    assert "but images are 1200x1920" in said
+    assert "probably that of another resolution" in said
+
+
+def test_a_camera_that_was_cropped_is_not_doubted():
+    for principal, size in [((959.5, 599.5), (1200, 1920)), ((609.6, 172.9), (375, 1242))]:
+        camera = np.array([[700.0, 0, principal[0]], [0, 700.0, principal[1]], [0, 0, 1]])
+        assert resolution_doubt(camera, size) is None
+    camera = np.array([[700.0, 0, 959.5], [0, 700.0, 100.0], [0, 0, 1]])  # half of it cut off
+    assert resolution_doubt(camera, (700, 1920)) is None

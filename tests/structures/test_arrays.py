@@ -27,14 +27,34 @@ def test_either_sensor_may_be_missing_but_not_the_size():
         CameraLidarSample.from_arrays(CALIBRATION, points=POINTS)
 
 
+def test_a_size_may_come_from_an_array_but_not_contradict_the_image():
+    size = np.array(IMAGE.shape[:2])
+    made = CameraLidarSample.from_arrays(CALIBRATION, points=POINTS, image_size=tuple(size))
+    assert made.image_size == (375, 1242)
+    with pytest.raises(ValueError, match=r"is 375x1242 .*, but image_size says 1242x375; give"):
+        CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, image_size=(1242, 375))
+
+
+def test_the_height_of_the_lidar_is_told_by_the_points_where_nobody_says_it():
+    made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=POINTS)
+    assert made.lidar_height_m == pytest.approx(1.73, abs=0.1)
+    said = CameraLidarSample.from_arrays(
+        CALIBRATION, image=IMAGE, points=POINTS, lidar_height_m=2.23
+    )
+    assert said.higher_than_kitti_m == pytest.approx(0.5)
+    assert SAMPLE.higher_than_kitti_m == 0
+
+
 def test_a_grey_picture_becomes_three_channels_and_a_view_of_it_a_picture_of_its_own():
     planes = image_planes(IMAGE[::-1, ::2, 0])
     assert planes.shape == (3, 375, 621)
     assert torch.equal(planes[0], planes[2])
+    assert torch.equal(image_planes(IMAGE[::-1, ::2, :1]), planes)  # as OpenCV has it
 
 
 @pytest.mark.parametrize(
-    "image", [IMAGE / 255, IMAGE[..., :2], np.zeros(5, np.uint8), torch.zeros(4, 5, 3).byte()]
+    "image",
+    [IMAGE / 255, IMAGE[..., :2], np.zeros(5, np.uint8), torch.zeros(4, 5, 3).byte()],
 )
 def test_what_is_no_picture_is_refused(image):
     with pytest.raises(ValueError, match=r"the image is .* expected uint8, an array of height"):
@@ -47,12 +67,19 @@ def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none()
     assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
 
 
+def test_an_organised_cloud_is_a_cloud_and_points_without_an_echo_are_none():
+    points = np.arange(24, dtype=np.float32).reshape(2, 3, 4) / 24
+    points[1, 2, :3] = 0
+    assert sweep_points(points).tolist() == points.reshape(-1, 4)[:-1].tolist()
+
+
 @pytest.mark.parametrize(
     ("points", "max_intensity", "said"),
     [
         (np.zeros((5, 2)), 1.0, r"float64 of shape \(5, 2\), expected numbers in rows of x, y, z"),
+        (POINTS[:500].T, 1.0, r"float32 of shape \(4, 500\), expected numbers in rows"),
         (np.array([["a", "b", "c"]]), 1.0, "expected numbers in rows"),
-        (POINTS * 1000, 1000.0, "they are probably in millimetres; give metres"),
+        (POINTS * 1000, 1000.0, "they are probably in millimetres; write them in metres"),
         (POINTS * np.float32([1, 1, 1, 255]), 1.0, r"to 2\d\d\.?\d*, expected 0 to 1; set max_"),
         (POINTS - np.float32([0, 0, 0, 2]), 1.0, "intensities from -2"),
         (POINTS, 0.0, "max_intensity must be positive"),

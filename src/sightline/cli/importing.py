@@ -33,8 +33,8 @@ def import_command(
         max_gap_s: Images and sweeps that are farther apart are no pair.
         clock: Which time counts: the header's, when a sensor took it, or when it was received.
         undistort: Straightens the images of a lens that distorts, whenever they are read.
-        max_intensity: What stands for a reflectance of 1. Default: 1, 255 or 65535, by the first
-            sweep.
+        max_intensity: What stands for a reflectance of 1. Default: 1, 255 or 65535, by some
+            sweeps.
     """
     from sightline.data.importing.import_recording import import_recording
 

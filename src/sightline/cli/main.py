@@ -42,19 +42,19 @@ _BROKEN_PIPE = 141  # likewise
 
 
 def check(data: Path, *, workers: int = 2) -> int:
-    """Validates KITTI-format data: missing, truncated, non-finite and inconsistent files.
+    """Validates a data set: missing, truncated, non-finite and inconsistent files.
 
     Prints one line per problem with the file and the remedy. Exit status: 0 if there is none, 1
     otherwise.
 
     Args:
-        data: A KITTI object tree, depth completion tree or raw drive.
+        data: A recording, or a KITTI object tree, depth completion tree or raw drive.
         workers: Threads that read.
     """
     from sightline.data.check import check_tree, summarize_tree
 
     if not data.is_dir():
-        raise ValueError(f"{data} is no folder; give the folder of a KITTI data set")
+        raise ValueError(f"{data} is no folder; give the folder of a data set")
     for summary in summarize_tree(data):
         print(summary)
     num_problems = 0

@@ -7,22 +7,27 @@ from pathlib import Path
 
 from sightline.data.problem import Problem
 from sightline.data.progress import track
+from sightline.data.recording_tree import lacks_calibration
 from sightline.data.threads import check_workers, map_ahead
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 
 
 def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
-    """What a folder holds, from the files' names alone; empty where it is no KITTI tree."""
+    """What a folder holds, from the files' names; empty where it is no data set.
+
+    Of a recording's first frame the cloud is read, to tell which share of it the image shows.
+    """
     return tuple(tree.summary for tree in find_trees(Path(root)))
 
 
 def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[Problem]:
-    """Reads every file of a KITTI tree and tells of each fault, frame by frame in order.
+    """Reads every file of a data set and tells of each fault, frame by frame in order.
 
-    Known are the object tree (`training`, `testing`, or one of these folders itself), the depth
-    completion benchmark's and a raw drive. Missing, truncated, non-finite and implausible files
-    are found, and files of one frame that do not fit each other. Never stops at the first fault,
-    and holds only a few frames in memory. An empty sweep is no fault.
+    Known are recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
+    folders itself), the depth completion benchmark's and a raw drive. Missing, truncated,
+    non-finite and implausible files are found, and files of one frame that do not fit each other.
+    Never stops at the first fault, and holds only a few frames in memory. An empty sweep is no
+    fault.
 
     >>> import sightline
     >>> from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -41,14 +46,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     root = Path(root)
     trees = find_trees(root)
     if not trees:
-        yield Problem(
-            path=root,
-            problem="holds no frames of KITTI's object tree (training/image_2), depth tree "
-            "(val_selection_cropped/image) or raw drive (image_02/data)"
-            if root.is_dir()
-            else "is no folder",
-            remedy="give the folder that the archives were extracted to",
-        )
+        yield _no_tree(root)
     for tree in trees:
         yield from tree.gaps
         run = partial(_run, folder=tree.summary.folder)
@@ -56,6 +54,24 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
         description = f"checking {tree.summary.folder.name}"
         for problems in track(answers, description=description, total=len(tree.checks)):
             yield from problems
+
+
+def _no_tree(root: Path) -> Problem:
+    if not root.is_dir():
+        return Problem(path=root, problem="is no folder", remedy="give the folder of a data set")
+    if lacks_calibration(root):
+        return Problem(
+            path=root,
+            problem="holds images or points without a calibration",
+            remedy="write calibration.yaml beside them, docs/recordings.md has an example",
+        )
+    return Problem(
+        path=root,
+        problem="holds no frames of a recording (calibration.yaml, images, points), nor of KITTI's "
+        "object tree (training/image_2), depth tree (val_selection_cropped/image) or raw drive "
+        "(image_02/data)",
+        remedy="give the folder that holds those",
+    )
 
 
 def _run(check: Check, *, folder: Path) -> list[Problem]:

@@ -48,7 +48,7 @@ def check_object_frame(frame: ObjectFrame) -> list[Problem]:
         if size is not None and matrices is not None:
             problems += _check_view(points, matrices, size, frame.points)
     if objects is not None and frame.objects is not None:
-        problems += _check_objects(objects, size, frame.objects)
+        problems += check_objects(objects, size, frame.objects)
     return problems
 
 
@@ -154,9 +154,8 @@ def _check_view(
     ]
 
 
-def _check_objects(
-    objects: KittiObjects, size: tuple[int, int] | None, path: Path
-) -> list[Problem]:
+def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
+    """Doubts about labels; `size` is the image's height and width, where it is known."""
     width_height = np.array([np.inf, np.inf] if size is None else [size[1], size[0]])
     minima, maxima = objects.boxes2d[:, :2], objects.boxes2d[:, 2:]
     margin = _OUTSIDE_SHARE * width_height

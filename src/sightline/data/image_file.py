@@ -37,7 +37,7 @@ def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
             path,
             f"has {header.bits_per_channel} bits per channel, expected a picture of 8; it is "
             "perhaps a depth map",
-            "name the folder of camera images",
+            "name the folder of camera images, or convert them to 8 bits",
         )
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     bgr = decode_pixels(content, header, flags, path)

@@ -67,20 +67,29 @@ def list_object_frames(
     }
 
 
-def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
+def list_files(folder: Path, suffixes: Sequence[str], *, any_case: bool = False) -> dict[str, Path]:
     """The files of a folder that end in one of the suffixes, by stem, sorted.
 
     Of two with the same stem the one with the earlier suffix counts; a folder that is not there
     is empty; hidden files are left out.
+
+    Args:
+        folder: Where they lie.
+        suffixes: In lower case, with their dots.
+        any_case: Whether .JPG is .jpg.
     """
     if not folder.is_dir():
         return {}
+
+    def suffix(path: Path) -> str:
+        return path.suffix.lower() if any_case else path.suffix
+
     paths = [
         path
         for path in folder.iterdir()
-        if path.suffix in suffixes and not path.name.startswith(".")
+        if suffix(path) in suffixes and not path.name.startswith(".")
     ]
-    paths.sort(key=lambda path: (path.stem, -suffixes.index(path.suffix)))
+    paths.sort(key=lambda path: (path.stem, -suffixes.index(suffix(path)), path.suffix))
     return {path.stem: path for path in paths}
 
 

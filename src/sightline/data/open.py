@@ -24,7 +24,7 @@ from sightline.data.object_tree import (
     suggest_frames,
 )
 from sightline.data.recording import RecordingDataset
-from sightline.data.recording_tree import is_recording
+from sightline.data.recording_tree import is_recording, lacks_calibration
 from sightline.data.sample_list import read_sample_list
 from sightline.structures.sample import CameraLidarSample
 
@@ -142,15 +142,24 @@ def open_dataset(
         path, load_images="image" in wanted, allow_gaps=allow_gaps
     ) or _open_drive(path, allow_gaps=allow_gaps)
     if dataset is None:
-        raise ValueError(
-            f"{path} is no data set, expected a recording (calibration.yaml, images, points), or "
-            "of KITTI's an object tree (training/image_2, ..), a depth completion tree "
-            "(val_selection_cropped/velodyne_raw, val/DRIVE/proj_depth, ..) or a raw drive "
-            "(image_02, velodyne_points, ..); name the folder that holds those"
-        )
+        raise _no_data_set(path)
     if sample_list is None:
         return dataset
     return NamedSubset(dataset, read_sample_list(sample_list, path))
+
+
+def _no_data_set(path: Path) -> ValueError:
+    if lacks_calibration(path):
+        return ValueError(
+            f"{path} holds images or points without a calibration; write calibration.yaml beside "
+            "them, docs/recordings.md has an example"
+        )
+    return ValueError(
+        f"{path} is no data set, expected a recording (calibration.yaml, images, points), or "
+        "of KITTI's an object tree (training/image_2, ..), a depth completion tree "
+        "(val_selection_cropped/velodyne_raw, val/DRIVE/proj_depth, ..) or a raw drive "
+        "(image_02, velodyne_points, ..); name the folder that holds those"
+    )
 
 
 def _by_its_name(path: Path) -> Path:

@@ -11,7 +11,7 @@ from jaxtyping import Float32
 from sightline.data.plain_file import read_bytes
 from sightline.data.problem import FileError
 from sightline.data.velodyne import read_sweep
-from sightline.geometry.mount import MAX_RANGE_M
+from sightline.geometry.cloud_checks import cloud_fault, echoes, reflectances, rows_of
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd")
 """File names that a cloud may end in."""
@@ -27,18 +27,21 @@ _COMPRESSED = b"\nDATA binary_compressed"
 def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarray, "num_points 4"]:
     """Reads x, y, z [m] (LiDAR frame) and reflectance [0, 1].
 
-    `.bin`: float32 x, y, z, intensity as KITTI has it. `.npy`: an array of three columns or more,
-    the fourth of which is the intensity, or a structured one with the names of a PCD's fields.
-    `.pcd`: with fields x, y, z and perhaps intensity. Without one, reflectance is 0. Points that
-    are not finite, which some drivers write where no echo came back, are left out.
+    `.bin`: float32 x, y, z, intensity as KITTI has it. `.npy`: rows of three numbers or more, the
+    fourth of which is the intensity, or a structured array with the names of a PCD's fields.
+    `.pcd`: with fields x, y, z and perhaps intensity. Without one, reflectance is 0. Organised
+    clouds are read row by row.
+
+    Points that are not finite or lie at the LiDAR's origin, which drivers write where no echo came
+    back, are left out. What is brighter than max_intensity, as retroreflectors are, gets 1.
 
     Args:
         path: The file.
         max_intensity: What stands for a reflectance of 1.
 
     Raises:
-        FileError: The file cannot be read, lacks a coordinate, is not in metres, or has intensities
-            outside [0, max_intensity].
+        FileError: The file cannot be read or is cut short, lacks a coordinate, is not in metres, or
+            more than one intensity in a hundred lies outside [0, max_intensity].
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".bin":
@@ -52,34 +55,19 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
 
 def checked_cloud(
     points: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
-) -> Float32[np.ndarray, "num_finite 4"]:
-    """The finite points with reflectances in [0, 1].
+) -> Float32[np.ndarray, "num_echoes 4"]:
+    """The points that an echo made, with reflectances in [0, 1].
 
     Raises:
         FileError: Points are not in metres, or intensities lie outside [0, max_intensity]; names
             `source`, a file or a topic.
     """
-    points = points[np.isfinite(points).all(axis=1)]
-    if not len(points):
-        return points
-    middle_m = float(np.median(np.linalg.norm(points[:, :3].astype(np.float64), axis=1)))
-    if middle_m > MAX_RANGE_M:
-        raise FileError(
-            source,
-            f"holds {len(points)} points, half of them farther away than {middle_m:.4g} m, "
-            f"expected up to {MAX_RANGE_M:.0f} m: they are probably in millimetres",
-            "write them in metres",
-        )
-    lowest, highest = float(points[:, 3].min()), float(points[:, 3].max())
-    if lowest < 0 or highest > max_intensity:
-        raise FileError(
-            source,
-            f"holds intensities from {lowest:.4g} to {highest:.4g}, expected 0 to "
-            f"{max_intensity:.6g}",
-            "set max_intensity (calibration file) or --max-intensity (import) to what stands for a "
-            "reflectance of 1, often 255",
-        )
-    points[:, 3] /= max_intensity
+    points = echoes(points)
+    fault = cloud_fault(points, max_intensity)
+    if fault is not None:
+        problem, remedy = fault
+        raise FileError(source, f"holds {problem}", f"{remedy} (import: --max-intensity)")
+    points[:, 3] = reflectances(points[:, 3], max_intensity)
     return points
 
 
@@ -90,7 +78,8 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
         FileError: It lacks a coordinate; names `source`.
     """
     names = fields.dtype.names or ()
-    lacking = [name for name in ("x", "y", "z") if name not in names]
+    by_lower = {name.lower(): name for name in names}
+    lacking = [name for name in ("x", "y", "z") if name not in by_lower]
     if lacking:
         raise FileError(
             source,
@@ -99,8 +88,7 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
         )
     points = np.zeros((fields.size, 4), np.float32)
     for column, name in enumerate(("x", "y", "z")):
-        points[:, column] = fields[name].ravel()
-    by_lower = {name.lower(): name for name in names}
+        points[:, column] = fields[by_lower[name]].ravel()
     intensity = next((by_lower[name] for name in INTENSITY_NAMES if name in by_lower), None)
     if intensity is not None:
         points[:, 3] = fields[intensity].ravel()
@@ -115,14 +103,17 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
         raise FileError(path, "is no whole .npy file", _REMEDY) from error
     if array.dtype.names:
         return columns_of(array, path)
-    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu":
+    rows = rows_of(array)
+    if rows is None:
         raise FileError(
             path,
-            f"holds {array.dtype} of shape {array.shape}, expected rows of x, y, z (, intensity)",
+            f"holds {array.dtype} of shape {array.shape}, expected rows of x, y, z (, intensity), "
+            "one a point",
             _REMEDY,
         )
-    points = np.zeros((len(array), 4), np.float32)
-    points[:, : min(array.shape[1], 4)] = array[:, :4]
+    points = np.zeros((len(rows), 4), np.float32)
+    with np.errstate(over="ignore"):  # becomes infinite, and is left out
+        points[:, : min(rows.shape[1], 4)] = rows[:, :4]
     return points
 
 
@@ -132,10 +123,14 @@ def _read_pcd(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
     _check_announced_size(content, path)
     try:
-        fields = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content))).pc_data
+        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
     except Exception as error:
         raise FileError(path, "is no whole PCD file", _REMEDY) from error
-    return columns_of(np.atleast_1d(fields), path)
+    fields, announced = np.atleast_1d(cloud.pc_data), cloud.metadata.points
+    if fields.size != announced:  # the library takes what there is
+        problem = f"holds {fields.size} of the {announced} points that it announces"
+        raise FileError(path, f"{problem}: it is cut short", _REMEDY)
+    return columns_of(fields, path)
 
 
 def _check_announced_size(content: bytes, path: Path | str) -> None:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Collection, Sequence
-from functools import lru_cache
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +22,12 @@ from sightline.data.problem import FileError
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.recording_checks import (
     first_whole,
+    height_of_recording,
     reference_images,
     size_misfit,
     view_of_recording,
 )
-from sightline.data.recording_tree import list_recording, read_times
+from sightline.data.recording_tree import describe_unpaired, list_recording, read_times
 from sightline.data.sample_list import read_sample_list
 from sightline.data.undistortion import undistort
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
@@ -79,6 +80,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 f"{self.folder} has no frame {describe_absent(absent)}: "
                 f"{suggest_frames(absent[0], tuple(known))}; name others or another folder"
             )
+        self._all_frames = files.frames
         self._frames = tuple(known[name] for name in wanted)
         self._check_whole(self.parts if needs is None else self.parts & set(needs))
         pictures = (frame.image or frame.depth for frame in files.frames)
@@ -86,9 +88,13 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self._reference_images = reference_images(files.frames)
         self._times = None if files.times is None else read_times(files.times)
         self._start_s = min(self._times.values(), default=0.0) if self._times else 0.0
+        self._last_calibration: tuple[Path, RecordingCalibration, Calibration] | None = None
         view = view_of_recording(first_whole(self._frames))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=3)
+        unpaired = describe_unpaired(self._frames)
+        if unpaired is not None and {"image", "points"} <= self.parts:
+            warnings.warn(f"{self.folder} {unpaired}", stacklevel=3)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -108,7 +114,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         keep_opencv_to_one_thread_in_workers()
         frame = self._frames[index]
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
-        said, calibration = _read_calibration(frame.calibration)
+        said, calibration = self._calibration(frame.calibration)
         image = None
         if frame.image is not None and "image" in self.parts:
             image = _straight_image(frame.image, said)
@@ -133,11 +139,31 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 objects=objects,
                 depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
                 timestamp_s=self._time_of(frame.sample_id),
+                lidar_height_m=self._height(said) if points is not None else None,
             )
         except ValueError as error:
             if isinstance(error, FileError):
                 raise
             raise FileError(self.folder, str(error), _REMEDY) from error
+
+    def _calibration(self, path: Path) -> tuple[RecordingCalibration, Calibration]:
+        """Reads a calibration; one file for all frames once."""
+        if self._last_calibration is None or self._last_calibration[0] != path:
+            said = read_recording_calibration(path)
+            calibration = Calibration(
+                image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
+                camera_from_lidar=torch.from_numpy(said.matrices.camera_from_lidar),
+            )
+            self._last_calibration = (path, said, calibration)
+        return self._last_calibration[1:]
+
+    def _height(self, said: RecordingCalibration) -> float | None:
+        return self._height_by_clouds if said.lidar_height_m is None else said.lidar_height_m
+
+    @cached_property
+    def _height_by_clouds(self) -> float | None:
+        """By all frames' files, so that any selection of frames gets the same."""
+        return height_of_recording(self._all_frames)
 
     def _image_size(
         self,
@@ -172,15 +198,6 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                     f"{len(self._frames)} frames ({describe_absent(absent)}); add them or name a "
                     "list of the frames that are there"
                 )
-
-
-@lru_cache(maxsize=1)  # of one file for all frames, read once
-def _read_calibration(path: Path) -> tuple[RecordingCalibration, Calibration]:
-    said = read_recording_calibration(path)
-    return said, Calibration(
-        image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
-        camera_from_lidar=torch.from_numpy(said.matrices.camera_from_lidar),
-    )
 
 
 def _straight_image(path: Path, said: RecordingCalibration) -> UInt8[Tensor, "3 height width"]:

@@ -13,8 +13,16 @@ from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.plain_text import read_text
 from sightline.data.problem import FileError
 from sightline.data.undistortion import LensModel, check_lens
+from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 
-_KEYS: Final = ("camera_matrix", "camera_from_lidar", "image_size", "lens", "max_intensity")
+_KEYS: Final = (
+    "camera_matrix",
+    "camera_from_lidar",
+    "image_size",
+    "lens",
+    "lidar_height_m",
+    "max_intensity",
+)
 _REMEDY = "see docs/recordings.md for an example"
 
 
@@ -37,6 +45,8 @@ class RecordingCalibration:
     """None: the pictures are straight."""
     max_intensity: float = 1.0
     """What stands for a reflectance of 1 in the clouds."""
+    lidar_height_m: float | None = None
+    """Of the LiDAR above the road; None: to be told from the clouds."""
 
 
 def read_recording_calibration(path: Path | str) -> RecordingCalibration:
@@ -64,6 +74,7 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
             image_size=_image_size(said.get("image_size")),
             lens=_lens(said.get("lens")),
             max_intensity=_max_intensity(said.get("max_intensity", 1.0)),
+            lidar_height_m=_lidar_height(said.get("lidar_height_m")),
         )
     except ValueError as error:
         raise FileError(path, str(error), _REMEDY) from error
@@ -87,6 +98,8 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
         }
     if calibration.max_intensity != 1:
         said["max_intensity"] = calibration.max_intensity
+    if calibration.lidar_height_m is not None:
+        said["lidar_height_m"] = calibration.lidar_height_m
     # A line a row, as one writes a matrix by hand.
     text: str = yaml.safe_dump(said, default_flow_style=None, sort_keys=False)
     return text
@@ -163,7 +176,10 @@ def _lens(said: object) -> Lens | None:
         raise ValueError("lens has coefficients that are no numbers") from None
     model = said.get("model", "plumb_bob")
     if model not in get_args(LensModel):
-        raise ValueError(f"lens has no model of {', '.join(get_args(LensModel))}")
+        raise ValueError(
+            f"lens has the unknown model {str(model)[:40]!r}, expected one of "
+            f"{', '.join(get_args(LensModel))} (radtan is plumb_bob, fisheye equidistant)"
+        )
     check_lens(cast("LensModel", model), coefficients)
     if not any(coefficients):
         return None
@@ -176,7 +192,19 @@ def _lens(said: object) -> Lens | None:
     return Lens(model=model, coefficients=coefficients)
 
 
+def _lidar_height(said: object) -> float | None:
+    if said is None:
+        return None
+    height_m = float(said) if isinstance(said, int | float) else 0.0
+    if not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M or isinstance(said, bool):
+        raise ValueError(
+            f"lidar_height_m is {str(said)[:40]}, expected the LiDAR's height above the road, "
+            f"{MIN_LIDAR_HEIGHT_M:g} to {MAX_LIDAR_HEIGHT_M:g} m"
+        )
+    return height_m
+
+
 def _max_intensity(said: object) -> float:
-    if not isinstance(said, int | float) or not 0 < said < 1e9:
+    if isinstance(said, bool) or not isinstance(said, int | float) or not 0 < said < 1e9:
         raise ValueError("max_intensity is no positive number")
     return float(said)

@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float32
+
 from sightline.data.calibration_checks import check_matrices
-from sightline.data.frame_checks import read_or_note
+from sightline.data.depth_png import read_depth_png
+from sightline.data.frame_checks import check_objects, read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_labels import read_labels
@@ -16,9 +20,12 @@ from sightline.data.point_files import read_cloud
 from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.view import is_in_view
-from sightline.geometry.mount import mount_doubt
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.mount import mount_doubt, resolution_doubt
+from sightline.geometry.road_height import drive_height_m
 
 _REMEDY = "correct the calibration file; docs/recordings.md says how"
+_TELL_HEIGHT = 5  # clouds, spread over a recording
 _LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
 
 
@@ -29,6 +36,8 @@ class RecordingView:
     sample_id: str
     share: float
     """Of the points, 0 to 1, that the image shows."""
+    size: tuple[int, int]
+    """Height, width [px] of the image."""
     doubt: Problem | None
     """What is implausible about it, with the likely cause."""
 
@@ -45,7 +54,7 @@ def first_whole(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
 
 
 def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
-    """How a frame's parts fit; None where it lacks one, or a file of it cannot be read."""
+    """How a frame's parts fit; None where it lacks one, has no point, or cannot be read."""
     if frame is None or frame.points is None or frame.calibration is None:
         return None
     try:
@@ -54,14 +63,13 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
         points = read_cloud(frame.points, said.max_intensity)
     except FileError:
         return None  # whoever reads the frame is told
-    if size is None:
+    if size is None or not len(points):
         return None
     matrices = said.matrices
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
-    share = float(shown.mean()) if len(points) else 0.0
-    doubt = mount_doubt(matrices.camera_from_lidar)
-    problem = None if doubt is None else f"camera_from_lidar {doubt}"
-    if doubt is None and len(points) and share < _LEAST_SHARE:
+    share = float(shown.mean())
+    problem = _doubt(said, size)
+    if problem is None and share < _LEAST_SHARE:
         problem = (
             f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
             f"into the image of {size[0]}x{size[1]} (height x width)"
@@ -69,12 +77,48 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     return RecordingView(
         sample_id=frame.sample_id,
         share=share,
+        size=size,
         doubt=(
             None
             if problem is None
             else Problem(path=frame.calibration, problem=problem, remedy=_REMEDY)
         ),
     )
+
+
+def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+    """How a recording's parts fit, and how high its LiDAR sits, in a clause each."""
+    first = first_whole(frames)
+    view = view_of_recording(first)
+    said = (
+        None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
+    )
+    described = [] if view is None else [str(view)]
+    if said is not None and said.lidar_height_m is None:
+        height_m = height_of_recording(frames)
+        described.append(
+            f"the LiDAR is taken to be {KITTI_LIDAR_HEIGHT_M} m above the road, as KITTI's"
+            if height_m is None
+            else f"by the road that it sees the LiDAR is {height_m:.2f} m above it"
+        )
+    return tuple(described)
+
+
+def height_of_recording(frames: Sequence[ObjectFrame]) -> float | None:
+    """How high above the road the LiDAR sits [m] by some clouds; None where none can tell."""
+    seen = [frame for frame in frames if frame.points and frame.calibration]
+    step = max(len(seen) // _TELL_HEIGHT, 1)
+    return drive_height_m(map(_cloud_or_empty, seen[::step][:_TELL_HEIGHT]))
+
+
+def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
+    assert frame.points is not None, "it was asked for"
+    assert frame.calibration is not None, "likewise"
+    try:
+        said = read_recording_calibration(frame.calibration)
+        return read_cloud(frame.points, said.max_intensity)
+    except FileError:
+        return np.zeros((0, 4), np.float32)  # whoever reads the frame is told
 
 
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:
@@ -84,10 +128,19 @@ def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]
     if said is None:
         return problems
     size = read_or_note(read_image_size, image, []) or said.image_size
+    doubt = _doubt(said, size)
+    if doubt is not None:
+        return [Problem(path=path, problem=doubt, remedy=_REMEDY)]
+    return check_matrices(said.matrices, size, path)
+
+
+def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
+    """What is implausible about a calibration alone, or against the size of its images."""
     doubt = mount_doubt(said.matrices.camera_from_lidar)
     if doubt is not None:
-        return [Problem(path=path, problem=f"camera_from_lidar {doubt}", remedy=_REMEDY)]
-    return check_matrices(said.matrices, size, path)
+        return f"camera_from_lidar {doubt}"
+    scale = None if size is None else resolution_doubt(said.matrices.image_from_camera, size)
+    return None if scale is None else f"camera_matrix {scale}"
 
 
 def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list[Problem]:
@@ -100,22 +153,29 @@ def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list
     problems: list[Problem] = []
     said = read_or_note(read_recording_calibration, frame.calibration, [])
     image = read_or_note(read_rgb, frame.image, problems)
+    depth_m = read_or_note(read_depth_png, frame.depth, problems)
     read_or_note(
         # without a calibration nobody knows which intensities are too high
         partial(read_cloud, max_intensity=math.inf if said is None else said.max_intensity),
         frame.points,
         problems,
     )
-    read_or_note(read_labels, frame.objects, problems)
-    if said is None or problems or image is None:
+    objects = read_or_note(read_labels, frame.objects, problems)
+    size = None if image is None else (image.shape[0], image.shape[1])
+    if objects is not None and frame.objects is not None:
+        problems += check_objects(objects, size, frame.objects)
+    if said is None or problems:
         return problems
-    assert frame.image is not None, "it was read"
-    misfit = size_misfit(frame.image, image.shape[:2], said, reference)
-    if misfit is not None:
-        return [misfit]
+    # Depth is of the image's size, and stands for it where there is none.
+    pictures = ((frame.image, size), (frame.depth, None if depth_m is None else depth_m.shape))
+    for path, shape in pictures:
+        misfit = size_misfit(path, shape, said, reference) if path and shape else None
+        if misfit is not None:
+            return [misfit]
     view = view_of_recording(frame)
-    is_mounted_well = mount_doubt(said.matrices.camera_from_lidar) is None  # told of once for all
-    return [view.doubt] if is_mounted_well and view is not None and view.doubt is not None else []
+    if view is None or view.doubt is None or _doubt(said, view.size) is not None:
+        return []  # a calibration's own faults are told of once for all frames
+    return [view.doubt]
 
 
 def size_misfit(
@@ -138,15 +198,20 @@ def size_misfit(
         path=image,
         problem=f"is {size[0]}x{size[1]} (height x width), expected {expected[0]}x{expected[1]} as "
         f"{source}",
-        remedy="give each frame a calibration of its own (calibration/NAME.yaml), or the images "
+        remedy="turn it as it was when the camera was calibrated; a note of its orientation "
+        "(EXIF) is not followed"
+        if expected == size[::-1]
+        else "give each frame a calibration of its own (calibration/NAME.yaml), or the images "
         "that were calibrated",
     )
 
 
 def reference_images(frames: Sequence[ObjectFrame]) -> dict[Path, Path | None]:
-    """The first image of each calibration file; None where it has none."""
+    """The first image of each calibration file, else the first depth map; None where none is."""
     first: dict[Path, Path | None] = {}
-    for frame in frames:
-        if frame.calibration is not None:
-            first[frame.calibration] = first.get(frame.calibration) or frame.image
+    for part in ("image", "depth"):
+        for frame in frames:
+            if frame.calibration is not None:
+                known = first.get(frame.calibration)
+                first[frame.calibration] = known or getattr(frame, part)
     return first

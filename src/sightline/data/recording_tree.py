@@ -1,5 +1,6 @@
 """Which files a recording of your own has, listed without reading them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -30,9 +31,28 @@ class RecordingFiles:
 
 def is_recording(folder: Path) -> bool:
     """Whether a folder has a recording's calibration beside its images or clouds."""
-    has_sensor = any((folder / name).is_dir() for name in (IMAGES, POINTS))
-    return has_sensor and bool(
+    return _has_sensor(folder) and bool(
         _common_calibration(folder) or list_files(folder / CALIBRATIONS, _CALIBRATION_SUFFIXES)
+    )
+
+
+def lacks_calibration(folder: Path) -> bool:
+    """Whether a folder would be a recording if it had a calibration."""
+    return _has_sensor(folder) and not is_recording(folder)
+
+
+def describe_unpaired(frames: Sequence[ObjectFrame]) -> str | None:
+    """That no image has a cloud of its name, in the rest of a sentence; None where one has.
+
+    Of frames of one sensor alone nothing is said.
+    """
+    images = [frame.sample_id for frame in frames if frame.image]
+    clouds = [frame.sample_id for frame in frames if frame.points]
+    if not images or not clouds or set(images) & set(clouds):
+        return None
+    return (
+        f"has no image and cloud of one name: images are called {images[0]} .., clouds "
+        f"{clouds[0]} ..; give the files of a frame one name"
     )
 
 
@@ -43,8 +63,8 @@ def list_recording(folder: Path) -> RecordingFiles:
     is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for each; labels
     (KITTI's), depth (16-bit PNGs) and times.txt may be there.
     """
-    images = list_files(folder / IMAGES, _any_case(IMAGE_SUFFIXES))
-    clouds = list_files(folder / POINTS, _any_case(CLOUD_SUFFIXES))
+    images = list_files(folder / IMAGES, IMAGE_SUFFIXES, any_case=True)
+    clouds = list_files(folder / POINTS, CLOUD_SUFFIXES, any_case=True)
     labels, depths = list_files(folder / LABELS, (".txt",)), list_files(folder / DEPTH, (".png",))
     common = _common_calibration(folder)
     own = list_files(folder / CALIBRATIONS, _CALIBRATION_SUFFIXES)
@@ -74,20 +94,21 @@ def read_times(path: Path) -> dict[str, float]:
     """
     times = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
-        name, _, seconds = line.strip().rpartition(" ")
-        if not line.strip():
+        words = line.rsplit(maxsplit=1)
+        if not words:
             continue
-        if not name:
+        if len(words) < 2:
             problem = f"line {number} is no frame's name and a time in seconds"
             raise FileError(path, problem, "write lines like `000001 0.1`")
+        name, seconds = words
         (times[name.strip()],) = parse_numbers([seconds], path, f"line {number}:")
     return times
+
+
+def _has_sensor(folder: Path) -> bool:
+    return any((folder / name).is_dir() for name in (IMAGES, POINTS))
 
 
 def _common_calibration(folder: Path) -> Path | None:
     candidates = (folder / f"{CALIBRATIONS}{suffix}" for suffix in _CALIBRATION_SUFFIXES)
     return next((path for path in candidates if path.is_file()), None)
-
-
-def _any_case(suffixes: tuple[str, ...]) -> tuple[str, ...]:
-    return (*suffixes, *(suffix.upper() for suffix in suffixes))

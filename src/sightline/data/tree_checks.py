@@ -17,26 +17,34 @@ from sightline.data.depth_tree import (
     selection_folder,
 )
 from sightline.data.drive_tree import DriveFrame, list_drive
-from sightline.data.frame_checks import check_depth_frame, check_drive_frame, check_object_frame
+from sightline.data.frame_checks import (
+    check_depth_frame,
+    check_drive_frame,
+    check_object_frame,
+    read_or_note,
+)
 from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_object_frames, part_folder
 from sightline.data.problem import FileError, Problem
 from sightline.data.recording_checks import (
     check_recording_calibration,
     check_recording_frame,
-    first_whole,
+    describe_recording,
     reference_images,
-    view_of_recording,
 )
 from sightline.data.recording_tree import (
     CALIBRATIONS,
+    DEPTH,
     IMAGES,
     LABELS,
     POINTS,
+    describe_unpaired,
     is_recording,
     list_recording,
+    read_times,
 )
 
 _REMEDY = "extract the archive again"
+_RECORDING_REMEDY = "add what is missing in a format of docs/recordings.md"
 
 Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
 
@@ -196,7 +204,8 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
 def _recording_tree(folder: Path) -> Tree | None:
     if not is_recording(folder):
         return None
-    frames = list_recording(folder).frames
+    files = list_recording(folder)
+    frames = files.frames
     expected = [
         _ExpectedPart(
             attribute=attribute, folder=folder / name, optional=attribute != "calibration"
@@ -206,6 +215,7 @@ def _recording_tree(folder: Path) -> Tree | None:
             ("points", POINTS),
             ("calibration", CALIBRATIONS),
             ("objects", LABELS),
+            ("depth", DEPTH),
         )
     ]
     references = reference_images(frames)
@@ -216,6 +226,8 @@ def _recording_tree(folder: Path) -> Tree | None:
         )
         for path, image in references.items()
     ]
+    if files.times is not None:
+        checks.append(Check(subject=files.times.name, run=partial(_check_times, files.times)))
     checks += [
         Check(
             subject=f"frame {frame.sample_id}",
@@ -227,11 +239,15 @@ def _recording_tree(folder: Path) -> Tree | None:
         )
         for frame in frames
     ]
-    tree = _tree(folder, "frames", frames, expected, checks)
-    view = view_of_recording(first_whole(frames))
-    if tree is None or view is None:
-        return tree
-    return replace(tree, summary=replace(tree.summary, note=str(view)))
+    tree = _tree(folder, "frames", frames, expected, checks, remedy=_RECORDING_REMEDY)
+    if tree is None:
+        return None
+    unpaired = describe_unpaired(frames)
+    if unpaired is not None:  # instead of all files that are missing
+        problem, _, remedy = unpaired.partition("; ")
+        tree = replace(tree, gaps=(Problem(path=folder, problem=problem, remedy=remedy),))
+    note = "; ".join(describe_recording(frames))
+    return replace(tree, summary=replace(tree.summary, note=note))
 
 
 def _frame_checks(
@@ -252,12 +268,20 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         return [error.problem]
 
 
+def _check_times(path: Path) -> list[Problem]:
+    problems: list[Problem] = []
+    read_or_note(read_times, path, problems)
+    return problems
+
+
 def _tree(
     folder: Path,
     kind: str,
     frames: Sequence[ObjectFrame | DepthFrame | DriveFrame],
     expected: Sequence[_ExpectedPart],
     checks: Sequence[Check],
+    *,
+    remedy: str = _REMEDY,
 ) -> Tree | None:
     if not frames:
         return None
@@ -270,14 +294,14 @@ def _tree(
             if part.optional and not part.folder.exists():
                 continue  # the summary tells
             gaps.append(
-                Problem(path=part.folder, problem="holds no files of the frames", remedy=_REMEDY)
+                Problem(path=part.folder, problem="holds no files of the frames", remedy=remedy)
             )
         elif part.suffix:
             paths = (part.folder / f"{sample_id}{part.suffix}" for sample_id in absent)
-            gaps += [Problem(path=path, problem="is missing", remedy=_REMEDY) for path in paths]
+            gaps += [Problem(path=path, problem="is missing", remedy=remedy) for path in paths]
         else:
             gaps += [
-                Problem(path=part.folder, problem=f"lacks a file of {sample_id}", remedy=_REMEDY)
+                Problem(path=part.folder, problem=f"lacks a file of {sample_id}", remedy=remedy)
                 for sample_id in absent
             ]
     return Tree(

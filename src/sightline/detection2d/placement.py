@@ -56,7 +56,7 @@ def lidar_image(
     """Depth, height and intensity of the sweep in [0, 1], by `dhi_image`; zeros without a sweep."""
     if sample.points is None:
         return torch.zeros(3, *sample.image_size)
-    offset_m = config.height_offset_m
+    offset_m = config.height_offset_m + sample.higher_than_kitti_m
     image = dhi_image(
         sample.points, sample.calibration, sample.image_size, height_offset_m=offset_m
     )

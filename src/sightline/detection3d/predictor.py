@@ -1,6 +1,7 @@
 """Detection in sweeps by a trained network."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -12,8 +13,14 @@ from sightline.detection3d.model import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.runners import StageRunners
 from sightline.detection3d.stages import Sweep
-from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
+from sightline.detection3d.sweeps import (
+    at_kitti_height,
+    cut_to_view,
+    draw_points,
+    points_in_range,
+)
 from sightline.export.names import EngineChoice, EngineName
+from sightline.geometry.boxes3d import Boxes3D
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -32,7 +39,8 @@ class Detection3DPredictor:
     >>> found.class_names[:2], found.boxes.tensor.shape[1]  # the surest first; see Boxes3D
     (('Car', 'Car'), 7)
 
-    Takes sweeps of any number of points and beams; one of which nothing is seen has no objects.
+    Takes sweeps of any number of points and beams, from any height above the road that the sample
+    tells; one of which nothing is seen has no objects.
     May be pickled, and called in a forked process.
     """
 
@@ -102,9 +110,16 @@ class Detection3DPredictor:
         Raises:
             ValueError: As a call does.
         """
-        sweep = network_sweep(sample, self._input)
+        sweep = network_sweep(at_kitti_height(sample), self._input)
         proposed = self._stages.propose(sweep)
-        return self._stages.proposals(proposed), self._stages.refine(sweep, proposed)
+        answers = self._stages.proposals(proposed), self._stages.refine(sweep, proposed)
+        first, second = (_lowered(each, sample.higher_than_kitti_m) for each in answers)
+        return first, second
+
+
+def _lowered(found: Detections3D, by_m: float) -> Detections3D:
+    down = found.boxes.tensor.new_tensor([0, 0, by_m, 0, 0, 0, 0])
+    return replace(found, boxes=Boxes3D(found.boxes.tensor - down))
 
 
 def network_sweep(sample: CameraLidarSample, settings: SweepConfig) -> Sweep:

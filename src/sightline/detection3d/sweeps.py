@@ -34,6 +34,25 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
     return replace(sample, points=points[points_in_view(sample)]) if config.in_view else sample
 
 
+def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
+    """The sample in a LiDAR frame as high above the road as KITTI's; boxes must be lowered again.
+
+    Objects stay as they are: what is detected in, not what is trained on, is moved.
+    """
+    rise_m = sample.higher_than_kitti_m
+    if sample.points is None or not rise_m:
+        return sample
+    old_from_new = torch.eye(4, dtype=torch.float64)
+    old_from_new[2, 3] = -rise_m
+    camera_from_lidar = sample.calibration.camera_from_lidar @ old_from_new
+    return replace(
+        sample,
+        points=sample.points + sample.points.new_tensor([0, 0, rise_m, 0]),
+        calibration=replace(sample.calibration, camera_from_lidar=camera_from_lidar),
+        lidar_height_m=None,
+    )
+
+
 def points_in_range(
     points: Float32[Tensor, "num_points 4"], config: SweepConfig
 ) -> Float32[Tensor, "num_seen 4"]:

@@ -1,4 +1,4 @@
-"""Whether a LiDAR can sit so against a camera, and the likely mistake where it can not.
+"""Whether a camera and a LiDAR can be as they are said to be, and the likely mistake where not.
 
 Without PyTorch, for checks that start at once.
 """
@@ -19,6 +19,8 @@ _MAX_ASIDE_DEG = 60.0  # of the view against the LiDAR's x axis
 _SWAPPED_DEG = 15.0  # off axes that are only swapped
 _SMALL_TURN_DEG = 5.0  # what 90 degrees become that are written in radians: 1.6
 _IDENTITY_DEG = 0.01
+_OTHER_RESOLUTION = 1.35  # between the image's middle and the principal point, alike in x and y
+_ALIKE = 1.2
 _LIDAR_DIRECTIONS = ("forward", "left", "up")
 _OPPOSITE = {"forward": "backward", "left": "right", "up": "down"}
 
@@ -63,6 +65,35 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
     return (
         f"tilts the camera by {_tilt_deg(rotation):.0f} degrees: its angles are probably in "
         "degrees where radians were expected, or it belongs to another pair of sensors"
+    )
+
+
+def resolution_doubt(
+    camera_matrix: Float64[np.ndarray, "3 columns"], image_size: tuple[int, int]
+) -> str | None:
+    """That a camera matrix is of larger or smaller images; None where it may be of these.
+
+    Where both coordinates of the principal point are off the middle by one factor, it is hardly
+    that of a camera that was cropped.
+
+    Args:
+        camera_matrix: In pixels.
+        image_size: Height, width [px].
+
+    Returns:
+        The rest of a sentence that begins with the matrix' name.
+    """
+    calibrated = 2 * camera_matrix[1::-1, 2] + 1  # height, width
+    if (calibrated <= 0).any():
+        return None
+    factors = calibrated / np.array(image_size)
+    is_other = (factors > _OTHER_RESOLUTION).all() or (factors < 1 / _OTHER_RESOLUTION).all()
+    if not is_other or factors.max() > _ALIKE * factors.min():
+        return None
+    return (
+        f"has its principal point in the middle of an image of {calibrated[0]:.0f}x"
+        f"{calibrated[1]:.0f} (height x width), but images are {image_size[0]}x{image_size[1]}: it "
+        "is probably that of another resolution; scale its first two rows, or the images"
     )
 
 

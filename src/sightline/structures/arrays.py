@@ -8,7 +8,8 @@ from jaxtyping import Float32, UInt8
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.mount import MAX_RANGE_M, mount_doubt
+from sightline.geometry.cloud_checks import cloud_fault, echoes, reflectances, rows_of
+from sightline.geometry.mount import mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
 
 _LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
@@ -18,19 +19,22 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
     """A picture as RGB, channels first.
 
     Args:
-        image: 8 bits; an array of height, width (, 3), or a tensor of 3, height, width.
+        image: 8 bits, colour or grey; an array of height, width (, 3 or 1), or a tensor of
+            3, height, width.
 
     Raises:
         ValueError: It is something else.
     """
-    planes = image if isinstance(image, Tensor) else torch.from_numpy(np.array(image, order="C"))
-    if not isinstance(image, Tensor) and planes.ndim == 2:
-        planes = planes[..., None].expand(-1, -1, 3)
-    if not isinstance(image, Tensor) and planes.ndim == 3:
-        planes = planes.permute(2, 0, 1)
-    if planes.dtype != torch.uint8 or planes.ndim != 3 or len(planes) != 3:
+    plain = image if isinstance(image, Tensor) else np.array(image, order="C")
+    if isinstance(plain, np.ndarray) and plain.dtype == np.uint8 and plain.ndim in (2, 3):
+        channels_last = plain if plain.ndim == 3 else plain[..., None]
+        planes = torch.from_numpy(channels_last).permute(2, 0, 1)
+        planes = planes.expand(3, -1, -1) if len(planes) == 1 else planes
+    else:
+        planes = torch.as_tensor(plain) if isinstance(plain, Tensor) else torch.empty(0)
+    if planes.dtype != torch.uint8 or planes.ndim != 3 or len(planes) != 3 or not planes.numel():
         raise ValueError(
-            f"the image is {image.dtype} of shape {tuple(image.shape)}, expected uint8, an array "
+            f"the image is {plain.dtype} of shape {tuple(plain.shape)}, expected uint8, an array "
             "of height, width, 3 or a tensor of 3, height, width; convert it to RGB of 8 bits"
         )
     return planes.cpu().contiguous()
@@ -39,43 +43,47 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
 def sweep_points(
     points: np.ndarray | Tensor, max_intensity: float = 1.0
 ) -> Float32[Tensor, "num_points 4"]:
-    """A cloud as x, y, z [m] and reflectance in [0, 1]; rows that are not finite are left out.
+    """A cloud as x, y, z [m] and reflectance in [0, 1].
+
+    Left out are rows that no echo made: those that are not finite, or zero in x, y and z. What is
+    brighter than max_intensity, as retroreflectors are, gets 1.
 
     Args:
-        points: x, y, z and, if it is known, intensity first.
+        points: x, y, z and, if it is known, intensity first; rows, or rows of rows.
         max_intensity: What stands for a reflectance of 1.
 
     Raises:
-        ValueError: There are fewer than three columns, most points lie beyond 300 m, or
-            intensities outside [0, max_intensity].
+        ValueError: There are fewer than three columns, most points lie beyond 300 m, or more than
+            one intensity in a hundred outside [0, max_intensity].
     """
     plain = points.detach().cpu().numpy() if isinstance(points, Tensor) else np.asarray(points)
-    if plain.ndim != 2 or plain.shape[1] < 3 or plain.dtype.kind not in "fiu":
+    rows = rows_of(plain)
+    if rows is None:
         raise ValueError(
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
             "y, z [m] and perhaps intensity; give one row a point"
         )
     if not 0 < max_intensity < np.inf:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
-    columns = plain[:, :4].astype(np.float64)
-    columns = columns[np.isfinite(columns).all(axis=1)]
+    columns = rows[:, :4].astype(np.float64)
     if columns.shape[1] == 3:
         columns = np.pad(columns, ((0, 0), (0, 1)))
-    _check_metres(columns[:, :3])
-    lowest, highest = (columns[:, 3].min(), columns[:, 3].max()) if len(columns) else (0.0, 0.0)
-    if lowest < 0 or highest > max_intensity:
-        raise ValueError(
-            f"the points have intensities from {lowest:.4g} to {highest:.4g}, expected 0 to "
-            f"{max_intensity:.6g}; set max_intensity to what stands for a reflectance of 1 (255?)"
-        )
-    columns[:, 3] /= max_intensity
+    columns = echoes(columns)
+    fault = cloud_fault(columns, max_intensity)
+    if fault is not None:
+        problem, remedy = fault
+        raise ValueError(f"the cloud has {problem}; {remedy}")
+    columns[:, 3] = reflectances(columns[:, 3], max_intensity)
     return torch.from_numpy(columns.astype(np.float32))
 
 
 def warn_of_view(
     points: Float32[Tensor, "num_points 4"], calibration: Calibration, image_size: tuple[int, int]
 ) -> None:
-    """Warns, with the likely cause, where hardly a point falls into the image."""
+    """Warns, with the likely cause, where hardly a point falls into the image, or it is scaled."""
+    scale = resolution_doubt(calibration.image_from_camera.numpy(), image_size)
+    if scale is not None:
+        warnings.warn(f"camera_matrix {scale}", stacklevel=3)
     share = share_in_image(points, calibration, image_size)
     if len(points) and share < _LEAST_SHARE:
         doubt = mount_doubt(calibration.camera_from_lidar.numpy())
@@ -97,12 +105,3 @@ def share_in_image(
     """Which share of a sweep's points the image shows, 0 to 1; 0 of an empty sweep."""
     shown = project_points(points[:, :3], calibration).in_image(image_size)
     return float(shown.float().mean()) if len(points) else 0.0
-
-
-def _check_metres(places: np.ndarray) -> None:
-    ranges_m = np.linalg.norm(places, axis=1)
-    if len(ranges_m) and np.median(ranges_m) > MAX_RANGE_M:
-        raise ValueError(
-            f"half of the points lie farther away than {np.median(ranges_m):.4g} m, expected up to "
-            f"{MAX_RANGE_M:.0f} m: they are probably in millimetres; give metres"
-        )

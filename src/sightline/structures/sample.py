@@ -1,6 +1,9 @@
 """One moment as the sensors saw it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import index
+from typing import SupportsIndex
 
 import numpy as np
 from beartype import beartype
@@ -8,6 +11,8 @@ from jaxtyping import Float32, Float64, UInt8, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.road_height import road_height_m
 from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 
@@ -48,6 +53,8 @@ class CameraLidarSample:
     """Where the sweep was taken, in the frame of its drive."""
     timestamp_s: float | None = None
     """Seconds since the drive's first frame."""
+    lidar_height_m: float | None = None
+    """Of the LiDAR above the road; None: as high as KITTI's."""
 
     def __post_init__(self) -> None:
         """Checks that all maps are of one size."""
@@ -59,6 +66,12 @@ class CameraLidarSample:
                     "the camera; resize both or none"
                 )
 
+    @property
+    def higher_than_kitti_m(self) -> float:
+        """How much higher than KITTI's, by which detectors have learned, the LiDAR is mounted."""
+        height_m = self.lidar_height_m
+        return 0.0 if height_m is None else height_m - KITTI_LIDAR_HEIGHT_M
+
     @classmethod
     def from_arrays(
         cls,
@@ -66,8 +79,9 @@ class CameraLidarSample:
         *,
         image: np.ndarray | Tensor | None = None,
         points: np.ndarray | Tensor | None = None,
-        image_size: tuple[int, int] | None = None,
+        image_size: Sequence[SupportsIndex] | None = None,
         max_intensity: float = 1.0,
+        lidar_height_m: float | None = None,
         sample_id: str = "sample",
     ) -> "CameraLidarSample":
         """A sample of arrays of your own; warns where hardly a point falls into the image.
@@ -88,29 +102,44 @@ class CameraLidarSample:
         Args:
             calibration: `Calibration.from_matrices` makes one.
             image: RGB or grey of 8 bits: an array of height, width (, 3), or a tensor of
-                3, height, width. None: there is no camera.
+                3, height, width. OpenCV reads BGR: give image[..., ::-1]. None: there is no
+                camera.
             points: x, y, z [m] and, if it is known, intensity first; numbers of any type. Rows
-                that are not finite, where no echo came back, are left out. None: no LiDAR.
-            image_size: Height, width [px], where there is no image.
+                that are not finite or lie at the origin, where no echo came back, are left out.
+                None: no LiDAR.
+            image_size: Height, width [px]; needed only where there is no image.
             max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
+            lidar_height_m: Of the LiDAR above the road. None: told from the points; where they
+                show too little of the road, as high as KITTI's (1.73 m).
             sample_id: What errors call it.
 
         Raises:
             ValueError: An array is of another shape or type, there is neither image nor image_size,
-                intensities lie above max_intensity, or the points are hardly in metres.
+                the image is of another size, intensities lie above max_intensity, or the points
+                are hardly in metres.
         """
         planes = None if image is None else image_planes(image)
+        size = None if image_size is None else (index(image_size[0]), index(image_size[1]))
         if planes is not None:
-            image_size = (planes.shape[1], planes.shape[2])
-        if image_size is None:
+            seen = (planes.shape[1], planes.shape[2])
+            if size not in (None, seen):
+                raise ValueError(
+                    f"the image is {seen[0]}x{seen[1]} (height x width), but image_size says "
+                    f"{size[0]}x{size[1]}; give image_size only where there is no image"
+                )
+            size = seen
+        if size is None:
             raise ValueError("a sample without an image needs image_size: give height and width")
         sweep = None if points is None else sweep_points(points, max_intensity)
         if sweep is not None:
-            warn_of_view(sweep, calibration, image_size)
+            warn_of_view(sweep, calibration, size)
+            if lidar_height_m is None:
+                lidar_height_m = road_height_m(sweep.numpy())
         return cls(
             sample_id=sample_id,
             calibration=calibration,
-            image_size=image_size,
+            image_size=size,
             image=planes,
             points=sweep,
+            lidar_height_m=lidar_height_m,
         )

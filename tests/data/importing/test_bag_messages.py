@@ -1,8 +1,10 @@
+import io
 from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from sightline.data.importing.bag_messages import cloud_of, picture_file_of, picture_of
 from tests.data.recordings import IMAGE
@@ -75,6 +77,23 @@ def test_a_picture_that_was_sent_as_a_file_stays_as_it_is():
     _, depth = cv2.imencode(".png", np.zeros((4, 5), np.uint16))
     with pytest.raises(ValueError, match="pictures of 16 bits, expected 8"):
         picture_file_of(SimpleNamespace(format="16UC1", data=depth.ravel()), "/camera")
+    _, webp = cv2.imencode(".webp", IMAGE)
+    with pytest.raises(ValueError, match=r"topic /camera \(webp\).* another by --camera-topic"):
+        picture_file_of(SimpleNamespace(format="webp", data=webp.ravel()), "/camera")
+
+
+def test_a_note_of_the_orientation_in_a_picture_is_not_followed():
+    rotated = Image.Exif()
+    rotated[0x0112] = 6
+    Image.fromarray(IMAGE).save(file := io.BytesIO(), "JPEG", exif=rotated)
+    sent = SimpleNamespace(format="jpeg", data=np.frombuffer(file.getvalue(), np.uint8))
+    assert picture_file_of(sent, "/camera")[2] == IMAGE.shape[:2]
+
+
+def test_an_image_of_a_size_that_its_encoding_cannot_have_names_its_topic():
+    sent = message(np.zeros((4, 5, 2), np.uint8), "yuv422")
+    with pytest.raises(ValueError, match=r"topic /camera holds an image of 4x5 .* 'yuv422' cannot"):
+        picture_of(sent, "/camera")
 
 
 def cloud(layout, rows, *, height=1, row_gap=0, is_bigendian=False):
@@ -123,4 +142,14 @@ def test_a_cloud_without_a_coordinate_names_its_topic_and_its_fields():
         cloud_of(sent, "/points")
     sent.row_step = 3
     with pytest.raises(ValueError, match="topic /points holds a cloud of 48 bytes"):
+        cloud_of(sent, "/points")
+
+
+def test_fields_that_stand_for_gaps_may_share_a_name_and_those_beyond_a_point_are_refused():
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("gap", "<f4")])
+    values, sent = cloud(layout, range(4))
+    sent.fields.append(sent.fields[-1])
+    np.testing.assert_array_equal(cloud_of(sent, "/points")[:, 2], values["z"].ravel())
+    sent.fields[0].offset = 14
+    with pytest.raises(ValueError, match="topic /points holds a cloud whose fields do not fit"):
         cloud_of(sent, "/points")

@@ -45,3 +45,5 @@ def test_what_looks_ahead_or_stands_on_its_head_is_left_alone():
 def test_a_transform_that_is_not_finite_is_refused():
     with pytest.raises(ValueError, match="NaN or infinite values; calibrate again"):
         rigid_from_quaternion(np.array([0.0, 0, 0, 1]), np.array([np.nan, 0, 0]))
+    with pytest.raises(ValueError, match="the quaternion 0 0 0 0, which is no rotation"):
+        rigid_from_quaternion(np.zeros(4), np.zeros(3))

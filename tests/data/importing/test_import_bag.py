@@ -1,3 +1,5 @@
+import shutil
+
 import cv2
 import numpy as np
 import pytest
@@ -52,7 +54,7 @@ def test_a_lone_mcap_file_needs_no_metadata_and_check_has_no_complaint(bag, tmp_
     assert main(["import", str(path), str(tmp_path / "out")]) == 0
     assert "2 frames written" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "out")]) == 0
-    assert "fall into the image\nno problems" in capsys.readouterr().out
+    assert "m above it\nno problems" in capsys.readouterr().out
 
 
 def test_an_interrupted_import_goes_on_and_gives_the_same(bag, tmp_path, monkeypatch):
@@ -170,6 +172,12 @@ def not_finite(bag):
     bag.cloud("/points", 10**9)
 
 
+def no_such_lens(bag):
+    bag.info("/front/camera_info", 10**9, distortion=(0.1,) * 8)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+
+
 @pytest.mark.parametrize(
     ("fill", "said"),
     [
@@ -181,7 +189,8 @@ def not_finite(bag):
         (without_z, r"topic /points: has the fields x, y, range, intensity, and lacks z"),
         (other_size, r"/front/image_raw: image 0 is 375x1242 .* calibration is for 100x200"),
         (in_millimetres, r"topic /points: .* probably in millimetres; write them in metres"),
-        (not_finite, r"a transform holds NaN or infinite values"),
+        (not_finite, r"/tf_static: the transform of lidar in camera_optical holds NaN or infinite"),
+        (no_such_lens, r"/front/camera_info: the lens has 8 coefficients .* --calibration"),
     ],
 )
 def test_a_bag_that_cannot_be_used_is_one_line_with_topic_and_remedy(tmp_path, capsys, fill, said):
@@ -192,6 +201,45 @@ def test_a_bag_that_cannot_be_used_is_one_line_with_topic_and_remedy(tmp_path, c
     assert error.count("\n") == 1
     with pytest.raises(ValueError, match=said):
         raise ValueError(error)
+
+
+def test_a_transform_elsewhere_that_is_none_and_a_size_that_is_not_told_do_no_harm(tmp_path):
+    broken = np.eye(4)
+    broken[0, 3] = np.nan
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.info("/front/camera_info", 10**9, size=(0, 0))
+        bag.transforms("/tf", 10**9, map__gripper=broken)
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    import_recording(tmp_path / "drive", tmp_path / "out")
+    assert open_dataset(tmp_path / "out")[0].image_size == IMAGE.shape[:2]
+
+
+def test_the_scale_of_intensities_is_not_guessed_from_a_first_sweep_that_is_empty(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.info("/front/camera_info", 10**9)
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for number in range(3):
+            time_ns = (10 + number) * 10**8
+            bag.image("/front/image_raw", time_ns)
+            bag.cloud("/points", time_ns, points=None if number else POINTS[:0])
+    report = import_recording(tmp_path / "drive", tmp_path / "out")
+    assert "intensities of 0 to 255" in str(report)
+    assert "fall into the image" not in str(report)  # of no point
+    torch.testing.assert_close(open_dataset(tmp_path / "out")[1].points, SAMPLE.points)
+
+
+def test_a_drive_that_was_split_into_files_is_one(tmp_path, bag):
+    (path,) = bag.glob("*.mcap")
+    later = tmp_path / "later"
+    with BagMaker(later) as split:
+        split.image("/front/image_raw", 10**10)
+        split.cloud("/points", 10**10)
+    (tmp_path / "split").mkdir()
+    shutil.copy(path, tmp_path / "split" / "drive_0.mcap")
+    next(later.glob("*.mcap")).rename(tmp_path / "split" / "drive_1.mcap")
+    assert import_recording(tmp_path / "split", tmp_path / "out").written == 3
 
 
 def test_a_camera_is_chosen_by_its_topic_with_the_calibration_beside_it(tmp_path):

@@ -99,3 +99,39 @@ def test_a_damaged_file_is_named(tmp_path, damage, said):
         return
     with pytest.raises(ValueError, match=said):
         import_recording(tmp_path / "data", tmp_path / "out")
+
+
+def test_key_frames_whose_files_were_not_extracted_are_dropped_and_told(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=3)
+    (tmp_path / "data" / "samples" / "LIDAR_TOP" / "1.pcd.bin").unlink()
+    report = import_recording(tmp_path / "data", tmp_path / "out")
+    assert "dropped 1 of 3 key frames, whose image or sweep is not there" in str(report)
+    assert open_dataset(tmp_path / "out").sample_ids == ("scene-0001-000", "scene-0001-002")
+    for path in (tmp_path / "data" / "samples" / "CAM_FRONT").iterdir():
+        path.unlink()
+    with pytest.raises(ValueError, match=r"lacks the files of all 3 key frames of CAM_FRONT and"):
+        import_recording(tmp_path / "data", tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "said"),
+    [
+        ("ego_pose", list.pop, r"v1.0-mini: has a table without the row or entry 's0-1' that"),
+        ("sample_data", lambda rows: rows[0].pop("is_key_frame"), "or entry 'is_key_frame' that"),
+        (
+            "calibrated_sensor",
+            lambda rows: rows[0].update(rotation=[0, 0, 0, 0]),
+            "row cc has the quaternion 0 0 0 0",
+        ),
+    ],
+)
+def test_a_table_that_does_not_go_with_the_others_is_named(tmp_path, table, change, said):
+    write_nuscenes(tmp_path / "data")
+    edit(tmp_path / "data", table, change)
+    with pytest.raises(ValueError, match=said):
+        import_recording(tmp_path / "data", tmp_path / "out")
+
+
+def test_two_channels_that_are_no_camera_and_lidar_are_refused(nuscenes, tmp_path):
+    with pytest.raises(ValueError, match=r"no sample with key frames of LIDAR_TOP and LIDAR_TOP"):
+        import_recording(nuscenes, tmp_path, camera_topic="LIDAR_TOP")

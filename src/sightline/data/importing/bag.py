@@ -99,7 +99,7 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Opens a bag: a folder with metadata.yaml, or one .mcap, .db3 or .bag file.
+    """Opens a bag: a folder with metadata.yaml, one .mcap, .db3 or .bag file, or a folder of such.
 
     Raises:
         ValueError: `rosbags` is not installed, or the bag cannot be read.
@@ -113,7 +113,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
         ) from error
     try:
         # Bags of old versions hold no definitions; those of these types have not changed since.
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        paths = _lone_files(path) or [path]
+        reader = AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     except Exception as error:
         raise ValueError(
@@ -128,4 +129,13 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 def is_bag(path: Path) -> bool:
     """Whether a path looks like a bag."""
-    return (path / "metadata.yaml").is_file() or (path.is_file() and path.suffix in SUFFIXES)
+    if path.is_file():
+        return path.suffix in SUFFIXES
+    return (path / "metadata.yaml").is_file() or bool(_lone_files(path))
+
+
+def _lone_files(folder: Path) -> list[Path]:
+    """The files of a drive that was split, or of a bag whose metadata.yaml got lost."""
+    if not folder.is_dir() or (folder / "metadata.yaml").is_file():
+        return []
+    return sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES)

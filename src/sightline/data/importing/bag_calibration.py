@@ -41,7 +41,8 @@ def calibration_of_bag(bag: Bag, topics: ChosenTopics, *, undistort: bool) -> Re
             image_from_camera=image_from_camera,
             camera_from_lidar=rectified_from_camera @ camera_from_lidar,
         ),
-        image_size=(int(info.height), int(info.width)),
+        # Makeshift publishers fill in the matrix alone.
+        image_size=(int(info.height), int(info.width)) if info.height and info.width else None,
         lens=lens,
     )
 
@@ -72,7 +73,10 @@ def _lens(info: Any, topics: ChosenTopics, *, undistort: bool) -> Lens | None:  
     shown = ", ".join(f"{value:.4g}" for value in coefficients)
     if model not in get_args(LensModel):
         raise ValueError(f"topic {_info_name(topics)} has the unknown lens model {said!r}; {_FILE}")
-    check_lens(cast("LensModel", model), coefficients)
+    try:
+        check_lens(cast("LensModel", model), coefficients)
+    except ValueError as error:
+        raise ValueError(f"topic {_info_name(topics)}: {error}; {_FILE}") from error
     if not undistort:
         raise ValueError(
             f"topic {_info_name(topics)} tells of a lens that distorts ({said}: {shown}); give "
@@ -87,8 +91,10 @@ def _camera_from_lidar(bag: Bag, topics: ChosenTopics) -> Rigid:
         str(_first(bag, topic.name).header.frame_id).lstrip("/")
         for topic in (topics.camera, topics.lidar)
     )
-    transforms = _transforms(bag)
+    transforms, faults = _transforms(bag)
     found = find_transform(transforms, camera, lidar)
+    if found is None and faults:
+        raise ValueError(f"{bag.path}: {faults[0]}")
     if found is None:
         frames = sorted({frame for pair in transforms for frame in pair})
         known = f"knows {', '.join(frames)}" if frames else "is empty"
@@ -100,21 +106,30 @@ def _camera_from_lidar(bag: Bag, topics: ChosenTopics) -> Rigid:
     return found
 
 
-def _transforms(bag: Bag) -> dict[tuple[str, str], Rigid]:
-    """parent_from_child, the first that the bag has of each; static ones before moving ones."""
+def _transforms(bag: Bag) -> tuple[dict[tuple[str, str], Rigid], list[str]]:
+    """parent_from_child, the first that the bag has of each; static ones before moving ones.
+
+    Returns:
+        The transforms, and what is wrong with those that are none.
+    """
     found: dict[tuple[str, str], Rigid] = {}
+    faults: list[str] = []
     names = [topic.name for topic in bag.of_kind(TRANSFORMS)]
     for name in sorted(names, key=lambda name: "static" not in name):
         for message in bag.messages([name]):
             for each in message.content.transforms:
                 pair = (each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/"))
                 turn, move = each.transform.rotation, each.transform.translation
-                if pair not in found:
+                if pair in found:
+                    continue
+                try:
                     found[pair] = rigid_from_quaternion(
                         np.array((turn.x, turn.y, turn.z, turn.w), dtype=np.float64),
                         np.array((move.x, move.y, move.z), dtype=np.float64),
                     )
-    return found
+                except ValueError as error:
+                    faults.append(f"{name}: the transform of {pair[1]} in {pair[0]} {error}")
+    return found, faults
 
 
 def _first(bag: Bag, topic: str) -> Any:  # noqa: ANN401 - a message of any type

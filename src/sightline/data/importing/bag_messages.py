@@ -9,6 +9,7 @@ from jaxtyping import Float32, UInt8
 from sightline.data.image_file import decode_pixels
 from sightline.data.image_header import parse_image_header
 from sightline.data.point_files import columns_of
+from sightline.data.problem import FileError
 
 _COLOR: Final[dict[str, tuple[int, int | None]]] = {
     "rgb8": (3, None),
@@ -55,7 +56,13 @@ def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:
         )
     rows = flat[: height * step].reshape(height, step)[:, : width * channels]
     pixels = np.ascontiguousarray(rows.reshape(height, width, channels))
-    rgb = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    try:
+        rgb = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    except cv2.error as error:
+        raise ValueError(
+            f"topic {topic} holds an image of {height}x{width} (height x width), which encoding "
+            f"{message.encoding!r} cannot have; republish it as rgb8"
+        ) from error
     return np.ascontiguousarray(rgb, dtype=np.uint8)
 
 
@@ -66,13 +73,19 @@ def picture_file_of(message: Any, topic: str) -> tuple[str, bytes, tuple[int, in
         ValueError: It is no whole JPEG or PNG of 8 bits; names the topic.
     """
     content = bytes(memoryview(message.data))
-    header = parse_image_header(content, f"topic {topic} ({message.format})")
+    source = f"topic {topic} ({message.format})"
+    try:
+        header = parse_image_header(content, source)
+        decode_pixels(content, header, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, source)
+    except FileError as error:
+        raise FileError(
+            source, error.problem.problem, "choose another by --camera-topic, or republish as Image"
+        ) from error
     if header.bits_per_channel > 8:
         raise ValueError(
             f"topic {topic} holds pictures of {header.bits_per_channel} bits, expected 8: they are "
             "perhaps depth; choose another by --camera-topic"
         )
-    decode_pixels(content, header, cv2.IMREAD_COLOR, f"topic {topic}")
     return (".jpg" if header.file_format == "jpeg" else ".png"), content, header.size
 
 
@@ -80,23 +93,10 @@ def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  
     """x, y, z and intensity (else 0) of a PointCloud2 message, in its frame and units.
 
     Raises:
-        ValueError: It lacks a coordinate or is cut short; names the topic.
+        ValueError: It lacks a coordinate, its fields do not fit its points, or it is cut short;
+            names the topic.
     """
-    order = ">" if message.is_bigendian else "<"
-    fields = [field for field in message.fields if field.datatype in _POINT_TYPES]
-    layout = np.dtype(
-        {
-            "names": [field.name for field in fields],
-            "formats": [
-                (f"{order}{_POINT_TYPES[field.datatype]}", (field.count,))
-                if field.count > 1
-                else f"{order}{_POINT_TYPES[field.datatype]}"
-                for field in fields
-            ],
-            "offsets": [field.offset for field in fields],
-            "itemsize": message.point_step,
-        }
-    )
+    layout = _layout_of(message, topic)
     height, width, row_step = int(message.height), int(message.width), int(message.row_step)
     flat = np.frombuffer(memoryview(message.data), np.uint8)
     if row_step < width * message.point_step or flat.size < height * row_step:
@@ -106,3 +106,31 @@ def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  
         )
     rows = flat[: height * row_step].reshape(height, row_step)[:, : width * message.point_step]
     return columns_of(np.ascontiguousarray(rows).view(layout).ravel(), f"topic {topic}")
+
+
+def _layout_of(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401
+    """A point's fields; of several of one name, which drivers use for gaps, the first."""
+    order = ">" if message.is_bigendian else "<"
+    fields: dict[str, Any] = {}
+    for field in message.fields:
+        if field.datatype in _POINT_TYPES:
+            fields.setdefault(field.name, field)
+    formats = [f"{order}{_POINT_TYPES[field.datatype]}" for field in fields.values()]
+    counts = [max(int(field.count), 1) for field in fields.values()]
+    try:
+        return np.dtype(
+            {
+                "names": list(fields),
+                "formats": [
+                    kind if count == 1 else (kind, (count,))
+                    for kind, count in zip(formats, counts, strict=True)
+                ],
+                "offsets": [int(field.offset) for field in fields.values()],
+                "itemsize": int(message.point_step),
+            }
+        )
+    except ValueError as error:
+        raise ValueError(
+            f"topic {topic} holds a cloud whose fields do not fit its points of "
+            f"{message.point_step} bytes ({error}); choose another by --lidar-topic"
+        ) from error

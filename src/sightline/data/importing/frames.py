@@ -19,11 +19,14 @@ def rigid_from_quaternion(
     """The 4x4 matrix that rotates by a quaternion, then moves [m].
 
     Raises:
-        ValueError: A number is not finite, or the quaternion is zero.
+        ValueError: A number is not finite, or the quaternion is zero; the rest of a sentence that
+            begins with the transform.
     """
     rigid = np.eye(4)
     if not (np.isfinite(quaternion_xyzw).all() and np.isfinite(translation).all()):
-        raise ValueError("a transform holds NaN or infinite values; calibrate again")
+        raise ValueError("holds NaN or infinite values; calibrate again")
+    if not quaternion_xyzw.any():
+        raise ValueError("has the quaternion 0 0 0 0, which is no rotation; calibrate again")
     rigid[:3, :3] = Rotation.from_quat(quaternion_xyzw).as_matrix()
     rigid[:3, 3] = translation
     return rigid

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Int64
 
 from sightline.data.atomic import atomic_write_bytes
 from sightline.data.image_file import write_rgb
@@ -35,12 +35,15 @@ from sightline.data.recording_calibration import (
     recording_calibration_text,
 )
 from sightline.data.recording_tree import IMAGES, POINTS
+from sightline.geometry.cloud_checks import cloud_fault, echoes
 
 Clock = Literal["header", "received"]
 """Which time pairs messages: when a sensor took them, or when the bag got them."""
 
 _INTENSITIES: Final = (1.0, 255.0, 65535.0)
 """What sensors mean by a reflectance of 1."""
+_GUESSED_FROM: Final = 5
+"""So many sweeps of a drive tell which: the first may be empty, or of a garage."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -164,9 +167,7 @@ class _Frames:
             )
 
     def _write_cloud(self, name: str, message: Message) -> None:
-        points = _finite(cloud_of(message.content, message.topic))
-        if self.max_intensity in _INTENSITIES:  # sensors exceed the scale for retroreflectors
-            points[:, 3] = points[:, 3].clip(0, self.max_intensity)
+        points = cloud_of(message.content, message.topic)
         points = checked_cloud(points, self.max_intensity, f"topic {message.topic}")
         write_cloud(self.out, name, points, self.new_from_old)
 
@@ -211,16 +212,18 @@ def _nothing_pairs(
 
 
 def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: _Pairs) -> float:
-    """The least of the usual scales that holds the first sweep's intensities."""
+    """The least of the usual scales on which some sweeps of the drive are no clouds of fault."""
     lidar = topics.lidar.name
-    first = int(pairs.positions[0, 1])
-    highest = 0.0
-    for message in bag.messages([lidar], wanted={(lidar, first)}):
-        points = _finite(cloud_of(message.content, lidar))
-        highest = float(points[:, 3].max(initial=0.0))
-    return next((scale for scale in _INTENSITIES if highest <= scale), _INTENSITIES[-1])
-
-
-def _finite(points: Float32[np.ndarray, "num_points 4"]) -> Float32[np.ndarray, "kept 4"]:
-    finite: Float32[np.ndarray, "kept 4"] = points[np.isfinite(points).all(axis=1)]
-    return finite
+    chosen = np.linspace(0, len(pairs.positions) - 1, _GUESSED_FROM).round().astype(np.int64)
+    wanted = {(lidar, int(number)) for number in pairs.positions[chosen, 1]}
+    clouds = [
+        echoes(cloud_of(message.content, lidar)) for message in bag.messages([lidar], wanted=wanted)
+    ]
+    return next(
+        (
+            scale
+            for scale in _INTENSITIES
+            if not any(cloud_fault(points, scale) for points in clouds)
+        ),
+        _INTENSITIES[-1],
+    )

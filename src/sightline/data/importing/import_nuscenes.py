@@ -42,7 +42,13 @@ def import_nuscenes(
     tables: Tables, out: Path, *, camera: str, lidar: str, max_intensity: float
 ) -> ImportReport:
     """Imports key frames; arguments and errors as of `import_recording`."""
-    moments = list(tables.moments(camera, lidar))
+    listed = list(tables.moments(camera, lidar))
+    moments = [each for each in listed if each.image.is_file() and each.sweep.is_file()]
+    if not moments:
+        raise ValueError(
+            f"{tables.root} lacks the files of all {len(listed)} key frames of {camera} and "
+            f"{lidar}, {listed[0].image} for one; extract the archives with {camera} there"
+        )
     settings = {
         "sightline": version("sightline"),
         "source": data_name(tables.folder),
@@ -59,6 +65,11 @@ def import_nuscenes(
         work.write(moment)
     turns = {round(turn_ahead(moment.mount)[1]) for moment in moments} - {0}
     notes = [f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}"]
+    if len(moments) < len(listed):
+        notes.append(
+            f"dropped {len(listed) - len(moments)} of {len(listed)} key frames, whose image or "
+            "sweep is not there"
+        )
     notes += [
         f"clouds are turned by {-turn} degrees, so that x points where {camera} looks"
         for turn in sorted(turns)
@@ -110,7 +121,8 @@ def _calibration(moment: Moment) -> RecordingCalibration:
         matrices=CalibrationMatrices(
             image_from_camera=np.pad(camera, ((0, 0), (0, 1))),
             camera_from_lidar=moment.camera_from_lidar,
-        )
+        ),
+        lidar_height_m=moment.lidar_height_m,
     )
 
 

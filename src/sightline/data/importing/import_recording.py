@@ -44,8 +44,8 @@ def import_recording(
         max_gap_s: Images and sweeps that are farther apart are no pair.
         clock: Which time counts, of a bag.
         undistort: Whether images of a lens that distorts are to be straightened as they are read.
-        max_intensity: What stands for a reflectance of 1. None: 1, 255 or 65535, by the first
-            sweep.
+        max_intensity: What stands for a reflectance of 1. None: 1, 255 or 65535, by some
+            sweeps.
 
     Raises:
         ValueError: The source cannot be read, lacks something or offers a choice; or `out` holds

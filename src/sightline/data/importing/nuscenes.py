@@ -49,6 +49,8 @@ class Moment:
     """Of the image's and the sweep's own times, between which the car has moved."""
     mount: Rigid
     """camera_from_lidar of a car at rest."""
+    lidar_height_m: float
+    """Above the road, on which the car's frame stands."""
     world_from_lidar: Rigid
     annotations: tuple[Annotation, ...]
 
@@ -68,7 +70,14 @@ class Tables:
         Raises:
             ValueError: A table is missing or damaged, or there is no such channel.
         """
-        return _Reader(self).moments(camera, lidar)
+        try:
+            yield from _Reader(self).moments(camera, lidar)
+        except (KeyError, TypeError) as error:
+            raise FileError(
+                self.folder,
+                f"has a table without the row or entry {error} that another one needs",
+                _REMEDY,
+            ) from error
 
 
 def find_tables(source: Path) -> Tables | None:
@@ -108,6 +117,11 @@ class _Reader:
             self._rows("sample"), key=lambda row: (scenes[row["scene_token"]], row["timestamp"])
         )
         self._check_channels(by_sample, (camera, lidar))
+        if camera == lidar or not any(len(taken) == 2 for taken in by_sample.values()):
+            raise ValueError(
+                f"{self._tables.folder} has no sample with key frames of {camera} and {lidar}; "
+                "name a camera by --camera-topic and a LiDAR by --lidar-topic"
+            )
         counts = dict.fromkeys(scenes, 0)
         for sample in samples:
             number = counts[sample["scene_token"]]
@@ -132,6 +146,7 @@ class _Reader:
             camera_matrix=tuple(tuple(map(float, row)) for row in camera["camera_intrinsic"]),
             camera_from_lidar=np.linalg.inv(world_from_camera) @ world_from_lidar,
             mount=np.linalg.inv(ego_from_camera) @ ego_from_lidar,
+            lidar_height_m=float(ego_from_lidar[2, 3]),
             world_from_lidar=world_from_lidar,
             annotations=tuple(map(self._annotation, labelled)),
         )
@@ -186,6 +201,9 @@ class _Reader:
 
 def _pose(row: Row) -> Rigid:
     w, x, y, z = row["rotation"]
-    return rigid_from_quaternion(
-        np.array((x, y, z, w), dtype=np.float64), np.array(row["translation"], dtype=np.float64)
-    )
+    try:
+        return rigid_from_quaternion(
+            np.array((x, y, z, w), dtype=np.float64), np.array(row["translation"], dtype=np.float64)
+        )
+    except ValueError as error:
+        raise ValueError(f"nuScenes' row {row['token']} {error}") from error

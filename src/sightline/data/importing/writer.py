@@ -10,7 +10,11 @@ from sightline.data.atomic import atomic_write_text
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.importing.frames import Rigid
 from sightline.data.recording_calibration import RecordingCalibration, recording_calibration_text
-from sightline.data.recording_checks import first_whole, view_of_recording
+from sightline.data.recording_checks import (
+    describe_recording,
+    first_whole,
+    view_of_recording,
+)
 from sightline.data.recording_tree import (
     CALIBRATIONS,
     IMAGES,
@@ -81,8 +85,8 @@ def names_present(out: Path, *folders: str) -> set[str]:
 
 
 def describe_view(out: Path) -> tuple[str, ...]:
-    """How well the calibration of what was written fits: one line, and a warning if need be."""
-    view = view_of_recording(first_whole(list_recording(out).frames))
-    if view is None:
-        return ()
-    return (str(view),) if view.doubt is None else (str(view), f"warning: {view.doubt}")
+    """How what was written fits, in a line each, and a warning if need be."""
+    frames = list_recording(out).frames
+    view = view_of_recording(first_whole(frames))
+    doubt = None if view is None else view.doubt
+    return (*describe_recording(frames), *(() if doubt is None else (f"warning: {doubt}",)))

@@ -1,0 +1,98 @@
+"""What a LiDAR at another height costs a detector: `python -m benchmarks.lidar_height DATA`.
+
+The LiDAR frame's origin is moved up or down, points and calibration with it, as the same streets
+would look from another mount but for which rings meet what. The detector is told nothing, the
+true height, or what the road in five of the sweeps tells. Prints a table, then one line of JSON.
+"""
+
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import jsonargparse
+import torch
+
+from benchmarks.machine import describe_machine
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import open_dataset
+from sightline.data.progress import track
+from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.export.names import EngineName
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.road_height import drive_height_m
+from sightline.structures.sample import CameraLidarSample
+from sightline.tasks import choose_task
+
+_TELL_HEIGHT = 5  # sweeps, as of a recording
+
+
+def main(
+    data: Path,
+    weights: str = "detection3d-best",
+    frames: int = 60,
+    sample_list: str = "val",
+    velodyne: Velodyne = "velodyne_reduced",
+    shifts_m: Sequence[float] = (0.0, 0.6, -0.5),
+    engine: EngineName = "openvino",
+) -> None:
+    """Scores each height and each way to tell it.
+
+    Args:
+        data: KITTI object tree with labels.
+        weights: Of a detector: name of weights that come with Sightline, or a file.
+        frames: The first so many of the list.
+        sample_list: Which frames there are.
+        velodyne: Folder of the sweeps.
+        shifts_m: How far the LiDAR goes up.
+        engine: What runs the network.
+    """
+    torch.set_num_threads(1)
+    task = choose_task(None, weights)
+    predictor = task.predictor(weights=weights, engine=engine, threads=1)
+    metric = "3d" if task.name == "detection3d" else "bbox"
+    parts = predictor.parts
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
+    samples = [dataset[index] for index in range(frames)]
+    names = [sample.sample_id for sample in samples]
+    rows: list[dict[str, object]] = []
+    for up_m in shifts_m:
+        moved = [at_height(sample, up_m) for sample in samples]
+        seen = [sample.points.numpy() for sample in moved if sample.points is not None]
+        by_road_m = drive_height_m(seen[:: max(frames // _TELL_HEIGHT, 1)][:_TELL_HEIGHT])
+        told = {"nothing": None, "its height": KITTI_LIDAR_HEIGHT_M + up_m, "the road": by_road_m}
+        for how, height_m in told.items():
+            with tempfile.TemporaryDirectory() as out:
+                for sample in track(moved, description=f"{up_m:+.1f} m, told {how}"):
+                    given = replace(sample, lidar_height_m=height_m)
+                    path = Path(out) / f"{sample.sample_id}.txt"
+                    task.outputs[0].write(path, given, predictor(given))
+                labels = data / "training" / "label_2"
+                report = evaluate_objects(out, labels, sample_list=names).to_json()
+            scores = {
+                entry["class"]: round(entry["AP_R40"], 1)
+                for entry in report["entries"]
+                if entry["metric"] == metric and entry["difficulty"] == "moderate"
+            }
+            rows.append({"up_m": up_m, "told": how, "height_m": height_m, **scores})
+            print(" ".join(f"{key} {value}" for key, value in rows[-1].items()))
+    setting = {"weights": weights, "frames": frames, "metric": f"{metric} AP_R40 moderate"}
+    print(json.dumps({"machine": describe_machine(), **setting, "results": rows}))
+
+
+def at_height(sample: CameraLidarSample, up_m: float) -> CameraLidarSample:
+    """The sample by a LiDAR whose origin lies that much higher."""
+    assert sample.points is not None, "detectors need sweeps"
+    old_from_new = torch.eye(4, dtype=torch.float64)
+    old_from_new[2, 3] = up_m
+    camera_from_lidar = sample.calibration.camera_from_lidar @ old_from_new
+    return replace(
+        sample,
+        points=sample.points - sample.points.new_tensor([0, 0, up_m, 0]),
+        calibration=replace(sample.calibration, camera_from_lidar=camera_from_lidar),
+    )
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main)
