@@ -23,7 +23,8 @@ def health(
     and five good ones to be taken back; the LiDAR's turn about z [degrees].
 
     Args:
-        data: A KITTI object tree, depth completion tree or raw drive; its frames in their order.
+        data: A recording, KITTI object tree, depth completion tree or raw drive; its frames in
+            their order.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
         velodyne: Folder of the sweeps in an object tree.
@@ -70,7 +71,7 @@ def health_limits(
     """Fits what is usual of sound sensors: limits that one clean frame in a hundred goes beyond.
 
     Args:
-        data: A KITTI object tree or raw drive of sound sensors like those to be judged.
+        data: A recording, KITTI object tree or raw drive of sound sensors like those to be judged.
         out: JSON file to write, for `sightline health --limits`.
         sample_list: Which frames it is drawn from. Default: all.
         velodyne: Folder of the sweeps: whole ones, where whole ones are to be judged.
