@@ -60,6 +60,7 @@ FAULTS = {
     "covered": (black_box, (0, 0.2, 0.5)),
     "textureless": (white_disc, (1, 60, 150)),
     "still": (mud, (0, 5, 12)),
+    "muddy": (mud, (0, 5, 12)),
     "blurred": (lambda image, x: cv2.blur(image, (x, x)), (1, 5, 11)),
     "noisy": (noisy, (0, 10, 40)),
     "speckled": (dotted, (0, 0.1, 0.4)),

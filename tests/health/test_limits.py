@@ -106,7 +106,9 @@ def test_files_that_hold_no_limits_are_refused(tmp_path, change):
     change(content)
     path = tmp_path / "limits.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(ValueError, match=r"limits\.json: holds no limits.*`sightline health-limits`"):
+    with pytest.raises(
+        ValueError, match=r"limits\.json: holds no limits.*`sightline health-limits`"
+    ):
         read_limits(path)
 
 

@@ -21,7 +21,9 @@ def tops_of(*samples):
     return sum(others, start=first)
 
 
-@pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0, 0), (1, 0), (-1.2, 0), (0.8, -0.8), (0, 1)])
+@pytest.mark.parametrize(
+    ("pitch_deg", "roll_deg"), [(0, 0), (1, 0), (-1.2, 0), (0.8, -0.8), (0, 1)]
+)
 def test_a_tilt_is_found_again(pitch_deg, roll_deg):
     turn = TurnedLidar(pitch_deg=pitch_deg, roll_deg=roll_deg)
     found = estimate_tilt(tops_of(turn(sound(0), RNG), turn(sound(1), RNG)))

@@ -20,7 +20,8 @@ def health(
 
     Prints the time line: scores from 1 (nothing is wrong) to 0 (nothing was delivered), below 0.5
     as bad as one sound frame in a hundred; alarms, which take two bad frames in a row to be raised
-    and five good ones to be taken back; the LiDAR's turn about z [degrees].
+    (one, if nothing was delivered) and five good ones to be taken back; the LiDAR's turn about z
+    [degrees].
 
     Args:
         data: A recording, KITTI object tree, depth completion tree or raw drive; its frames in
@@ -30,7 +31,7 @@ def health(
         velodyne: Folder of the sweeps in an object tree.
         limits: What is usual of these sensors, by `health-limits`. Default: of simulated ones.
         picture: PNG for the time line and for where sensors were bad.
-        json: File for all scores, checks and regions.
+        json: File for all scores, the worst checks, alarms and regions.
     """
     check_writable(json)
     if picture is not None:

@@ -20,8 +20,11 @@ _LIFTED = 158  # grey levels; where nothing is darker but much is brighter, stra
 _LIFTED_RANGE = 40  # grey levels between the darkest and the brightest there: the sky has less
 _CELL_PX = 5  # in which that is looked for
 _REACH_CELLS = 16  # to either side
-_STILL = 0.35  # grey levels, what rounding leaves; a sensor's noise is more, unless saturated
-_STILL_PX = 8  # side of the blocks, two by two of them, in which that is looked for
+_STILL = 0.3  # grey levels, what rounding leaves; a sensor's noise is more, unless saturated
+_STILL_PX = 12  # side of the blocks in which that is looked for
+_SATURATED = (20.0, 235.0)
+_MUDDY = 0.35  # grey levels of noise, likewise, in spots of dirt
+_MUDDY_PX = 8  # side of the blocks, two by two of them: spots are small
 _SHADED = (20.0, 120.0)  # grey levels: what covers a lens is no light, and black is `covered`
 _FEWEST_PX = 4  # of a side, below which nothing is said of detail
 _TINY = 1e-3
@@ -47,7 +50,10 @@ class CameraChecks(NamedTuple):
     """Share of the image in whose neighbourhood nothing is dark, but as much contrast as the sky
     never has: light that blinds."""
     still: float
-    """Share of small dim places where not even the sensor's noise is left: what covers the lens."""
+    """Share of small blocks, saturated ones apart, where not even the sensor's noise is left: what
+    veils the view."""
+    muddy: float
+    """Likewise, of smaller and dim places: spots on the lens."""
     blurred: float
     """Log2 of how much the gradient grows from full to half size, in the direction that loses
     more: blur takes the fine detail first."""
@@ -68,7 +74,8 @@ LEAST_SPREADS = CameraChecks(
     covered=0.01,
     textureless=0.03,
     lifted=0.01,
-    still=0.0003,
+    still=0.002,
+    muddy=0.0003,
     blurred=0.1,
     noisy=0.7,
     speckled=0.01,
@@ -97,7 +104,8 @@ def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
         covered=float(_covered(mean, deviation).mean()),
         textureless=float((deviation[first:] < _FLAT).mean()),
         lifted=float(_lifted_cells(grey).mean()),
-        still=_still_share(grey, residual),
+        still=float(_is_still(grey, residual, _STILL_PX, _STILL, _SATURATED).mean()),
+        muddy=_muddy_share(grey, residual),
         blurred=_lost_detail(grey),
         noisy=float(np.log2(np.quantile(noise, _EVEN_SHARE) + _TINY)),
         speckled=float((cv2.absdiff(grey, median) > _SPECKLE).mean()),
@@ -165,14 +173,26 @@ def _block_means(
     return means
 
 
-def _still_share(
+def _muddy_share(
     grey: UInt8[np.ndarray, "height width"], residual: Float32[np.ndarray, "height width"]
 ) -> float:
-    mean = _block_means(grey.astype(np.float32), _STILL_PX)
-    noise = _block_means(residual, _STILL_PX)
-    darkest, brightest = _SHADED
-    still = (noise < _STILL) & (mean > darkest) & (mean < brightest)
+    still = _is_still(grey, residual, _MUDDY_PX, _MUDDY, _SHADED)
     return float(cv2.erode(still.astype(np.uint8), np.ones((2, 2), np.uint8)).mean())
+
+
+def _is_still(
+    grey: UInt8[np.ndarray, "height width"],
+    residual: Float32[np.ndarray, "height width"],
+    block_px: int,
+    least_noise: float,
+    levels: tuple[float, float],
+) -> Bool[np.ndarray, "rows columns"]:
+    """Blocks of less noise whose mean lies between the levels."""
+    mean = _block_means(grey.astype(np.float32), block_px)
+    noise = _block_means(residual, block_px)
+    still: Bool[np.ndarray, "rows columns"]
+    still = (noise < least_noise) & (mean > levels[0]) & (mean < levels[1])
+    return still
 
 
 def _lifted_cells(

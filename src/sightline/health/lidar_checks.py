@@ -15,7 +15,7 @@ CELL_DEG = 1.0
 LOWEST_DEG, HIGHEST_DEG = -12.0, -1.0
 """Elevations between which the ground, or what stands on it, answers nearly always."""
 
-WIDEST_DEG = 36.0
+WIDEST_DEG = 39.0
 """Azimuths up to which a sweep is looked at: KITTI's camera sees a little more."""
 SECTOR_DEG = 2.0
 """Width of the sectors of a whole turn."""

@@ -21,7 +21,7 @@ def bad_image_regions(
 def bad_sweep_regions(
     points: Float32[np.ndarray, "num_points 4"],
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Cells of `lidar_checks.CELL_DEG` below the horizon that lack points, in holes of some size."""
+    """Cells of `lidar_checks.CELL_DEG` below the horizon without points, in holes of some size."""
     _, azimuth_deg, elevation_deg = to_sphere(points)
     empty = (cell_counts(azimuth_deg, elevation_deg) == 0).astype(np.uint8)
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(empty, connectivity=4)

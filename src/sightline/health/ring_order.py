@@ -9,7 +9,7 @@ SEAM_DEG = 30.0
 """Inside a ring the azimuth never falls back so far."""
 _FEWEST = 100  # points, below which no order can be told
 _APART = 7  # points that far from each other are on one ring, or nearly so
-_SCATTERED = 0.4  # of the spread of elevations, that they differ by where they are not
+_SCATTERED = 0.2  # of the spread of elevations, that they differ by where they are not
 _RING_GAP_DEG = 0.1
 _FEWEST_RINGS = 4
 _RING_STEP_DEG = 0.4  # where noise blurs the rings
