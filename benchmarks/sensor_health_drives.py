@@ -5,14 +5,13 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
-from benchmarks.sensor_health_scores import is_misalignment
+from benchmarks.sensor_health_scores import SENSORS, is_misalignment
 from sightline.corruptions.suites import Case
 from sightline.data.open import SampleDataset
 from sightline.health.monitor import HealthMonitor
 from sightline.health.sequence import DriveMonitor
 from sightline.structures.sample import CameraLidarSample
 
-SENSORS = ("camera", "lidar", "alignment")
 _LONGEST_DELAY = 20  # frames, after which an alarm is taken never to come
 
 

@@ -1,4 +1,4 @@
-"""Scores of the health monitor on clean and broken frames, kept group by group."""
+"""What the health monitor's checks say of clean and broken frames, kept group by group."""
 
 import json
 import math
@@ -14,30 +14,37 @@ from sightline.corruptions.suites import Case
 from sightline.data.atomic import atomic_write_text
 from sightline.data.augmentation import rotate_extrinsics
 from sightline.data.open import SampleDataset
-from sightline.health.alignment_checks import check_alignment
-from sightline.health.camera_checks import check_camera
-from sightline.health.lidar_checks import check_lidar
-from sightline.health.monitor import HealthMonitor, rgb_of
+from sightline.health.alignment_checks import AlignmentChecks, check_alignment
+from sightline.health.camera_checks import CameraChecks, check_camera
+from sightline.health.lidar_checks import LidarChecks, check_lidar
+from sightline.health.limits import HealthLimits
+from sightline.health.monitor import rgb_of
 from sightline.health.yaw_error import LARGEST_DEG, EdgeMatch, estimate_yaw, match_edges
 from sightline.structures.health import Health
 from sightline.structures.sample import CameraLidarSample
 
+SENSORS = ("camera", "lidar", "alignment")
 TOGETHER = 5
 """Frames whose edges are matched together: they meet the same misalignment."""
-Scores = dict[str, float]
+CHECKS = {
+    "camera": CameraChecks._fields,
+    "lidar": LidarChecks._fields,
+    "alignment": AlignmentChecks._fields,
+}
+Found = dict[str, list[float]]
+"""Of each sensor that was looked at the values of its checks."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ScoreJob:
-    """What is scored, and by what."""
+    """What is looked at."""
 
     dataset: SampleDataset
-    monitor: HealthMonitor
     cases: Sequence[Case]
     seed: int
 
     def group(self, places: Sequence[int], path: Path) -> Mapping[str, object]:
-        """The scores of some frames, read from the file where it is there, else written to it."""
+        """What is said of some frames, read from the file where it is there, else written to it."""
         if path.exists():
             kept: dict[str, object] = json.loads(path.read_text())
             return kept
@@ -51,47 +58,25 @@ class ScoreJob:
         return found
 
     def _frame(self, sample: CameraLidarSample) -> dict[str, object]:
-        limits = self.monitor.limits
-        clean = self.monitor(sample)
-        whole = {"camera": clean.camera.score, "lidar": clean.lidar.score}
-        alignment = 1.0 if clean.alignment is None else clean.alignment.score
-        broken: dict[str, object] = {}
+        broken = {}
         for case in self.cases:
             found = case.corrupt(sample, self.seed)
-            if not (found.camera_mask.any() or found.lidar_mask.any()):
-                continue  # a frame that this fault left alone
-            judged: dict[str, Health] = {}
-            if is_misalignment(case):
-                match = match_edges(found.sample)
-                if match is not None:
-                    judged["alignment"] = limits.alignment.judge(check_alignment(match))
-            if "camera" in case.corruption.sensors:
-                image = rgb_of(found.sample)
-                assert image is not None, "no kind takes the image away"
-                judged["camera"] = limits.camera.judge(check_camera(image))
-            if "lidar" in case.corruption.sensors:
-                assert found.sample.points is not None, "no kind takes the sweep away"
-                judged["lidar"] = limits.lidar.judge(check_lidar(found.sample.points.numpy()))
-            worst = min(judged.values(), key=lambda each: each.score)
-            scores = {name: each.score for name, each in judged.items()}
-            broken[case.name] = {**whole, **scores, "worst_check": worst.worst_check}
-        return {"clean": {**whole, "alignment": alignment}, "broken": broken}
+            if found.camera_mask.any() or found.lidar_mask.any():  # else it was left alone
+                looked_at = {*case.corruption.sensors}
+                if is_misalignment(case):
+                    looked_at.add("alignment")
+                broken[case.name] = _look_at(found.sample, looked_at)
+        return {"clean": _look_at(sample, {*SENSORS}), "broken": broken}
 
-    def _together(self, samples: Sequence[CameraLidarSample]) -> Scores:
+    def _together(self, samples: Sequence[CameraLidarSample]) -> dict[str, Found]:
         """Of the alignment, by the edges of all of them; a fault is drawn once for all."""
-        scores = {"clean": self._alignment(samples)}
+        found = {"clean": _alignment(samples)}
         for case in self.cases:
             if is_misalignment(case):
                 named = [replace(each, sample_id=samples[0].sample_id) for each in samples]
                 broken = [case.corrupt(each, self.seed).sample for each in named]
-                scores[case.name] = self._alignment(broken)
-        return scores
-
-    def _alignment(self, samples: Sequence[CameraLidarSample]) -> float:
-        match = _matched(samples)
-        if match is None:
-            return 1.0
-        return self.monitor.limits.alignment.judge(check_alignment(match)).score
+                found[case.name] = _alignment(broken)
+        return found
 
     def _yaw(
         self, samples: Sequence[CameraLidarSample], rng: np.random.Generator
@@ -105,6 +90,29 @@ class ScoreJob:
             "together_deg": _yaw_of(turned),
             "unturned_deg": _yaw_of(samples),
         }
+
+
+def judge(limits: HealthLimits, found: Found) -> dict[str, Health]:
+    """The health of each sensor that was looked at."""
+    makers = {"camera": CameraChecks, "lidar": LidarChecks, "alignment": AlignmentChecks}
+    return {
+        name: getattr(limits, name).judge(makers[name](*values)) for name, values in found.items()
+    }
+
+
+def _look_at(sample: CameraLidarSample, sensors: set[str]) -> Found:
+    found: Found = {}
+    image, points = rgb_of(sample), sample.points
+    if "camera" in sensors and image is not None:
+        found["camera"] = list(check_camera(image))
+    if "lidar" in sensors and points is not None:
+        found["lidar"] = list(check_lidar(points.numpy()))
+    return found | (_alignment([sample]) if "alignment" in sensors else {})
+
+
+def _alignment(samples: Sequence[CameraLidarSample]) -> Found:
+    match = _matched(samples)
+    return {} if match is None else {"alignment": list(check_alignment(match))}
 
 
 def is_misalignment(case: Case) -> bool:

@@ -129,11 +129,11 @@ def test_fog_is_told_by_what_it_takes_from_far_returns_and_by_nothing_where_ther
 
 
 def test_points_are_counted_in_their_cells():
-    azimuth = np.array([35.5, -35.5, 0.0, 90.0])
+    azimuth = np.array([38.5, -38.5, 0.0, 90.0])
     elevation = np.array([-1.5, -11.5, -5.0, -5.0])
     counts = cell_counts(azimuth.astype(np.float32), elevation.astype(np.float32))
     assert counts.shape == (11, round(2 * WIDEST_DEG / CELL_DEG))
-    assert counts[0, 0] == counts[-1, -1] == counts[4, 36] == 1
+    assert counts[0, 0] == counts[-1, -1] == counts[4, round(WIDEST_DEG / CELL_DEG)] == 1
     assert counts.sum() == 3
 
 

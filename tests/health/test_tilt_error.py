@@ -22,7 +22,7 @@ def tops_of(*samples):
 
 
 @pytest.mark.parametrize(
-    ("pitch_deg", "roll_deg"), [(0, 0), (1, 0), (-1.2, 0), (0.8, -0.8), (0, 1)]
+    ("pitch_deg", "roll_deg"), [(0.0, 0.0), (1.0, 0.0), (-1.2, 0.0), (0.8, -0.8), (0.0, 1.0)]
 )
 def test_a_tilt_is_found_again(pitch_deg, roll_deg):
     turn = TurnedLidar(pitch_deg=pitch_deg, roll_deg=roll_deg)

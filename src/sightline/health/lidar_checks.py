@@ -73,17 +73,17 @@ class LidarChecks(NamedTuple):
 
 
 LEAST_SPREADS = LidarChecks(
-    sparse=0.25,
+    sparse=0.4,
     ringless=0.06,
     gappy=0.6,
-    holes=0.08,
+    holes=0.12,
     narrow=0.05,
-    rough=0.8,
+    rough=1.4,
     spiky=1.0,
     stray=1.0,
     jagged=2.0,
     cluttered=1.0,
-    short=0.9,
+    short=1.3,
     faded=0.25,
     blind=0.01,
 )

@@ -49,13 +49,16 @@ class HealthMonitor:
             sample_id=sample.sample_id,
             camera=camera,
             lidar=lidar,
-            alignment=match and self.limits.alignment.judge(check_alignment(match)),
-            yaw_deg=match and estimate_yaw(match).yaw_deg,
+            alignment=None if match is None else self._alignment(match),
+            yaw_deg=None if match is None else estimate_yaw(match).yaw_deg,
             camera_regions=nothing if image is None else bad_image_regions(image),
             lidar_regions=nothing if points is None else bad_sweep_regions(points),
             blind_sectors=nothing[0] if points is None else blind_sectors(points),
         )
         return health, match
+
+    def _alignment(self, match: EdgeMatch) -> Health:
+        return self.limits.alignment.judge(check_alignment(match))
 
 
 def rgb_of(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"] | None:
