@@ -1,18 +1,22 @@
-"""Measures the health monitor: `python -m benchmarks.sensor_health KITTI`.
+"""Measures the health monitor: `python -m benchmarks.sensor_health KITTI SCORES`.
 
-For each case of a suite the area under the ROC curve of the scores, against the same frames clean:
-of the sensors that the case breaks, and of the worst score that a sample has. Then false alarms of
-single clean frames, drives whose fault sets in, and the time of a frame. With `--drive`, alarms on
-a drive of sound sensors, too. Its last line is kept in benchmarks/results/sensor_health.json.
+For each case of a suite the area under the ROC curve of the scores, against the same frames clean,
+over the frames that the case did break: of the sensors that it breaks, and of the worst score of
+camera and LiDAR. Misalignments by single frames and by five together that share the fault. Then
+false alarms of single clean frames, the error of the yaw estimate, the time of a frame; with
+`--drive`, how soon faults that set in are told along that drive; with `--sound_drive`, alarms along
+a drive of sound sensors. SCORES keeps what the checks said, so that a run goes on where it was
+stopped, shards can work beside each other, and other limits are tried at once. 60 frames of suite
+core take about 5 minutes of one core. Its last line is kept in
+benchmarks/results/sensor_health.json.
 """
 
-import copy
 import json
 import statistics
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import jsonargparse
@@ -20,204 +24,225 @@ import numpy as np
 import torch
 
 from benchmarks.machine import describe_machine
+from benchmarks.sensor_health_drives import delays, false_alarms
+from benchmarks.sensor_health_scores import (
+    CHECKS,
+    SENSORS,
+    TOGETHER,
+    ScoreJob,
+    is_misalignment,
+    judge,
+)
+from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import CLEAN, Case, find_suite
+from sightline.data.jobs import claim_folder, shard
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.evaluation.auroc import auroc_of_values
-from sightline.health.limits import SHIPPED, read_limits
+from sightline.health.limits import SHIPPED, HealthLimits, read_limits
 from sightline.health.monitor import HealthMonitor
-from sightline.health.sequence import DriveMonitor
-from sightline.structures.health import ALARM_SCORE, SampleHealth
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.health import ALARM_SCORE, Health
 
-_SENSORS = ("camera", "lidar", "alignment")
-_LONGEST_DELAY = 20  # frames, after which an alarm is taken never to come
+_PARTS = frozenset({"image", "points", "objects"})
+_TIMED = 10  # frames
+Scores = dict[str, Health]
 
 
 def main(
     data: Path,
+    scores: Path,
     sample_list: str | None = None,
     velodyne: Velodyne = "velodyne",
-    frames: int = 100,
-    suite: str = "dgfn7",
+    frames: int = 60,
+    suite: str = "core",
     cases: tuple[str, ...] | None = None,
     limits: Path = SHIPPED,
     drive: Path | None = None,
     onset: int = 20,
+    drive_severity: int = 3,
+    sound_drive: Path | None = None,
     seed: int = 0,
+    shard_index: int = 0,
+    num_shards: int = 1,
 ) -> None:
     """Prints tables, then one line of JSON.
 
     Args:
         data: KITTI object tree or raw drive.
+        scores: Folder for what the checks said.
         sample_list: Which frames.
         velodyne: Folder of the sweeps in an object tree.
         frames: How many of them, evenly spaced.
         suite: Whose cases are told from clean frames.
         cases: Which of them. Default: all.
         limits: What is usual of the sensors.
-        drive: A drive, or another tree whose frames follow each other, in which faults set in.
+        drive: A drive in which faults set in.
         onset: Frames of the drive before the fault.
-        seed: Of the corruptions.
+        drive_severity: Of those faults.
+        sound_drive: A drive of sound sensors, for false alarms.
+        seed: Of the corruptions and the turns.
+        shard_index: Which part of the frames to score, from 0.
+        num_shards: Number of parts; with more than one nothing is printed.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     monitor = HealthMonitor(read_limits(limits))
-    dataset = open_dataset(
-        data, sample_list=sample_list, velodyne=velodyne, parts={"image", "points", "objects"}
-    )
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=_PARTS)
     places = np.unique(np.linspace(0, len(dataset) - 1, min(frames, len(dataset))).astype(int))
     known = find_suite(suite)
     chosen = [case for case in known.select(cases or known.case_names) if case.name != CLEAN]
-    clean, broken, times = _judge_all(monitor, dataset, places, chosen, seed)
-    false_alarms = {name: _share_of_alarms(clean, name) for name in (*_SENSORS, "any")}
-    print(f"{len(clean)} frames; false alarms of single ones: {_percents(false_alarms)}")
-    print(f"median {statistics.median(times):.1f} ms a frame, processor time")
-    rows = [_row(case, clean, broken[case.name]) for case in chosen]
-    print(f"{'case':<28} {'own':>6} {'any':>6} {'alarms':>7}  worst check")
-    for row in rows:
-        print("{case:<28} {auroc:6.3f} {auroc_any:6.3f} {alarms:7.2f}  {worst_check}".format(**row))
+    setting: dict[str, object] = {
+        "data": data.resolve().name,
+        "sample_list": sample_list,
+        "frames": len(places),
+        "suite": suite,
+        "cases": [case.name for case in chosen],
+        "checks": CHECKS,
+        "seed": seed,
+    }
+    claim_folder(scores, setting, results=("[0-9]*.json",))
+    job = ScoreJob(dataset=dataset, cases=chosen, seed=seed)
+    groups = [places[first : first + TOGETHER] for first in range(0, len(places), TOGETHER)]
+    found = [
+        job.group(group, scores / f"{int(group[0]):06d}.json")
+        for group in shard(groups, shard_index, num_shards)
+    ]
+    if num_shards > 1:
+        return
     answer: dict[str, object] = {
         "machine": describe_machine(),
-        "data": data.name,
-        "frames": len(clean),
-        "suite": suite,
+        **{name: setting[name] for name in ("data", "sample_list", "frames", "suite", "seed")},
         "limits": dict(monitor.limits.provenance),
-        "median_ms": round(statistics.median(times), 1),
-        "false_alarms": false_alarms,
-        "results": rows,
+        "median_ms": _median_ms(dataset, monitor, places),
+        **_tables(found, chosen, monitor.limits),
     }
     if drive is not None:
-        answer["drive"] = _drive_rows(
-            open_dataset(drive, velodyne=velodyne, parts={"image", "points", "objects"}),
-            monitor,
-            chosen,
-            onset,
-            seed,
+        faults = [
+            case
+            for case in chosen
+            if case.severity in (None, _drive_severity(case, drive_severity))
+        ]
+        moving = open_dataset(drive, parts=_PARTS)
+        answer["delays"] = rows = delays(moving, monitor, faults, onset, seed)
+        print(f"\n{drive.name}, {len(moving)} frames, fault from frame {onset}:")
+        for row in rows:
+            delay = row["delay_frames"]
+            print(f"{row['case']:<28} {'not raised' if delay is None else f'{delay} frames'}")
+    if sound_drive is not None:
+        answer["sound_drive"] = sound = false_alarms(
+            open_dataset(sound_drive, parts=_PARTS), monitor
         )
+        print(f"\n{sound_drive.name}, sound: {sound}")
     print(json.dumps(answer))
 
 
-def _judge_all(
-    monitor: HealthMonitor,
-    dataset: SampleDataset,
-    places: Sequence[int],
-    cases: Sequence[Case],
-    seed: int,
-) -> tuple[list[SampleHealth], dict[str, list[SampleHealth]], list[float]]:
-    clean: list[SampleHealth] = []
-    broken: dict[str, list[SampleHealth]] = {case.name: [] for case in cases}
+def _drive_severity(case: Case, severity: int) -> int:
+    """A sensor that is blank is so for good: slighter ones lose frames by chance."""
+    return SEVERITIES[-1] if case.kind.endswith("_blank") else severity
+
+
+def _median_ms(dataset: SampleDataset, monitor: HealthMonitor, places: Sequence[int]) -> float:
+    """Processor time of a frame of one thread."""
     times = []
-    for place in places:
+    for place in places[: _TIMED + 1]:  # the first one compiles
         sample = dataset[int(place)]
         start = time.process_time()
-        clean.append(monitor(sample))
+        monitor(sample)
         times.append((time.process_time() - start) * 1e3)
-        for case in cases:
-            broken[case.name].append(monitor(case.corrupt(sample, seed).sample))
-    return clean, broken, times
+    median = round(statistics.median(times[1:] or times), 1)
+    print(f"median {median} ms a frame, processor time")
+    return median
 
 
-def _scores(healths: Sequence[SampleHealth], name: str) -> list[float]:
-    """Of a sensor; where it cannot be told, as of nothing wrong."""
-    if name == "any":
-        return [health.worst_score for health in healths]
-    found = (getattr(health, name) for health in healths)
-    return [1.0 if each is None else each.score for each in found]
+def _tables(
+    groups: Sequence[Mapping[str, Any]], cases: Sequence[Case], limits: HealthLimits
+) -> dict[str, object]:
+    frames = [frame for group in groups for frame in group["frames"]]
+    clean = [judge(limits, frame["clean"]) for frame in frames]
+    shares = {name: float((-_badness(clean, (name,)) < ALARM_SCORE).mean()) for name in SENSORS}
+    said = ", ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
+    print(f"{len(frames)} frames; false alarms of single clean ones: {said}")
+    print(f"{'case':<28} {'frames':>6} {'own':>6} {'any':>6} {'alarms':>7} {'5 tog.':>7}  worst")
+    rows = []
+    for case in cases:
+        named = [
+            (clean_scores, judge(limits, frame["broken"][case.name]))
+            for clean_scores, frame in zip(clean, frames, strict=True)
+            if case.name in frame["broken"]
+        ]
+        together = [
+            {name: judge(limits, each) for name, each in group["together"].items()}
+            for group in groups
+        ]
+        row = _row(case, clean, named, together)
+        rows.append(row)
+        numbers = (f"{_said(row[name]):>7}" for name in ("own", "any", "alarms", "together"))
+        print(f"{case.name:<28} {row['frames']:>6}{''.join(numbers)}  {row['worst_check']}")
+    return {"false_alarms": shares, "cases": rows, "yaw": _yaw_errors(groups)}
 
 
-def _share_of_alarms(healths: Sequence[SampleHealth], name: str) -> float:
-    return float(np.mean(np.array(_scores(healths, name)) < ALARM_SCORE))
-
-
-def _own(case: Case) -> str:
-    """What a case is a fault of: one sensor, or how both lie or see together."""
-    sensors = case.corruption.sensors
-    is_alignment = case.name.startswith("misalignment")
-    return "alignment" if is_alignment else sensors[0] if len(sensors) == 1 else "any"
+def _said(number: float | None) -> str:
+    return "-" if number is None else f"{number:.3f}"
 
 
 def _row(
-    case: Case, clean: Sequence[SampleHealth], broken: Sequence[SampleHealth]
-) -> dict[str, object]:
-    own = _own(case)
-    badness = {
-        name: (-np.array(_scores(broken, name)), -np.array(_scores(clean, name)))
-        for name in (own, "any")
-    }
-    worst = [
-        min((each for each in (h.camera, h.lidar, h.alignment) if each), key=lambda e: e.score)
-        for h in broken
-    ]
-    return {
-        "case": case.name,
-        "severity": getattr(case, "severity", None),
-        "sensor": own,
-        "auroc": auroc_of_values(*badness[own]),
-        "auroc_any": auroc_of_values(*badness["any"]),
-        "alarms": _share_of_alarms(broken, own),
-        "worst_check": statistics.mode(each.worst_check for each in worst),
-    }
-
-
-def _drive_rows(
-    drive: SampleDataset, monitor: HealthMonitor, cases: Sequence[Case], onset: int, seed: int
-) -> dict[str, object]:
-    """False alarms along the drive, and for each case after how many frames the alarm is raised."""
-    samples = [drive[index] for index in range(len(drive))]
-    sound = DriveMonitor(monitor)
-    states = [sound(sample) for sample in samples]
-    alarms = {
-        name: sum(getattr(state.alarms, name) for state in states) / len(states)
-        for name in _SENSORS
-    }
-    at_onset = DriveMonitor(monitor)
-    for sample in samples[:onset]:
-        at_onset(sample)
-    yaws = [state.health.yaw_deg for state in states if state.health.yaw_deg is not None]
-    print(f"\ndrive of {len(samples)} frames; alarms of sound sensors: {_percents(alarms)}")
-    rows = []
-    for case in cases:
-        delay = _delay(copy.deepcopy(at_onset), samples[onset:], case, seed)
-        print(f"{case.name:<28} {'not raised' if delay is None else f'{delay} frames'}")
-        rows.append({"case": case.name, "delay_frames": delay})
-    return {
-        "frames": len(samples),
-        "onset": onset,
-        "alarms": alarms,
-        "yaw_deg": statistics.median(yaws) if yaws else None,
-        "delays": rows,
-    }
-
-
-def _delay(
-    watch: DriveMonitor, samples: Sequence[CameraLidarSample], case: Case, seed: int
-) -> int | None:
-    """Frames from the first faulty one to a new alarm of what the case breaks; 0: that very one.
+    case: Case,
+    clean: Sequence[Scores],
+    pairs: Sequence[tuple[Scores, Scores]],
+    together: Sequence[Mapping[str, Scores]],
+) -> dict[str, Any]:
+    """Of one case.
 
     Args:
-        watch: That has seen the frames before the fault.
-        samples: From the fault on.
-        case: What it is.
-        seed: Of what is drawn.
+        case: The case.
+        clean: Scores of all clean frames.
+        pairs: Of those frames that the case breaks, clean and broken.
+        together: Of groups of frames, clean (`CLEAN`) and misaligned.
     """
-    own = _own(case)
-    names = _SENSORS if own == "any" else (own,)
-    before = {name: getattr(watch.alarms, name) for name in names}
-    for number, sample in enumerate(samples[:_LONGEST_DELAY]):
-        alarms = watch(case.corrupt(_named(sample, samples[0]), seed).sample).alarms
-        if any(getattr(alarms, name) and not before[name] for name in names):
-            return number
-    return None
+    broken = [sound | each for sound, each in pairs]
+    own = ("alignment",) if is_misalignment(case) else case.corruption.sensors
+    columns = {"own": own, "any": (*own, "camera", "lidar")}
+    row: dict[str, Any] = {"case": case.name, "severity": case.severity, "frames": len(broken)}
+    for column, names in columns.items():
+        row[column] = auroc_of_values(_badness(broken, names), _badness(clean, names))
+    alarms = -_badness(broken, own) < ALARM_SCORE
+    row["alarms"] = float(alarms.mean()) if len(alarms) else None
+    row["together"] = None
+    if is_misalignment(case):
+        both = ([each[name] for each in together] for name in (case.name, CLEAN))
+        row["together"] = auroc_of_values(*(_badness(each, own) for each in both))
+    worst = [min(each.items(), key=lambda item: item[1].score)[1].worst_check for _, each in pairs]
+    row["worst_check"] = statistics.mode(worst) if worst else "-"
+    return row
 
 
-def _named(sample: CameraLidarSample, first: CameraLidarSample) -> CameraLidarSample:
-    """Under the name of the fault's first frame: what is drawn stays the same along the drive."""
-    return replace(sample, sample_id=first.sample_id)
+def _badness(
+    scores: Sequence[Scores], names: Sequence[str]
+) -> "np.ndarray[Any, np.dtype[np.float64]]":
+    """Minus the worst of these scores; what cannot be told is as if nothing were wrong."""
+    return -np.array(
+        [min(each[name].score if name in each else 1.0 for name in names) for each in scores], float
+    )
 
 
-def _percents(shares: dict[str, float]) -> str:
-    return ", ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
+def _yaw_errors(groups: Sequence[Mapping[str, Any]]) -> dict[str, object]:
+    """Degrees that estimates miss the known turns by, and the same less the data's own turn."""
+    told = [group["yaw"] for group in groups]
+    own_deg = float(np.nanmedian([each["unturned_deg"] for each in told]))
+    single = [e - each["turn_deg"] for each in told for e in each["single_deg"]]
+    together = [each["together_deg"] - each["turn_deg"] for each in told]
+    rows = {}
+    print(f"\nyaw of the data as it is {own_deg:+.3f} deg; errors, median / 90 %:")
+    for name, errors in (("1", single), (f"{TOGETHER}", together)):
+        known = np.array(errors)[~np.isnan(errors)]
+        row = [
+            float(np.quantile(np.abs(known - own), share))
+            for own in (0.0, own_deg)
+            for share in (0.5, 0.9)
+        ]
+        print(f"{name} together: {row[0]:.3f} / {row[1]:.3f}; less it {row[2]:.3f} / {row[3]:.3f}")
+        rows[name] = row
+    return {"own_deg": own_deg, "errors_deg": rows}
 
 
 if __name__ == "__main__":

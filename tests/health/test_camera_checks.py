@@ -33,10 +33,16 @@ def white_disc(image, radius):
     return cv2.circle(changed, (600, 300), round(radius), (255, 255, 255), -1)
 
 
+def glare_disc(image, radius):
+    """A disc with a hard edge that gained 160 levels."""
+    disc = cv2.circle(np.zeros_like(image), (600, 150), round(radius), (160, 160, 160), -1)
+    return cv2.add(image, disc)
+
+
 def mud(image, count):
     changed = image.copy()
     for number in range(round(count)):
-        cv2.circle(changed, (80 * number, 250), 24, (62, 54, 44), -1)
+        cv2.circle(changed, (80 * number + 40, 250), 24, (62, 54, 44), -1)
     return changed
 
 
@@ -50,10 +56,11 @@ FAULTS = {
     "bright": (lambda image, x: np.clip(image + float(x), 0, 255).astype(np.uint8), (0, 60, 120)),
     "faint": (lambda image, x: (128 + (image - 128.0) / x).astype(np.uint8), (1, 3, 9)),
     "white": (white_disc, (1, 60, 150)),
-    "washed": (white_disc, (1, 80, 150)),
+    "lifted": (glare_disc, (1, 140, 250)),
     "covered": (black_box, (0, 0.2, 0.5)),
     "textureless": (white_disc, (1, 60, 150)),
     "still": (mud, (0, 5, 12)),
+    "muddy": (mud, (0, 5, 12)),
     "blurred": (lambda image, x: cv2.blur(image, (x, x)), (1, 5, 11)),
     "noisy": (noisy, (0, 10, 40)),
     "speckled": (dotted, (0, 0.1, 0.4)),
@@ -93,6 +100,17 @@ def test_blocks_have_the_mean_and_deviation_of_their_pixels():
             block = grey[24 * row : 24 * row + 24, 24 * column : 24 * column + 24]
             assert mean[row, column] == pytest.approx(block.mean(), rel=1e-4)
             assert deviation[row, column] == pytest.approx(block.std(), rel=1e-3)
+
+
+def test_a_bright_sky_is_no_light_that_blinds_and_a_disc_in_it_is():
+    image = rgb_of(sound()).copy()
+    image[:200] = np.linspace(220, 250, 200, dtype=np.uint8)[:, None, None]
+    assert check_camera(image).lifted == check_camera(rgb_of(sound())).lifted == 0
+    assert check_camera(glare_disc(image, 180)).lifted > 0.01
+    blinded = bad_image_regions(glare_disc(rgb_of(sound()), 180))
+    rows, columns = blinded.shape
+    assert blinded[round(150 / 375 * rows), round(600 / 1242 * columns)]
+    assert not blinded[:, : columns // 4].any()
 
 
 def test_the_regions_are_where_the_image_is_covered():

@@ -59,7 +59,7 @@ FAULTS = {
     "jagged": (moved, (0, 0.03, 0.1)),
     "cluttered": (pulled, (0, 0.02, 0.1)),
     "short": (lambda p, x: p[np.linalg.norm(p[:, :3], axis=1) < x], (100, 30, 10)),
-    "dull": (lambda p, x: p * np.array([1, 1, 1, x], np.float32), (1, 0.5, 0.1)),
+    "faded": (lambda p, x: p * np.array([1, 1, 1, x], np.float32), (1, 0.5, 0.1)),
 }
 
 
@@ -69,7 +69,7 @@ def test_each_check_grows_with_what_it_looks_for(name):
     found = []
     for amount in amounts:
         points = np.ascontiguousarray(fault(sound().points.numpy().copy(), amount), np.float32)
-        found.append(getattr(check_lidar(points, np.ones(len(points), bool)), name))
+        found.append(getattr(check_lidar(points), name))
     assert found[0] < found[1] < found[2]
 
 
@@ -101,22 +101,39 @@ def test_neighbours_are_compared_as_by_a_plain_loop(steps):
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_a_sweep_of_hardly_any_points_is_nothing(count):
     points = np.ones((count, 4), np.float32)
-    assert check_lidar(points, np.ones(count, bool)) == NOTHING
+    assert check_lidar(points) == NOTHING
 
 
 @pytest.mark.parametrize("count", [3, 4, 50])
 def test_points_at_one_place_are_judged(count):
-    for place in (0.0, 5.0):
-        points = np.full((count, 4), place, np.float32)
-        assert np.isfinite(np.array(check_lidar(points, np.ones(count, bool)))).all()
+    for place in ((0, 0, 0), (5, 0, 0), (20, 5, 5)):
+        points = np.full((count, 4), 0.5, np.float32)
+        points[:, :3] = place
+        checks = check_lidar(points)
+        assert np.isfinite([each for each in checks if not np.isnan(each)]).all() == any(place)
+
+
+def test_sweeps_are_judged_alike_whether_they_are_cut_to_the_view_or_whole():
+    points = sound().points.numpy()
+    behind = points * np.array([-1, 1, 1, 1], np.float32)
+    assert check_lidar(np.concatenate((points, behind)))[:-1] == check_lidar(points)[:-1]
+
+
+def test_fog_is_told_by_what_it_takes_from_far_returns_and_by_nothing_where_there_are_none():
+    points = sound().points.numpy()
+    ranges = np.linalg.norm(points[:, :3], axis=1)
+    far = points.copy()
+    far[ranges < 15, 3] = 0
+    assert check_lidar(far).faded == check_lidar(points).faded
+    assert np.isnan(check_lidar(points[ranges < 15]).faded)
 
 
 def test_points_are_counted_in_their_cells():
-    azimuth = np.array([35.5, -35.5, 0.0, 90.0])
+    azimuth = np.array([38.5, -38.5, 0.0, 90.0])
     elevation = np.array([-1.5, -11.5, -5.0, -5.0])
     counts = cell_counts(azimuth.astype(np.float32), elevation.astype(np.float32))
     assert counts.shape == (11, round(2 * WIDEST_DEG / CELL_DEG))
-    assert counts[0, 0] == counts[-1, -1] == counts[4, 36] == 1
+    assert counts[0, 0] == counts[-1, -1] == counts[4, round(WIDEST_DEG / CELL_DEG)] == 1
     assert counts.sum() == 3
 
 

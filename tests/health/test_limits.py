@@ -20,7 +20,7 @@ from sightline.structures.health import ALARM_SCORE
 
 def rows(seed, count):
     drawn = np.random.default_rng(seed).gamma(2, 0.5, (count, 2))
-    return [AlignmentChecks(*map(float, row)) for row in drawn]
+    return [AlignmentChecks(*map(float, row), tilted=0.0) for row in drawn]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -38,11 +38,12 @@ def test_the_score_falls_as_any_check_grows(values, step):
         checks={
             "turned": CheckRange(median=0.0, spread=1.0),
             "mismatched": CheckRange(median=1.0, spread=2.0),
+            "tilted": CheckRange(median=0.0, spread=1.0),
         },
         limit=2.0,
     )
-    before = limits.judge(AlignmentChecks(*values))
-    after = limits.judge(AlignmentChecks(values[0], values[1] + step))
+    before = limits.judge(AlignmentChecks(*values, tilted=0.0))
+    after = limits.judge(AlignmentChecks(values[0], values[1] + step, tilted=0.0))
     assert 0 <= after.score <= before.score <= 1
     excess = max(values[0], (values[1] - 1) / 2, 0.0)
     assert before.score == pytest.approx(2 ** -(excess / 2))
@@ -50,14 +51,15 @@ def test_the_score_falls_as_any_check_grows(values, step):
 
 def test_what_cannot_be_looked_at_says_nothing_and_nothing_at_all_is_the_worst():
     limits = fit_limits(rows(0, 100), LEAST_SPREADS)
-    assert limits.judge(AlignmentChecks(turned=math.nan, mismatched=0.0)).score == 1
-    health = limits.judge(AlignmentChecks(turned=0.0, mismatched=math.inf))
+    sound = AlignmentChecks(turned=0.0, mismatched=0.0, tilted=0.0)
+    assert limits.judge(sound._replace(turned=math.nan)).score == 1
+    health = limits.judge(sound._replace(mismatched=math.inf))
     assert (health.score, health.worst_check) == (0.0, "mismatched")
 
 
 def test_checks_that_never_changed_may_differ_a_little():
-    same = [AlignmentChecks(turned=0.0, mismatched=0.0)] * 100
-    rows = [*same, AlignmentChecks(turned=0.01, mismatched=0.3)]
+    same = [AlignmentChecks(turned=0.0, mismatched=0.0, tilted=0.0)] * 100
+    rows = [*same, AlignmentChecks(turned=0.01, mismatched=0.3, tilted=0.0)]
     widest = fit_limits(rows, LEAST_SPREADS, transfer=True)
     assert widest.checks["turned"].spread == LEAST_SPREADS.turned
     assert 0 < fit_limits(rows, LEAST_SPREADS).checks["turned"].spread < LEAST_SPREADS.turned
@@ -66,6 +68,16 @@ def test_checks_that_never_changed_may_differ_a_little():
 def test_too_few_frames_are_refused():
     with pytest.raises(ValueError, match="at least 100 clean frames, got 99"):
         fit_limits(rows(0, 99), LEAST_SPREADS)
+
+
+def test_checks_that_tell_nothing_of_a_frame_are_left_out_and_such_of_all_frames_refused():
+    known = rows(0, 100)
+    some = [row._replace(turned=math.nan) for row in known[:30]] + known
+    limits = fit_limits(some, LEAST_SPREADS)
+    assert limits.checks["turned"] == fit_limits(known, LEAST_SPREADS).checks["turned"]
+    for value in (math.nan, math.inf):
+        with pytest.raises(ValueError, match="check 'turned' tells nothing"):
+            fit_limits([row._replace(turned=value) for row in known], LEAST_SPREADS)
 
 
 def test_limits_are_read_as_they_were_written(tmp_path):
@@ -83,7 +95,10 @@ def test_limits_are_read_as_they_were_written(tmp_path):
         lambda content: content["lidar"].update(limit=0),
         lambda content: content["lidar"].update(limit=math.inf),
         lambda content: content["lidar"]["checks"]["rough"].update(spread="much"),
+        lambda content: content["lidar"]["checks"]["rough"].update(spread=10**400),
+        lambda content: content["lidar"]["checks"].update(new={"median": 0, "spread": 1}),
         lambda content: content.update(camera=[]),
+        lambda content: content.update(provenance=3),
     ],
 )
 def test_files_that_hold_no_limits_are_refused(tmp_path, change):
@@ -91,5 +106,15 @@ def test_files_that_hold_no_limits_are_refused(tmp_path, change):
     change(content)
     path = tmp_path / "limits.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(ValueError, match=r"limits\.json: holds no limits of these checks"):
+    with pytest.raises(
+        ValueError, match=r"limits\.json: holds no limits.*`sightline health-limits`"
+    ):
+        read_limits(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"[" * 200_000, b"null", bytes(range(256))])
+def test_files_of_something_else_are_refused(tmp_path, content):
+    path = tmp_path / "limits.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"limits\.json: holds no limits"):
         read_limits(path)

@@ -72,11 +72,28 @@ def test_samples_of_any_size_are_judged():
     assert health.lidar.score == 0
 
 
+def test_the_lidar_is_judged_alike_whatever_camera_there_is():
+    sample = sound()
+    expected = MONITOR(sample).lidar
+    assert MONITOR(replace(sample, image=None)).lidar == expected
+    smaller = replace(
+        sample, image=sample.image[:, :200, :600].clone(), image_size=(200, 600), depth=None
+    )
+    assert MONITOR(smaller).lidar == expected
+
+
 def test_limits_are_fitted_on_frames_that_have_both_sensors():
     with pytest.raises(ValueError, match="lacks a sensor"):
         fit_on_samples([replace(sound(), image=None)], {})
     with pytest.raises(ValueError, match="at least 100 clean frames, got 2"):
         fit_on_dataset(PACKAGED_FRAMES)
+    with pytest.raises(ValueError, match="at least 100 clean frames, got -1"):
+        fit_on_dataset(PACKAGED_FRAMES, frames=-1)
+    with pytest.raises(ValueError, match="seed must not be negative, got -1"):
+        fit_on_dataset(PACKAGED_FRAMES, seed=-1)
+    blind = with_image(sound(), lambda image: np.full_like(image, 90))
+    with pytest.raises(ValueError, match="0 of 100 frames show edges"):
+        fit_on_samples([replace(blind, points=torch.ones(500, 4))] * 100, {})
 
 
 def test_limits_that_were_fitted_judge_what_they_were_fitted_on():

@@ -13,7 +13,9 @@ RNG = np.random.default_rng(0)
 
 
 @given(
-    scores=st.lists(st.sampled_from([None, 0.0, 0.2, 0.49, 0.5, 0.54, 0.55, 1.0]), max_size=40),
+    scores=st.lists(
+        st.sampled_from([None, 0.0, 0.01, 0.2, 0.49, 0.5, 0.54, 0.55, 1.0]), max_size=40
+    ),
     raise_after=st.integers(1, 3),
     clear_after=st.integers(1, 4),
 )

@@ -52,11 +52,33 @@ def mean_strength(points, weights, image_from_lidar, strength, angle):
     return total / weight if weight else 0.0
 
 
+def tilted_strength(points, weights, image_from_lidar, strength, angle):
+    """Weighted sum, and weight, of the pixels where the points fall when pitched back."""
+    turn = np.array(
+        [
+            [math.cos(-angle), 0, math.sin(-angle)],
+            [0, 1, 0],
+            [-math.sin(-angle), 0, math.cos(-angle)],
+        ]
+    )
+    height, width = strength.shape
+    total = weight = 0.0
+    for point, own in zip(points, weights, strict=True):
+        x, y, depth = image_from_lidar @ np.append(turn @ point, 1)
+        if depth < 1:
+            continue
+        column, row = math.floor(x / depth + 0.5), math.floor(y / depth + 0.5)
+        if 0 <= column < width and 0 <= row < height:
+            total += own * strength[row, column]
+            weight += own
+    return total, weight
+
+
 def alarms(scores, raise_after, clear_after, clear_score):
     """Whether the alarm is on after each score; None is a frame that tells nothing."""
     states, is_on, since = [], False, 0
     for number, score in enumerate(scores):
-        if score == 0 and not is_on:
+        if score is not None and score <= 0.01 and not is_on:
             is_on, since = True, number + 1
         else:
             needed = clear_after if is_on else raise_after

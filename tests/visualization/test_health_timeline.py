@@ -6,9 +6,9 @@ from sightline.visualization.health_timeline import draw_health
 GOOD, BAD = Health(score=0.9, worst_check="dark"), Health(score=0.1, worst_check="dark")
 
 
-def frame(number, *, bad=False, camera_cells=(15, 50)):
+def frame(number, *, bad=False, camera_cells=(15, 50), name="{:06d}"):
     health = SampleHealth(
-        sample_id=f"{number:06d}",
+        sample_id=name.format(number),
         camera=BAD if bad else GOOD,
         lidar=GOOD,
         alignment=None if bad else GOOD,
@@ -38,3 +38,12 @@ def test_one_frame_and_absent_sensors_are_drawn():
     assert draw_health([frame(0)]).shape[1] == 1000
     drawn = draw_health([frame(0), frame(1, bad=True, camera_cells=(1, 1))])
     assert drawn.shape == draw_health([frame(0)]).shape
+
+
+def test_long_names_do_not_run_into_each_other():
+    frames = [frame(n, name="2011_09_26_drive_0052_sync_{:010d}") for n in range(78)]
+    short = [frame(n) for n in range(78)]
+    assert np.array_equal(draw_health(frames), draw_health(short))
+    alone = draw_health([frame(0, name="a_recording_with_a_name_that_is_long_{:04d}")])
+    changed = np.flatnonzero((alone != draw_health([frame(0)])).any(axis=(0, 2)))
+    assert changed.max() - changed.min() < 150

@@ -20,16 +20,18 @@ def health(
 
     Prints the time line: scores from 1 (nothing is wrong) to 0 (nothing was delivered), below 0.5
     as bad as one sound frame in a hundred; alarms, which take two bad frames in a row to be raised
-    and five good ones to be taken back; the LiDAR's turn about z [degrees].
+    (one, if nothing was delivered) and five good ones to be taken back; the LiDAR's turn about z
+    [degrees].
 
     Args:
-        data: A KITTI object tree, depth completion tree or raw drive; its frames in their order.
+        data: A recording, KITTI object tree, depth completion tree or raw drive; its frames in
+            their order.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
         velodyne: Folder of the sweeps in an object tree.
         limits: What is usual of these sensors, by `health-limits`. Default: of simulated ones.
         picture: PNG for the time line and for where sensors were bad.
-        json: File for all scores, checks and regions.
+        json: File for all scores, the worst checks, alarms and regions.
     """
     check_writable(json)
     if picture is not None:
@@ -70,7 +72,7 @@ def health_limits(
     """Fits what is usual of sound sensors: limits that one clean frame in a hundred goes beyond.
 
     Args:
-        data: A KITTI object tree or raw drive of sound sensors like those to be judged.
+        data: A recording, KITTI object tree or raw drive of sound sensors like those to be judged.
         out: JSON file to write, for `sightline health --limits`.
         sample_list: Which frames it is drawn from. Default: all.
         velodyne: Folder of the sweeps: whole ones, where whole ones are to be judged.

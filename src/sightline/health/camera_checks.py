@@ -16,13 +16,19 @@ _SPECKLE = 40  # grey levels that a pixel sticks out of its neighbours by
 _EVEN_SHARE = 0.1  # of the blocks, the evenest: there, what varies is noise
 _LOWER = 0.45  # of the height: below it there is no sky
 _JPEG_PX = 8
-_WASHED = 150  # grey levels; where nothing for two blocks around is darker there is glare
-_CELL_PX = 6  # in which that is looked for
+_LIFTED = 158  # grey levels; where nothing is darker but much is brighter, stray light was added
+_LIFTED_RANGE = 40  # grey levels between the darkest and the brightest there: the sky has less
+_CELL_PX = 5  # in which that is looked for
+_REACH_CELLS = 16  # to either side
 _STILL = 0.3  # grey levels, what rounding leaves; a sensor's noise is more, unless saturated
-_STILL_PX = 12  # side of the blocks in which that is looked for: spots of dirt are small
+_STILL_PX = 12  # side of the blocks in which that is looked for
 _SATURATED = (20.0, 235.0)
+_MUDDY = 0.35  # grey levels of noise, likewise, in spots of dirt
+_MUDDY_PX = 8  # side of the blocks, two by two of them: spots are small
+_SHADED = (20.0, 120.0)  # grey levels: what covers a lens is no light, and black is `covered`
 _FEWEST_PX = 4  # of a side, below which nothing is said of detail
 _TINY = 1e-3
+_REACH = np.ones((2 * _REACH_CELLS + 1, 2 * _REACH_CELLS + 1), np.uint8)
 
 
 class CameraChecks(NamedTuple):
@@ -40,11 +46,14 @@ class CameraChecks(NamedTuple):
     """Share of the blocks that are black and without texture."""
     textureless: float
     """Share of the blocks in the lower part whose deviation is below 1.5 grey levels."""
-    washed: float
-    """Share of the lower part in whose neighbourhood nothing is dark."""
+    lifted: float
+    """Share of the image in whose neighbourhood nothing is dark, but as much contrast as the sky
+    never has: light that blinds."""
     still: float
     """Share of small blocks, saturated ones apart, where not even the sensor's noise is left: what
-    covers the lens."""
+    veils the view."""
+    muddy: float
+    """Likewise, of smaller and dim places: spots on the lens."""
     blurred: float
     """Log2 of how much the gradient grows from full to half size, in the direction that loses
     more: blur takes the fine detail first."""
@@ -62,10 +71,11 @@ LEAST_SPREADS = CameraChecks(
     bright=10.0,
     faint=20.0,
     white=0.05,
-    covered=0.01,
+    covered=0.02,
     textureless=0.03,
-    washed=0.05,
+    lifted=0.01,
     still=0.002,
+    muddy=0.0005,
     blurred=0.1,
     noisy=0.7,
     speckled=0.01,
@@ -93,8 +103,9 @@ def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
         white=float((lower >= _WHITE).mean()),
         covered=float(_covered(mean, deviation).mean()),
         textureless=float((deviation[first:] < _FLAT).mean()),
-        washed=float(_washed_cells(lower).mean()),
-        still=_still_share(grey, residual),
+        lifted=float(_lifted_cells(grey).mean()),
+        still=float(_is_still(grey, residual, _STILL_PX, _STILL, _SATURATED).mean()),
+        muddy=_muddy_share(grey, residual),
         blurred=_lost_detail(grey),
         noisy=float(np.log2(np.quantile(noise, _EVEN_SHARE) + _TINY)),
         speckled=float((cv2.absdiff(grey, median) > _SPECKLE).mean()),
@@ -103,14 +114,10 @@ def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
 
 
 def blank_blocks(grey: UInt8[np.ndarray, "height width"]) -> Bool[np.ndarray, "rows columns"]:
-    """Blocks that show nothing: black ones without texture, and below the sky washed-out ones."""
+    """Blocks that show nothing: black ones without texture, and blinded ones."""
     mean, deviation = block_statistics(grey)
-    first = int(_LOWER * grey.shape[0])
-    washed = np.zeros(grey.shape, np.float32)
-    cells = _washed_cells(grey[first:]).astype(np.float32)
-    below = (grey.shape[1], grey.shape[0] - first)
-    washed[first:] = cv2.resize(cells, below, interpolation=cv2.INTER_AREA)
-    blocks = cv2.resize(washed, mean.shape[::-1], interpolation=cv2.INTER_AREA)
+    lifted = cv2.dilate(_lifted_cells(grey).astype(np.uint8), _REACH).astype(np.float32)
+    blocks = cv2.resize(lifted, mean.shape[::-1], interpolation=cv2.INTER_AREA)
     blank: Bool[np.ndarray, "rows columns"] = _covered(mean, deviation) | (blocks > 0.5)
     return blank
 
@@ -166,24 +173,40 @@ def _block_means(
     return means
 
 
-def _still_share(
+def _muddy_share(
     grey: UInt8[np.ndarray, "height width"], residual: Float32[np.ndarray, "height width"]
 ) -> float:
-    mean = _block_means(grey.astype(np.float32), _STILL_PX)
-    noise = _block_means(residual, _STILL_PX)
-    darkest, brightest = _SATURATED
-    return float(((noise < _STILL) & (mean > darkest) & (mean < brightest)).mean())
+    still = _is_still(grey, residual, _MUDDY_PX, _MUDDY, _SHADED)
+    return float(cv2.erode(still.astype(np.uint8), np.ones((2, 2), np.uint8)).mean())
 
 
-def _washed_cells(
-    lower: UInt8[np.ndarray, "height width"],
+def _is_still(
+    grey: UInt8[np.ndarray, "height width"],
+    residual: Float32[np.ndarray, "height width"],
+    block_px: int,
+    least_noise: float,
+    levels: tuple[float, float],
 ) -> Bool[np.ndarray, "rows columns"]:
-    height, width = lower.shape
-    size = max(width // _CELL_PX, 1), max(height // _CELL_PX, 1)
-    cells = cv2.resize(lower, size, interpolation=cv2.INTER_AREA)
-    reach = 2 * (2 * BLOCK_PX // _CELL_PX) + 1
-    darkest: UInt8[np.ndarray, "rows columns"] = cv2.erode(cells, np.ones((reach, reach), np.uint8))
-    return darkest > _WASHED
+    """Blocks of less noise whose mean lies between the levels."""
+    mean = _block_means(grey.astype(np.float32), block_px)
+    noise = _block_means(residual, block_px)
+    still: Bool[np.ndarray, "rows columns"]
+    still = (noise < least_noise) & (mean > levels[0]) & (mean < levels[1])
+    return still
+
+
+def _lifted_cells(
+    grey: UInt8[np.ndarray, "height width"],
+) -> Bool[np.ndarray, "rows columns"]:
+    cell = np.ones((_CELL_PX, _CELL_PX), np.uint8)
+    middles = np.s_[_CELL_PX // 2 :: _CELL_PX, _CELL_PX // 2 :: _CELL_PX]
+    if not grey[middles].size:
+        return np.zeros((1, 1), np.bool_)
+    darkest = cv2.erode(cv2.erode(grey, cell)[middles], _REACH)
+    brightest = cv2.dilate(cv2.dilate(grey, cell)[middles], _REACH)
+    lifted: Bool[np.ndarray, "rows columns"]
+    lifted = (darkest >= _LIFTED) & (cv2.subtract(brightest, darkest) > _LIFTED_RANGE)
+    return lifted
 
 
 def _blockiness(grey: UInt8[np.ndarray, "height width"]) -> float:

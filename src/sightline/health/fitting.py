@@ -12,8 +12,8 @@ from sightline.health import alignment_checks, camera_checks, lidar_checks
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
 from sightline.health.camera_checks import CameraChecks, check_camera
 from sightline.health.lidar_checks import LidarChecks, check_lidar
-from sightline.health.limits import HealthLimits, fit_limits
-from sightline.health.monitor import rgb_of, seen_by_camera
+from sightline.health.limits import HealthLimits, check_enough, fit_limits
+from sightline.health.monitor import rgb_of
 from sightline.health.yaw_error import match_edges
 from sightline.structures.sample import CameraLidarSample
 
@@ -40,10 +40,14 @@ def fit_on_dataset(
     Raises:
         ValueError: The data is at fault, a frame lacks a sensor, or there are too few frames.
     """
+    check_enough(frames)
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}")
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts={"image", "points"}
     )
     drawn = np.random.default_rng(seed).permutation(len(dataset))[:frames]
+    check_enough(len(drawn))
     samples = (dataset[int(index)] for index in np.sort(drawn))
     provenance: dict[str, str | int] = {
         "data": data.resolve().name,
@@ -79,10 +83,16 @@ def fit_on_samples(
                 "both"
             )
         camera.append(check_camera(image))
-        lidar.append(check_lidar(sample.points.numpy(), seen_by_camera(sample)))
+        lidar.append(check_lidar(sample.points.numpy()))
         match = match_edges(sample)
         if match is not None:
             alignment.append(check_alignment(match))
+    check_enough(len(camera))
+    if len(alignment) < len(camera) / 2:
+        raise ValueError(
+            f"only {len(alignment)} of {len(camera)} frames show edges that camera and LiDAR both "
+            "see: look whether the calibration fits (`sightline check`)"
+        )
     return HealthLimits(
         camera=fit_limits(camera, camera_checks.LEAST_SPREADS, transfer=transfer),
         lidar=fit_limits(lidar, lidar_checks.LEAST_SPREADS, transfer=transfer),

@@ -1,10 +1,12 @@
 """What is wrong with a sweep, told from its points alone."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
+from sightline.health.ring_order import SEAM_DEG, number_rings, ring_by_ring
 from sightline.health.sphere import to_sphere
 from sightline.ops.compiled import compiled
 
@@ -13,12 +15,11 @@ CELL_DEG = 1.0
 LOWEST_DEG, HIGHEST_DEG = -12.0, -1.0
 """Elevations between which the ground, or what stands on it, answers nearly always."""
 
-WIDEST_DEG = 36.0
-"""Azimuths up to which cells are looked at: KITTI's camera sees a little more."""
+WIDEST_DEG = 39.0
+"""Azimuths up to which a sweep is looked at: KITTI's camera sees a little more."""
 SECTOR_DEG = 2.0
 """Width of the sectors of a whole turn."""
 
-_SEAM_DEG = 30.0  # inside a ring the azimuth never falls back so far
 _GAP = 1.5  # typical steps of azimuth; a wider one lacks a return
 _WIDEST_GAP = 4.5  # beyond it lies no lost return but a hole: glass, sky
 _SPIKE_M, _SPIKE_SHARE = 0.1, 0.02  # of the range, by which a false return leaves its neighbours
@@ -30,13 +31,15 @@ _NEAR_M = 25.0  # up to here surfaces are even enough to tell the noise of range
 _ABOVE_M = -1.3  # the road lies below it, in the LiDAR's frame
 _TINY = 1e-4
 _FEWEST = 3
+_FAR_M = 15.0  # beyond it fog has taken much of the light
+_FEWEST_FAR = 50  # returns beyond it, to tell anything by
 
 
 class LidarChecks(NamedTuple):
     """What is looked at in a sweep; each number grows as the sweep gets worse.
 
-    All of the part that the camera sees, so that whole sweeps and KITTI's reduced ones are
-    alike.
+    All but the last of what lies ahead, in a part that KITTI's reduced sweeps hold like whole ones
+    (`lies_ahead`), whatever camera there is.
     """
 
     sparse: float
@@ -62,47 +65,41 @@ class LidarChecks(NamedTuple):
     """Log2 of the share of spikes that are near and above the road."""
     short: float
     """-log2 of the range [m] that a twentieth of the points exceed."""
-    dull: float
-    """-log2 of the mean reflectance."""
+    faded: float
+    """-log2 of the reflectance that a twentieth of the returns beyond 15 m exceed: fog takes light
+    with the distance. NaN where there are hardly any."""
     blind: float
     """Share of the sectors of a whole turn without points; 0 for what the camera sees alone."""
 
 
 LEAST_SPREADS = LidarChecks(
-    sparse=0.25,
+    sparse=0.4,
     ringless=0.06,
     gappy=0.6,
-    holes=0.08,
+    holes=0.12,
     narrow=0.05,
-    rough=0.8,
+    rough=1.4,
     spiky=1.0,
     stray=1.0,
-    jagged=1.1,
+    jagged=2.0,
     cluttered=1.0,
-    short=0.9,
-    dull=0.5,
+    short=1.3,
+    faded=0.25,
     blind=0.01,
 )
 """By how much each differs between sound LiDARs of other makes: least spreads for limits that shall
 serve them, too."""
 
 
-def check_lidar(
-    points: Float32[np.ndarray, "num_points 4"], seen: Bool[np.ndarray, " num_points"]
-) -> LidarChecks:
-    """Looks at a sweep in KITTI's order; a few ms on one core.
-
-    Args:
-        points: The sweep.
-        seen: Which of them the camera sees.
-    """
-    ahead = points[seen]
+def check_lidar(points: Float32[np.ndarray, "num_points 4"]) -> LidarChecks:
+    """Looks at a sweep, in whatever order; a few ms on one core."""
+    ahead = ring_by_ring(points[lies_ahead(points)])
     count = len(ahead)
     if count < _FEWEST:
         return NOTHING
     ranges, azimuth, elevation = to_sphere(ahead)
     steps = np.diff(azimuth)
-    num_rings = int((steps < -_SEAM_DEG).sum()) + 1
+    num_rings = int(number_rings(azimuth)[-1]) + 1
     widths = np.abs(steps)
     step = float(np.median(widths))
     gaps = (widths > _GAP * step) & (widths < _WIDEST_GAP * step)
@@ -123,13 +120,33 @@ def check_lidar(
         jagged=_log2(float(np.median(np.abs(widths - step)))),
         cluttered=_log2(num_clutter / count),
         short=-_log2(float(np.quantile(ranges, 0.95))),
-        dull=-_log2(max(float(ahead[:, 3].mean()), 0.0)),
+        faded=_fading(ranges, ahead[:, 3]),
         blind=float(blind_sectors(points).mean()),
     )
 
 
 NOTHING = LidarChecks(*(float("inf"),) * len(LidarChecks._fields))
 """What is said of a sweep that has no points to look at."""
+
+
+def lies_ahead(
+    points: Float32[np.ndarray, "num_points 4"],
+) -> Bool[np.ndarray, " num_points"]:
+    """Which points lie within `WIDEST_DEG` of straight ahead and above `LOWEST_DEG`."""
+    widest, lowest = (math.tan(math.radians(angle)) for angle in (WIDEST_DEG, LOWEST_DEG))
+    x, y, z = points[:, 0], points[:, 1], points[:, 2]
+    ahead: Bool[np.ndarray, " num_points"] = np.abs(y) < np.float32(widest) * x
+    ahead &= z > np.float32(lowest) * np.hypot(x, y)
+    return ahead
+
+
+def _fading(
+    ranges: Float32[np.ndarray, " num_points"], reflectances: Float32[np.ndarray, " num_points"]
+) -> float:
+    far = reflectances[ranges > _FAR_M]
+    if len(far) < _FEWEST_FAR:
+        return math.nan
+    return -_log2(max(float(np.quantile(far, 0.95)), 0.0))
 
 
 def _log2(value: float) -> float:
@@ -177,7 +194,7 @@ def _compare_neighbours(
     count, num_spikes, num_stray, num_clutter = 0, 0, 0, 0
     for i in range(1, len(ranges) - 1):
         first, last = azimuth[i] - azimuth[i - 1], azimuth[i + 1] - azimuth[i]
-        if first < -_SEAM_DEG or last < -_SEAM_DEG:
+        if first < -SEAM_DEG or last < -SEAM_DEG:
             continue
         before, here, after = ranges[i - 1], ranges[i], ranges[i + 1]
         off = abs(here - 0.5 * (before + after))

@@ -11,6 +11,7 @@ import numpy as np
 
 from sightline.data.atomic import atomic_write_text
 from sightline.data.plain_file import read_bytes
+from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError
 from sightline.health.alignment_checks import AlignmentChecks
 from sightline.health.camera_checks import CameraChecks
@@ -91,25 +92,41 @@ def fit_limits(
         transfer: Whether the limits shall serve sensors of other makes, too.
 
     Raises:
-        ValueError: There are too few frames to tell.
+        ValueError: There are too few frames to tell, or a check is infinite or tells nothing.
     """
-    if len(rows) < _FEWEST_FRAMES:
-        raise ValueError(
-            f"limits need at least {_FEWEST_FRAMES} clean frames, got {len(rows)}: one in a "
-            "hundred cannot be told from fewer"
-        )
+    check_enough(len(rows))
     names = rows[0]._fields
     values = np.array(rows, dtype=np.float64)
-    median = np.median(values, axis=0)
+    for name, column in zip(names, values.T, strict=True):
+        told = column[~np.isnan(column)]
+        if not len(told) or not np.isfinite(told).all():
+            raise ValueError(
+                f"limits need frames of sound sensors, but check '{name}' tells nothing in any of "
+                "them, or found a sweep without points"
+            )
+    median = np.nanmedian(values, axis=0)
     least = np.array(least_spreads) * (1.0 if transfer else _OWN_SHARE)
-    spread = np.maximum(np.quantile(values, _UNUSUAL, axis=0) - median, least)
+    spread = np.maximum(np.nanquantile(values, _UNUSUAL, axis=0) - median, least)
     ranges = {
         name: CheckRange(median=float(middle), spread=float(width))
         for name, middle, width in zip(names, median, spread, strict=True)
     }
-    largest = np.maximum((values - median) / spread, 0).max(axis=1)
+    largest = np.nanmax(np.maximum((values - median) / spread, 0), axis=1)
     limit = float(np.quantile(largest, 1 - FALSE_ALARMS))
     return SensorLimits(checks=ranges, limit=max(1.0, limit))
+
+
+def check_enough(num_frames: int) -> None:
+    """Refuses numbers of clean frames that limits cannot be told from.
+
+    Raises:
+        ValueError: There are too few.
+    """
+    if num_frames < _FEWEST_FRAMES:
+        raise ValueError(
+            f"limits need at least {_FEWEST_FRAMES} clean frames, got {num_frames}: one in a "
+            "hundred cannot be told from fewer"
+        )
 
 
 def write_limits(path: Path, limits: HealthLimits) -> None:
@@ -134,7 +151,7 @@ def read_limits(path: Path = SHIPPED) -> HealthLimits:
     Raises:
         FileError: The file holds no limits, or those of other checks.
     """
-    remedy = "write limits by `sightline health fit`"
+    remedy = "write limits by `sightline health-limits`"
     data = read_bytes(path, max_bytes=_MAX_BYTES, remedy=remedy)
     try:
         content = json.loads(data)
@@ -142,9 +159,11 @@ def read_limits(path: Path = SHIPPED) -> HealthLimits:
             camera=_sensor_limits(content["camera"], CameraChecks._fields),
             lidar=_sensor_limits(content["lidar"], LidarChecks._fields),
             alignment=_sensor_limits(content["alignment"], AlignmentChecks._fields),
-            provenance=content["provenance"],
+            provenance=dict(content["provenance"]),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except KeyError as error:
+        raise FileError(path, f"holds no limits: {error} is not in it", remedy) from error
+    except (TypeError, ValueError, RecursionError) as error:
         raise FileError(path, f"holds no limits of these checks ({error})", remedy) from error
 
 
@@ -154,7 +173,8 @@ def _by_sensor(limits: HealthLimits) -> dict[str, SensorLimits]:
 
 def _sensor_limits(content: Mapping[str, Any], names: Sequence[str]) -> SensorLimits:
     if set(content["checks"]) != set(names):
-        raise ValueError(f"expected checks {', '.join(names)}")
+        differing = sorted(set(content["checks"]) ^ set(names))
+        raise ValueError(f"they differ by {', '.join(differing)}: another version's, perhaps")
     ranges = {
         name: CheckRange(
             median=_finite(content["checks"][name]["median"]),
@@ -166,9 +186,15 @@ def _sensor_limits(content: Mapping[str, Any], names: Sequence[str]) -> SensorLi
 
 
 def _finite(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"expected a number, got {value}")
-    return float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"expected a number, got {shortened(str(value))}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError("expected a finite number")
+    return number
 
 
 def _positive(value: object) -> float:

@@ -1,9 +1,8 @@
 """The health of a sample's sensors, one sample at a time or along a drive."""
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import UInt8
 
-from sightline.data.view import is_in_view
 from sightline.health.alignment_checks import check_alignment
 from sightline.health.camera_checks import check_camera
 from sightline.health.lidar_checks import blind_sectors, check_lidar
@@ -25,35 +24,41 @@ class HealthMonitor:
         self.limits = limits or read_limits()
 
     def __call__(self, sample: CameraLidarSample) -> SampleHealth:
-        """The health of a sample; about 30 ms on one core for KITTI's size."""
-        return self.judge(sample, match_edges(sample))
+        """The health of a sample; about 35 ms on one core for KITTI's size."""
+        return self.judge(sample)[0]
 
-    def judge(self, sample: CameraLidarSample, match: EdgeMatch | None) -> SampleHealth:
-        """Likewise, by a match of edges that may be that of several frames."""
+    def judge(
+        self, sample: CameraLidarSample, earlier: EdgeMatch | None = None
+    ) -> tuple[SampleHealth, EdgeMatch | None]:
+        """Likewise, by the edges of earlier frames, too.
+
+        Returns:
+            The health; and how the edges of all these frames match, None where this sample's tell
+            nothing: then those of earlier ones tell nothing of it.
+        """
         image = rgb_of(sample)
+        points = None if sample.points is None else sample.points.numpy()
         camera = _ABSENT if image is None else self.limits.camera.judge(check_camera(image))
-        lidar = _ABSENT
-        cells, sectors = np.ones((1, 1), dtype=np.bool_), np.ones(1, dtype=np.bool_)
-        if sample.points is not None:
-            points = sample.points.numpy()
-            seen = seen_by_camera(sample)
-            lidar = self.limits.lidar.judge(check_lidar(points, seen))
-            cells, sectors = bad_sweep_regions(points[seen]), blind_sectors(points)
+        lidar = _ABSENT if points is None else self.limits.lidar.judge(check_lidar(points))
         can_tell = min(camera.score, lidar.score) >= _TELLING
-        return SampleHealth(
+        match = match_edges(sample) if can_tell else None
+        if match is not None and earlier is not None:
+            match = match + earlier
+        nothing = np.ones((1, 1), dtype=np.bool_)
+        health = SampleHealth(
             sample_id=sample.sample_id,
             camera=camera,
             lidar=lidar,
-            alignment=self.limits.alignment.judge(check_alignment(match))
-            if match is not None and can_tell
-            else None,
-            yaw_deg=estimate_yaw(match).yaw_deg if match is not None and can_tell else None,
-            camera_regions=np.ones((1, 1), dtype=np.bool_)
-            if image is None
-            else bad_image_regions(image),
-            lidar_regions=cells,
-            blind_sectors=sectors,
+            alignment=None if match is None else self._alignment(match),
+            yaw_deg=None if match is None else estimate_yaw(match).yaw_deg,
+            camera_regions=nothing if image is None else bad_image_regions(image),
+            lidar_regions=nothing if points is None else bad_sweep_regions(points),
+            blind_sectors=nothing[0] if points is None else blind_sectors(points),
         )
+        return health, match
+
+    def _alignment(self, match: EdgeMatch) -> Health:
+        return self.limits.alignment.judge(check_alignment(match))
 
 
 def rgb_of(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"] | None:
@@ -61,15 +66,3 @@ def rgb_of(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"] | N
     if sample.image is None:
         return None
     return np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())
-
-
-def seen_by_camera(sample: CameraLidarSample) -> Bool[np.ndarray, " num_points"]:
-    """Which points of the sample's sweep the camera sees."""
-    assert sample.points is not None, "only a sweep has points"
-    matrix = sample.calibration.image_from_lidar.double().numpy()
-    points = sample.points.numpy()
-    # What is behind the camera is left out first, in float32 with a margin: half of a whole sweep.
-    row = matrix[2].astype(np.float32)
-    seen: Bool[np.ndarray, " num_points"] = points[:, :3] @ row[:3] + row[3] > -1
-    seen[seen] = is_in_view(points[seen], matrix, sample.image_size)
-    return seen

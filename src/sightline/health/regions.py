@@ -14,19 +14,15 @@ _SMALLEST_HOLE = 12  # cells that hang together; fewer are glass or a dark car
 def bad_image_regions(
     image: UInt8[np.ndarray, "height width 3"],
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Blocks, about `camera_checks.BLOCK_PX` wide, that are black or washed out."""
+    """Blocks, about `camera_checks.BLOCK_PX` wide, that are black or blinded."""
     return blank_blocks(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
 
 
 def bad_sweep_regions(
-    ahead: Float32[np.ndarray, "num_points 4"],
+    points: Float32[np.ndarray, "num_points 4"],
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Cells of `lidar_checks.CELL_DEG` below the horizon that lack points, in holes of some size.
-
-    Args:
-        ahead: The points that the camera sees.
-    """
-    _, azimuth_deg, elevation_deg = to_sphere(ahead)
+    """Cells of `lidar_checks.CELL_DEG` below the horizon without points, in holes of some size."""
+    _, azimuth_deg, elevation_deg = to_sphere(points)
     empty = (cell_counts(azimuth_deg, elevation_deg) == 0).astype(np.uint8)
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(empty, connectivity=4)
     large = statistics[:, cv2.CC_STAT_AREA] >= _SMALLEST_HOLE

@@ -27,7 +27,8 @@ class HealthReport:
         from rich.box import SIMPLE_HEAD
         from rich.table import Table
 
-        title = f"health of sensors, {len(self.frames):,} frames"
+        count = len(self.frames)
+        title = f"health of sensors, {count:,} frame{'s' if count != 1 else ''}"
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
         table.add_column("frame", no_wrap=True)
         for name in ("camera", "LiDAR", "alignment", "yaw"):

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from sightline.health.monitor import HealthMonitor
-from sightline.health.yaw_error import EdgeMatch, match_edges
+from sightline.health.yaw_error import EdgeMatch
 from sightline.structures.health import ALARM_SCORE, Alarms, FrameHealth, Health
 from sightline.structures.sample import CameraLidarSample
 
@@ -17,7 +17,9 @@ class HysteresisConfig:
     """
 
     raise_after: int = 2
-    """Frames in a row below `ALARM_SCORE`; a sensor that is absent raises it at once."""
+    """Frames in a row below `ALARM_SCORE`."""
+    at_once_score: float = 0.01
+    """At or below it a single frame raises the alarm: a sensor is absent, black or empty."""
     clear_after: int = 5
     """Frames in a row at `clear_score` or more."""
     clear_score: float = 0.55
@@ -35,6 +37,10 @@ class HysteresisConfig:
             )
         if not ALARM_SCORE <= self.clear_score <= 1:
             raise ValueError(f"clear_score must be from {ALARM_SCORE} to 1, got {self.clear_score}")
+        if not 0 <= self.at_once_score <= ALARM_SCORE:
+            raise ValueError(
+                f"at_once_score must be from 0 to {ALARM_SCORE}, got {self.at_once_score}"
+            )
         if not 0 <= self.memory < 1:
             raise ValueError(f"memory must be at least 0 and below 1, got {self.memory}")
 
@@ -54,7 +60,7 @@ class Alarm:
             self._in_a_row = 0
             return
         config = self.config
-        if health.score == 0:
+        if health.score <= config.at_once_score:
             self._in_a_row = config.raise_after
         against = health.score >= config.clear_score if self.is_on else health.is_alarm
         self._in_a_row = self._in_a_row + 1 if against else 0
@@ -92,12 +98,9 @@ class DriveMonitor:
 
     def __call__(self, sample: CameraLidarSample) -> FrameHealth:
         """The health of the drive's next frame."""
-        match = match_edges(sample)
-        if match is not None and self._match is not None:
-            match = match + self._match.faded(self.config.memory)
-        health = self.monitor.judge(sample, match)
-        if health.alignment is not None:  # bad sensors' edges are not kept
-            self._match = match
+        earlier = self._match and self._match.faded(self.config.memory)
+        health, match = self.monitor.judge(sample, earlier)
+        self._match = match or self._match
         judged = (health.camera, health.lidar, health.alignment)
         for alarm, each in zip(self._alarms, judged, strict=True):
             alarm.update(each)

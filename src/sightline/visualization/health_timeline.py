@@ -24,6 +24,8 @@ _LIMIT: RGB = (230, 120, 40)
 _LARGEST_YAW_DEG = 4.0
 _MAP_HEIGHT = 150
 _NUM_TICKS = 6
+_LONGEST_NAME = 12  # letters that have their place below a chart
+_DENSE = 300  # frames, from which lines are thin and without dots
 
 
 def draw_health(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
@@ -64,8 +66,18 @@ def _place(number: int, count: int) -> float:
 def _ticks(frames: Sequence[FrameHealth]) -> list[tuple[float, str]]:
     count = len(frames)
     chosen = np.unique(np.linspace(0, count - 1, min(_NUM_TICKS, count)).astype(np.int64))
-    names = [frames[int(n)].health.sample_id.lstrip("0") or "0" for n in chosen]
+    names = _short_names([frames[int(n)].health.sample_id for n in chosen])
     return [(_place(int(n), count), name) for n, name in zip(chosen, names, strict=True)]
+
+
+def _short_names(names: Sequence[str]) -> list[str]:
+    """Without leading zeros; of long ones, without what all begin with, the ends."""
+    if len(names) > 1 and max(map(len, names)) > _LONGEST_NAME:
+        letters = itertools.takewhile(lambda each: len(set(each)) == 1, zip(*names, strict=False))
+        shared = len(list(letters))
+        names = [name[shared:] for name in names]
+    bare = [name.lstrip("0") or "0" for name in names]
+    return [n if len(n) <= _LONGEST_NAME else f"..{n[-_LONGEST_NAME:]}" for n in bare]
 
 
 def _score_chart(
@@ -110,15 +122,16 @@ def _put_series(
 ) -> None:
     """A line from frame to frame, with a dot for each; both left out where there is no value."""
     count = len(shares)
+    is_dense = count > _DENSE
     places = [
         None if share is None else (plot.column(_place(n, count)), plot.row(share))
         for n, share in enumerate(shares)
     ]
     for first, second in itertools.pairwise(places):
         if first is not None and second is not None:
-            put_lines(canvas, np.array([[first, second]]), color, width_px=2)
+            put_lines(canvas, np.array([[first, second]]), color, width_px=1 if is_dense else 2)
     for place in places:
-        if place is not None:
+        if place is not None and not is_dense:
             center = (round(place[0]), round(place[1]))
             cv2.circle(canvas, center, 2, color, -1, cv2.LINE_AA)
 

@@ -1,0 +1,76 @@
+"""Shows that memory stays: `python -m benchmarks.flat_memory`.
+
+The embedded frames, again and again, through the health monitor along a drive and through the
+corruptions of a suite, one case after the other, in one process. Prints the resident memory after
+some samples and after many. Its last line is kept in benchmarks/results/flat_memory.json.
+"""
+
+import gc
+import itertools
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import jsonargparse
+import torch
+
+from benchmarks.machine import describe_machine
+from sightline.corruptions.suites import find_suite
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.health.sequence import DriveMonitor
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.sample import CameraLidarSample
+
+_PAGE_BYTES = 4096
+
+
+def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int = 0) -> None:
+    """Prints a table, then one line of JSON.
+
+    Args:
+        first: Samples after which all is loaded, compiled and cached.
+        samples: How many there are, those included.
+        suite: Of the corruptions.
+        seed: Of the corruptions.
+    """
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    dataset = KittiObjectDataset(PACKAGED_FRAMES)
+    monitor = DriveMonitor()
+    cases = itertools.cycle(find_suite(suite).cases)
+
+    def corrupt(sample: CameraLidarSample) -> None:
+        next(cases).corrupt(sample, seed)
+
+    def judge(sample: CameraLidarSample) -> None:
+        monitor(sample)
+
+    works: dict[str, Callable[[CameraLidarSample], None]] = {
+        "corruptions": corrupt,
+        "health": judge,
+    }
+    results = []
+    for name, work in works.items():
+        sizes = {}
+        for number in range(samples):
+            frame = dataset[number % len(dataset)]
+            work(replace(frame, sample_id=f"{number:06d}"))  # each draws another fault
+            if number + 1 in (first, samples):
+                gc.collect()
+                sizes[number + 1] = round(_resident_mib(), 1)
+        told = ", ".join(f"{size:.0f} MiB after {number:,}" for number, size in sizes.items())
+        print(f"{name:<12} {told}")
+        results.append({"work": name, "resident_mib": sizes})
+    print(json.dumps({"machine": describe_machine(), "suite": suite, "results": results}))
+
+
+def _resident_mib() -> float:
+    """Of this process, as Linux tells it."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * _PAGE_BYTES / 2**20
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main)

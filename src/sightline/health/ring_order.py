@@ -1,0 +1,63 @@
+"""Sweeps of any order as the checks want them: one ring after the other, as KITTI's files are."""
+
+import numpy as np
+from jaxtyping import Float32, Int64
+
+from sightline.health.sphere import to_sphere
+
+SEAM_DEG = 30.0
+"""Inside a ring the azimuth never falls back so far."""
+_FEWEST = 100  # points, below which no order can be told
+_APART = 7  # points that far from each other are on one ring, or nearly so
+_SCATTERED = 0.2  # of the spread of elevations, that they differ by where they are not
+_RING_GAP_DEG = 0.1
+_FEWEST_RINGS = 4
+_RING_STEP_DEG = 0.4  # where noise blurs the rings
+
+
+def ring_by_ring(
+    points: Float32[np.ndarray, "num_points 4"],
+) -> Float32[np.ndarray, "num_points 4"]:
+    """The same points, the highest ring first, each by rising azimuth.
+
+    What is in KITTI's order stays as it is. Rings that run clockwise are turned round. Points that
+    come in the order of the laser's shots, or in none, are parted into rings by their elevation.
+
+    Args:
+        points: Of a sweep, or of a part of it that does not reach round.
+    """
+    if len(points) < _FEWEST:
+        return points
+    _, azimuth_deg, elevation_deg = to_sphere(points)
+    spread = float(np.subtract(*np.quantile(elevation_deg, (0.9, 0.1))))
+    apart = np.abs(elevation_deg[_APART:] - elevation_deg[:-_APART])
+    if float(np.median(apart)) > _SCATTERED * spread:
+        return points[np.lexsort((azimuth_deg, -_rings_by_elevation(elevation_deg)))]
+    if np.median(np.diff(azimuth_deg)) < 0:
+        points, elevation_deg = points[::-1], elevation_deg[::-1]
+        azimuth_deg = azimuth_deg[::-1]
+    rings = number_rings(azimuth_deg)
+    first, last = (elevation_deg[rings == number] for number in (rings[0], rings[-1]))
+    if np.median(first) < np.median(last):
+        points = points[np.argsort(-rings, kind="stable")]
+    return np.ascontiguousarray(points)
+
+
+def number_rings(
+    azimuth_deg: Float32[np.ndarray, " num_points"],
+) -> Int64[np.ndarray, " num_points"]:
+    """The ring of each point of a part of a sweep, from 0, by where the azimuth falls back."""
+    return np.cumsum(np.diff(azimuth_deg, prepend=azimuth_deg[:1]) < -SEAM_DEG, dtype=np.int64)
+
+
+def _rings_by_elevation(
+    elevation_deg: Float32[np.ndarray, " num_points"],
+) -> Int64[np.ndarray, " num_points"]:
+    """Numbers from below: groups with gaps between them, or steps where there are no gaps."""
+    order = np.argsort(elevation_deg)
+    gaps = np.diff(elevation_deg[order], prepend=elevation_deg[order[:1]]) > _RING_GAP_DEG
+    if gaps.sum() + 1 < _FEWEST_RINGS:
+        return np.floor(elevation_deg / _RING_STEP_DEG).astype(np.int64)
+    rings = np.empty(len(order), np.int64)
+    rings[order] = np.cumsum(gaps)
+    return rings

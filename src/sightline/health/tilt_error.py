@@ -1,0 +1,205 @@
+"""How far the LiDAR has tipped against the camera, told by the upper edges of what both see.
+
+What `yaw_error` does along rings, across them: where the range jumps from one ring to the next
+higher one there is the top of an object, and its edge in the image is looked for at every angle of
+pitch, apart for parts of the view from the left to the right, whose differences tell the roll.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Float64, Int64, UInt8
+
+from sightline.health.ring_order import number_rings
+from sightline.health.sphere import to_sphere
+from sightline.ops.compiled import compiled
+
+_TILTS_DEG = np.linspace(-4.8, 4.8, 121)
+_PITCHES_DEG = np.linspace(-3.2, 3.2, 41)
+_ROLLS_DEG = np.linspace(-1.6, 1.6, 9)
+_NONE_DEG = 0.2  # of pitch, that edges halfway between rings may be off by
+_PARTS = np.linspace(-0.86, 0.86, 7)  # borders, as tangents of the azimuth: KITTI's whole view
+_JUMP_M = 0.5  # of range from one ring to the next, for a top
+_JUMP_SHARE = 0.1  # likewise, of the nearer one's range
+_BESIDE_DEG = 0.15  # of azimuth, up to which points of two rings stand above each other
+_WIDEST_RING_STEP_DEG = 3.0
+_BLUR_PX = (1.0, 3.0)  # of the image's edges, along them and across
+_NEIGHBOURHOOD_PX = (41, 81)  # width, height of what an edge is compared with
+_MIDDLES = (_PARTS[1:] + _PARTS[:-1]) / 2
+
+
+class TopEdges(NamedTuple):
+    """Upper edges of objects."""
+
+    places: Float64[np.ndarray, "num_edges 3"]
+    """Halfway between the rings, at the nearer range [m]."""
+    weights: Float64[np.ndarray, " num_edges"]
+    """Logarithm of the ratio of both ranges, at most 1."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TopMatch:
+    """How well upper edges match at each angle, in each part of the view; adds up over frames."""
+
+    strengths: Float64[np.ndarray, "num_parts num_tilts"]
+    """Sums of what the image has there, times the weights."""
+    weights: Float64[np.ndarray, "num_parts num_tilts"]
+
+    def __add__(self, other: "TopMatch") -> "TopMatch":
+        """Of the frames of both."""
+        return TopMatch(
+            strengths=self.strengths + other.strengths, weights=self.weights + other.weights
+        )
+
+    def faded(self, share: float) -> "TopMatch":
+        """With a share of its weight."""
+        return TopMatch(strengths=share * self.strengths, weights=share * self.weights)
+
+
+class TiltEstimate(NamedTuple):
+    """The LiDAR's turn about its y and x axes that the calibration knows nothing of."""
+
+    pitch_deg: float
+    """As `data.faults.TurnedLidar` has it."""
+    roll_deg: float
+    """Likewise."""
+    behind: float
+    """How far the match without a tilt stays behind the best one, in deviations over all tilts."""
+
+
+def match_tops(
+    image: UInt8[np.ndarray, "height width 3"],
+    points: Float32[np.ndarray, "num_points 4"],
+    image_from_lidar: Float64[np.ndarray, "3 4"],
+) -> TopMatch:
+    """Matches the upper edges of one frame.
+
+    Args:
+        image: RGB.
+        points: About what the camera sees, ring by ring (`ring_by_ring`).
+        image_from_lidar: As a `Calibration` has it.
+    """
+    places, weights = find_top_edges(points)
+    strength = _edge_strength(image)
+    tangents = places[:, 1] / np.maximum(places[:, 0], 1e-3)
+    parts = np.clip(np.searchsorted(_PARTS, tangents) - 1, 0, len(_MIDDLES) - 1)
+    sums, totals = _strength_by_part(
+        places, weights, parts, image_from_lidar, strength, np.radians(_TILTS_DEG), len(_MIDDLES)
+    )
+    return TopMatch(strengths=sums, weights=totals)
+
+
+def estimate_tilt(match: TopMatch) -> TiltEstimate:
+    """The pitch and roll at which upper edges match best.
+
+    A roll tips what lies ahead to the left by its sine one way, to the right the other way: at an
+    azimuth it looks like a pitch of minus the roll times the azimuth's tangent.
+    """
+    means = match.strengths / np.maximum(match.weights, 1e-9)
+    shares = match.weights.mean(axis=1)
+    total = np.zeros((len(_ROLLS_DEG), len(_PITCHES_DEG)))
+    for tangent, curve, share in zip(_MIDDLES, means, shares, strict=True):
+        seeming = _PITCHES_DEG - _ROLLS_DEG[:, None] * tangent
+        total += share * np.interp(seeming, _TILTS_DEG, curve)
+    roll, pitch = np.unravel_index(int(total.argmax()), total.shape)
+    spread = float(total.std())
+    none = float(total[len(_ROLLS_DEG) // 2, np.abs(_PITCHES_DEG) < _NONE_DEG].max())
+    behind = (float(total.max()) - none) / spread if spread else 0.0
+    return TiltEstimate(
+        pitch_deg=float(_PITCHES_DEG[pitch]), roll_deg=float(_ROLLS_DEG[roll]), behind=behind
+    )
+
+
+def find_top_edges(points: Float32[np.ndarray, "num_points 4"]) -> TopEdges:
+    """Where the range grows by a jump from a ring to the next higher one, above the same place.
+
+    Args:
+        points: Ring by ring, see `ring_by_ring`.
+    """
+    if not len(points):
+        return TopEdges(np.zeros((0, 3)), np.zeros(0))
+    ranges, azimuth_deg, elevation_deg = (each.astype(np.float64) for each in to_sphere(points))
+    rings = number_rings(azimuth_deg.astype(np.float32))
+    starts = np.searchsorted(rings, np.arange(rings[-1] + 2))
+    above = _points_above(azimuth_deg, starts)
+    lower = np.flatnonzero(above >= 0)
+    upper = above[lower]
+    near, far = ranges[lower], ranges[upper]
+    step = elevation_deg[upper] - elevation_deg[lower]
+    is_top = (far - near > np.maximum(_JUMP_M, _JUMP_SHARE * near)) & (near > 0)
+    is_top &= (step > 0) & (step < _WIDEST_RING_STEP_DEG)
+    lower, upper, near, far = lower[is_top], upper[is_top], near[is_top], far[is_top]
+    elevation = np.radians((elevation_deg[lower] + elevation_deg[upper]) / 2)
+    azimuth = np.radians(azimuth_deg[lower])
+    ray = (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth))
+    places = near[:, None] * np.stack((*ray, np.sin(elevation)), axis=1)
+    return TopEdges(places, np.minimum(np.log(far / near), 1.0))
+
+
+def _edge_strength(
+    image: UInt8[np.ndarray, "height width 3"],
+) -> Float32[np.ndarray, "height width"]:
+    """Root of the vertical gradient over its mean round about, so that faint edges count too."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    slope = cv2.Sobel(cv2.GaussianBlur(grey, (0, 0), 1), cv2.CV_32F, 0, 1)
+    strength = np.sqrt(np.abs(slope))
+    strength /= cv2.blur(strength, _NEIGHBOURHOOD_PX) + 1
+    even: Float32[np.ndarray, "height width"]
+    even = cv2.GaussianBlur(strength, (0, 0), _BLUR_PX[0], sigmaY=_BLUR_PX[1])
+    return even
+
+
+@compiled
+def _points_above(
+    azimuth_deg: Float64[np.ndarray, " num_points"], starts: Int64[np.ndarray, " num_edges"]
+) -> Int64[np.ndarray, " num_points"]:
+    """For each point the one of the next higher ring at nearly its azimuth, -1 where none is."""
+    above = np.full(len(azimuth_deg), -1)
+    for ring in range(1, len(starts) - 1):
+        place, end = starts[ring - 1], starts[ring]
+        for i in range(starts[ring], starts[ring + 1]):
+            while place + 1 < end and abs(azimuth_deg[place + 1] - azimuth_deg[i]) <= abs(
+                azimuth_deg[place] - azimuth_deg[i]
+            ):
+                place += 1
+            if place < end and abs(azimuth_deg[place] - azimuth_deg[i]) < _BESIDE_DEG:
+                above[i] = place
+    return above
+
+
+@compiled
+def _strength_by_part(
+    points: Float64[np.ndarray, "num_edges 3"],
+    weights: Float64[np.ndarray, " num_edges"],
+    parts: Int64[np.ndarray, " num_edges"],
+    image_from_lidar: Float64[np.ndarray, "3 4"],
+    strength: Float32[np.ndarray, "height width"],
+    angles: Float64[np.ndarray, " num_angles"],
+    num_parts: int,
+) -> tuple[
+    Float64[np.ndarray, "num_parts num_angles"], Float64[np.ndarray, "num_parts num_angles"]
+]:
+    """For each pitch [rad] sums of strength and of weights where points fall once it is undone."""
+    height, width = strength.shape
+    matrix = image_from_lidar
+    sums = np.zeros((num_parts, len(angles)))
+    totals = np.zeros((num_parts, len(angles)))
+    for number in range(len(angles)):
+        cosine, sine = np.cos(angles[number]), np.sin(angles[number])
+        for i in range(len(points)):
+            x = cosine * points[i, 0] - sine * points[i, 2]
+            y = points[i, 1]
+            z = cosine * points[i, 2] + sine * points[i, 0]
+            depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z + matrix[2, 3]
+            if depth < 1.0:
+                continue
+            u = (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z + matrix[0, 3]) / depth
+            v = (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z + matrix[1, 3]) / depth
+            column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
+            if column < 0 or column >= width or row < 0 or row >= height:
+                continue
+            sums[parts[i], number] += weights[i] * strength[row, column]
+            totals[parts[i], number] += weights[i]
+    return sums, totals
