@@ -24,10 +24,11 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     are found, and files of one frame that do not fit each other. Never stops at the first fault,
     and holds only a few frames in memory. An empty sweep is no fault.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> list(sightline.check_tree(PACKAGED_FRAMES))
-    []
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> list(sightline.check_tree(PACKAGED_FRAMES))
+        []
 
     Args:
         root: The data set's folder.

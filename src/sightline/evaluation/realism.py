@@ -81,11 +81,12 @@ def evaluate_realism(
 ) -> RealismReport:
     """Measures simulated and real frames alike and puts the numbers side by side.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> report = sightline.evaluate_realism(PACKAGED_FRAMES, None)
-    >>> report.num_simulated, report.num_real
-    (2, 0)
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> report = sightline.evaluate_realism(PACKAGED_FRAMES, None)
+        >>> report.num_simulated, report.num_real
+        (2, 0)
 
     Args:
         simulated: An object tree that `generate.simulate` wrote.
