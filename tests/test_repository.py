@@ -61,7 +61,7 @@ def test_every_file_that_the_documents_link_to_exists():
 
 
 DOCUMENTS = {
-    path: path.read_text() for folder in (ROOT, ROOT / "docs") for path in folder.glob("*.md")
+    path: path.read_text() for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"))
 }
 ROOTS = ("", "src/", "src/sightline/")
 SOURCES = {
