@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import yaml
 import sightline
 from sightline.cli.main import _commands, main
 from sightline.cli.parser import OneLineParser
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.arguments import resolve_recipes
 
@@ -83,6 +85,17 @@ def test_a_training_of_the_documents_names_settings_that_its_recipe_has(words, c
     _, name = resolve_recipes(arguments[1:], PACKAGE_RECIPES)
     assert name == recipe
     assert yaml.safe_load(capsys.readouterr().out)["model"]["class_path"].startswith("sightline.")
+
+
+def test_the_python_of_the_guide_to_broken_sensors_runs(tmp_path, monkeypatch):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "KITTI")
+    monkeypatch.chdir(tmp_path)
+    guide = (ROOT / "docs" / "guides" / "break_a_sensor.md").read_text()
+    names = {}
+    for block in re.findall(r"```python\n(.*?)```", guide, re.DOTALL):
+        exec(block, names)
+    assert names["broken"].camera_mask.any()
+    assert "Car" in names["answer"].detections.class_names
 
 
 def test_every_name_of_the_front_door_is_in_the_reference():
