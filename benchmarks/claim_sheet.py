@@ -66,7 +66,8 @@ def _row(
     title: str, sample: CameraLidarSample, predictor: DetectionPredictor, width_px: int
 ) -> Picture:
     answer = predictor(sample)
-    assert answer.camera_gate is not None and answer.lidar_gate is not None, "it has gates"
+    assert answer.camera_gate is not None, "it has gates"
+    assert answer.lidar_gate is not None, "it has gates"
     found = sure_detections(answer.detections)
     cells = [
         titled_cell(

@@ -17,6 +17,7 @@ class Boxes2D:
     is width times height without "+ 1" (KITTI's evaluator has its own rule, and follows it there).
 
     Examples:
+        >>> import torch
         >>> from sightline import Boxes2D
         >>> boxes = Boxes2D(torch.tensor([[10.0, 20.0, 60.0, 50.0], [-5.0, 0.0, 5.0, 10.0]]))
         >>> boxes.area().tolist(), boxes.clip((40, 50)).tensor[1].tolist()
