@@ -38,6 +38,7 @@ class Boxes3D:
     the box's own x, y, z. Yaw is counter-clockwise from above, 0 faces +x, in [-pi, pi).
 
     Examples:
+        >>> import torch
         >>> from sightline import Boxes3D
         >>> car = Boxes3D(torch.tensor([[12.0, -2.0, -0.9, 4.0, 2.0, 1.5, 0.0]]))
         >>> car.contain(torch.tensor([[13.9, -2.0, -0.9], [14.1, -2.0, -0.9]])).tolist()
