@@ -1,7 +1,7 @@
 """Scores folders of depth maps by the rules of KITTI's depth completion benchmark.
 
 The rules are in `sightline.evaluation.depth_scores`. The score of a set is the mean of its images'
-scores, each image counting alike, however many pixels of it have ground truth.
+scores: each image counts the same, however many of its pixels have ground truth.
 """
 
 import re
