@@ -24,7 +24,7 @@ Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
 
 _LABEL: RGB = (245, 245, 245)
 _OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
-_DRAWN_SCORE = 0.3  # what is less sure is not drawn
+_DRAWN_SCORE = 0.3  # lower scores are not drawn
 
 
 def answer_row(
