@@ -23,6 +23,7 @@ PAGES: Final = {
     "CONTRIBUTING.md": "contributing.md",
     "STYLE.md": "style.md",
     "LICENSE": "LICENSE",
+    "CITATION.cff": "CITATION.cff",
     NOTEBOOK: "guides/first_ten_minutes.md",
 }
 """Where each file of the repository is on the site."""

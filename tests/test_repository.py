@@ -66,7 +66,7 @@ DOCUMENTS = {
 ROOTS = ("", "src/", "src/sightline/")
 SOURCES = {
     path.relative_to(ROOT).as_posix(): path
-    for folder in ("src", "tests", "benchmarks")
+    for folder in ("src", "tests", "benchmarks", "docs")
     for path in (ROOT / folder).rglob("*.py")
 }
 
