@@ -1,5 +1,6 @@
 # make demo: set everything up in .venv and run the main job on the embedded default.
 # make test: set everything up in .venv and pass the whole check.
+# make docs: build the site into build/site.
 # make test-all: run the tests on every Python that is promised and to be found here.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,7 +10,7 @@ READY := $(VENV)/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut 
 PROMISED := $(shell sed -n 's/.*Programming Language :: Python :: \(3\.[0-9]*\)".*/\1/p' pyproject.toml)
 TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
-.PHONY: demo test lint tests test-all format frames constraints clean
+.PHONY: demo test lint docs tests test-all format frames constraints clean
 
 demo: $(READY)
 	$(BIN)/sightline demo --out demo
@@ -17,13 +18,17 @@ demo: $(READY)
 # numba does not rebuild a cached kernel when one that it calls in another file has changed.
 KERNELS := $(shell grep -rl --include='*.py' 'ops.compiled' src)
 
-test: lint tests
+test: lint docs tests
 
 lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Whatever warns, a link that leads nowhere say, fails the build.
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 tests: $(READY)
 	find src -name '*.nb[ic]' ! -newer "$$(ls -t $(KERNELS) | head -n 1)" -delete

@@ -61,12 +61,12 @@ def test_every_file_that_the_documents_link_to_exists():
 
 
 DOCUMENTS = {
-    path: path.read_text() for folder in (ROOT, ROOT / "docs") for path in folder.glob("*.md")
+    path: path.read_text() for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"))
 }
 ROOTS = ("", "src/", "src/sightline/")
 SOURCES = {
     path.relative_to(ROOT).as_posix(): path
-    for folder in ("src", "tests", "benchmarks")
+    for folder in ("src", "tests", "benchmarks", "docs")
     for path in (ROOT / folder).rglob("*.py")
 }
 

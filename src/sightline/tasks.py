@@ -173,6 +173,7 @@ def load(
 ) -> "Predictor":
     """A predictor of whatever task the weights are of.
 
+    Examples:
         >>> import sightline
         >>> predictor = sightline.load("depth-fast-cpu")
         >>> predictor.name, predictor.parts

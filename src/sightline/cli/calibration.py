@@ -31,8 +31,8 @@ def evaluate_calibration(
 ) -> None:
     """Measures whether scores tell how often a detection is right: D-ECE, LaECE, oLRP.
 
-    With --fit-results, calibrators are fitted there, on results of sound sensors say, and what
-    they make of the scores is measured, too.
+    With --fit-results, calibrators are fitted on those results, of sound sensors say, and the
+    calibrated scores are measured, too.
 
     Args:
         results: Folder with one result file a frame (16 fields a line), scores from 0 to 1.
@@ -42,13 +42,14 @@ def evaluate_calibration(
         fit_results: Folder of the results to fit calibrators on; frames other than those measured.
         fit_labels: Their labels. Default: LABELS.
         fit_list: Which frames to fit on, like --sample-list.
-        calibrator: Which one is fitted.
-        target: What calibrators shall tell: whether a detection is true, or its overlap.
+        calibrator: Which one to fit.
+        target: What calibrators predict: whether a detection is true, or its overlap.
         metric: Overlap in the image, of bird's-eye rectangles, or of boxes in space.
-        difficulty: KITTI's; what is harder neither counts as found nor as false.
+        difficulty: KITTI's; harder objects are ignored: finding one counts neither as right nor as
+        wrong.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
-        bins: Of equal width over the scores.
-        min_score: Detections below it are left out.
+        bins: How many, of equal width over the scores.
+        min_score: Detections of a lower score are left out.
         out: Folder for the result files with calibrated scores; needs one --calibrator.
         picture: PNG for the reliability diagrams.
         json: File for the whole report.

@@ -36,7 +36,7 @@ def corrupt(
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
             a text file with one name a line. Default: all.
         velodyne: Folder of the sweeps.
-        masks: Writes the pixels of each sensor that may have changed, too.
+        masks: Also writes which pixels of each sensor may have changed.
         workers: Processes.
         shard_index: Which part of the frames to do, from 0.
         num_shards: Number of parts, each of which can run on another machine.

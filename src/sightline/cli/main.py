@@ -71,13 +71,13 @@ def export(
     weights: str = "depth-best",
     format: Format = "onnx",  # noqa: A002 - the flag's name
 ) -> None:
-    """Writes a network as a file that runs without PyTorch, and checks that it gives the same.
+    """Writes a network as a file that runs without PyTorch, and checks that its answers agree.
 
     Args:
         out: File to write: .onnx, or .xml for OpenVINO.
         weights: Name of weights that come with Sightline (`sightline tasks` lists them), or a file
             (.safetensors, .ckpt).
-        format: Of the file.
+        format: Of the file: onnx or openvino.
     """
     from sightline.data.weights_header import find_weights
     from sightline.export.write import export_graphs
@@ -97,8 +97,8 @@ def submission(results: Path, out: Path, *, sample_list: str | None = None) -> N
         results: Folder with one result file a frame (16 fields a line), empty where nothing was
             found.
         out: Archive to write, .zip.
-        sample_list: Which frames there must be: a list in ImageSets beside the folder or a text
-            file with one name a line. Default: all that have a file.
+        sample_list: The frames that must be there: a list in ImageSets beside the folder or a text
+        file with one name a line. Default: all that have a file.
     """
     from sightline.data.submission import write_submission
 
@@ -106,7 +106,7 @@ def submission(results: Path, out: Path, *, sample_list: str | None = None) -> N
 
 
 def demo(out: Path = Path("demo")) -> None:
-    """Runs the main job on the embedded frames and writes pictures and a report.
+    """Runs all tasks on the embedded frames and writes pictures and a report.
 
     Args:
         out: Folder to write to.

@@ -16,9 +16,9 @@ _HELP = """{summary}
 A file appears whole or not at all; an interrupted run is finished by running it again.
 
 Args:
-    data: A KITTI object tree, depth completion tree or raw drive.
+    data: A recording, or KITTI's object tree, depth completion tree or raw drive.
     out: Folder for the first output: {first}
-    method: What answers without a network.
+    method: A method that needs no network.
     weights: The network: name of weights that come with Sightline ({known}) or a file
         (.safetensors, .ckpt). Default: {default}.
     engine: What runs the network: by default (auto) openvino where it is installed, on the CPU, and
@@ -29,7 +29,7 @@ Args:
     velodyne: Folder of the sweeps in an object tree.
     workers: Processes, each of one thread: as many as there are cores is fastest. Any number gives
         the same files.
-    overwrite: Makes files anew that are there already.
+    overwrite: Rewrites files that exist already.
     shard_index: Which part of the frames to do, from 0.
     num_shards: Number of parts, each of which can run on another machine.
 """

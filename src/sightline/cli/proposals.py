@@ -19,7 +19,7 @@ def proposals(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
-    """Keeps the first stage's points, features and proposals, to train the second stage on.
+    """Stores the first stage's points, features and proposals, to train the second stage on.
 
     `sightline fit` takes the folder by --data.init_args.preparation.init_args.cache. A file appears
     whole or not at all; an interrupted run is finished by running it again.
@@ -34,7 +34,7 @@ def proposals(
             a text file with one name a line. Default: all.
         velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
         workers: Processes, each of one thread.
-        overwrite: Makes files anew that are there already.
+        overwrite: Rewrites files that exist already.
         shard_index: Which part of the frames to do, from 0.
         num_shards: Number of parts, each of which can run on another machine.
     """

@@ -27,7 +27,7 @@ def reproduce_shiftconv(
 ) -> None:
     """Prints the tables of Yu and Kee 2021 (Shift-Convolution), with our figures on the data given.
 
-    What cannot be measured on the data, or without weights, says what it needs.
+    A cell that cannot be measured on the data, or without weights, says what it needs.
 
     Args:
         data: KITTI's depth completion tree with val_selection_cropped, for the benchmark's own
@@ -86,25 +86,25 @@ def reproduce_dgfn(
 ) -> None:
     """Prints the tables of Kim et al. 2018 (gated fusion), with our figures on the data given.
 
-    Published figures stand beside ours; what was not measured says what it needs. What the networks
-    find is kept in OUT: an interrupted run is finished by running it again, and other figures of it
-    take seconds.
+    Published figures stand beside ours; a cell that was not measured says what it needs. What the
+    networks find is kept in OUT, so an interrupted run is finished by running it again, and other
+    figures take seconds.
 
     Args:
         data: A KITTI object tree with labels.
         gated: The network with gates: name of weights that come with Sightline, or a file
             (.safetensors, .ckpt). The same for the other five.
-        ones: The same network with all weights 1.
-        early: One network on the channels of both sensors.
-        late: A detector a sensor, their boxes suppressed together.
+        ones: The same network with all gates fixed at 1.
+        early: One network on the channels of both sensors together (early fusion).
+        late: A detector for each sensor, their boxes suppressed together (late fusion).
         camera: A detector on the camera alone, for Table II.
         lidar: A detector on the LiDAR alone, for Table II.
         out: Folder for what the networks find: KITTI's result files, one folder a network and case.
         suite: Which cases there are: dgfn7, the seven of the paper; dgfn7-figure, with noise as its
             picture shows it.
         seed: Another seed draws other boxes, discs and noise.
-        class_name: Whose figures the tables show. Published are those of cars.
-        iou: What a match must exceed. Default: 0.7 for cars, 0.5 for the others.
+        class_name: The class in the tables. The published figures are of cars.
+        iou: Overlap that a match must exceed. Default: 0.7 for cars, 0.5 for the others.
         bootstrap: Resamples of the frames for AP over all scores; 0 leaves it out.
         figures: Folder for two pictures of the gates: histograms of their means (Fig. 4), and maps
             of one frame (Fig. 5), in every case.

@@ -29,10 +29,11 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     Never stops at the first fault, and holds only a few frames in memory. An empty sweep is no
     fault.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> list(sightline.check_tree(PACKAGED_FRAMES))
-    []
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> list(sightline.check_tree(PACKAGED_FRAMES))
+        []
 
     Args:
         root: The data set's folder.

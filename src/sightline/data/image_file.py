@@ -97,11 +97,12 @@ def decode_pixels(
 def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> None:
     """Writes a picture, aside first and then renamed: `.png` lossless, `.jpg` of quality 95.
 
-    >>> import sightline, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     sightline.write_rgb(f"{folder}/grey.png", np.full((4, 6, 3), 128, np.uint8))
-    ...     read_rgb(f"{folder}/grey.png").shape
-    (4, 6, 3)
+    Examples:
+        >>> import sightline, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     sightline.write_rgb(f"{folder}/grey.png", np.full((4, 6, 3), 128, np.uint8))
+        ...     read_rgb(f"{folder}/grey.png").shape
+        (4, 6, 3)
 
     Raises:
         ValueError: The name ends otherwise, or the picture has no pixel.

@@ -90,11 +90,12 @@ def open_dataset(
     anonymous test frames or `train`, the first that is there; name the split's own folder for
     another.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> dataset = sightline.open_dataset(PACKAGED_FRAMES)
-    >>> dataset.sample_ids, dataset[0].image_size
-    (('000000', '000001'), (375, 1242))
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> dataset = sightline.open_dataset(PACKAGED_FRAMES)
+        >>> dataset.sample_ids, dataset[0].image_size
+        (('000000', '000001'), (375, 1242))
 
     Args:
         path: Folder of the recording, the tree, one of its splits, or the drive.

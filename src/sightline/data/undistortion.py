@@ -30,13 +30,14 @@ def undistort(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """A picture straightened, so that it follows `camera_matrix` alone; black where nothing was.
 
-    >>> import numpy as np, sightline
-    >>> image = np.zeros((60, 80, 3), np.uint8)
-    >>> image[:, 5] = 255  # near the left edge a barrel-shaped lens bends a line
-    >>> camera_matrix = [[70, 0, 39.5], [0, 70, 29.5], [0, 0, 1]]
-    >>> straight = sightline.undistort(image, camera_matrix, [-0.2, 0.05, 0, 0, 0])
-    >>> straight.shape, bool(straight[30, :5].any())  # it has moved outwards
-    ((60, 80, 3), True)
+    Examples:
+        >>> import numpy as np, sightline
+        >>> image = np.zeros((60, 80, 3), np.uint8)
+        >>> image[:, 5] = 255  # near the left edge a barrel-shaped lens bends a line
+        >>> camera_matrix = [[70, 0, 39.5], [0, 70, 29.5], [0, 0, 1]]
+        >>> straight = sightline.undistort(image, camera_matrix, [-0.2, 0.05, 0, 0, 0])
+        >>> straight.shape, bool(straight[30, :5].any())  # it has moved outwards
+        ((60, 80, 3), True)
 
     Args:
         image: RGB, as the camera gave it.

@@ -27,7 +27,7 @@ _SMOOTHING_PASSES = 2  # two running means make a triangle
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AdaptiveConfig:
-    """Adaptive completion, in multiples of the spacings that each map shows by itself.
+    """Settings of adaptive completion, in multiples of the spacings measured in each map.
 
     Column spacing: from a measurement to the next one of its ring. Ring spacing: rows from one ring
     to the next. Tuned on KITTI frames; the error is flat around these values.

@@ -35,7 +35,7 @@ class ClassicalConfig:
     """Morphological completion. Its kernels are made for 64 beams and KITTI's image size."""
 
     blur: Literal["gaussian", "bilateral"] = "gaussian"
-    """What smooths last: gaussian has the lower error, bilateral keeps edges."""
+    """The last smoothing: gaussian has the lower error, bilateral keeps edges."""
     extrapolate: bool = True
     """Whether columns are extended to the top of the image and large holes filled."""
     max_depth_m: float = 100.0

@@ -30,7 +30,7 @@ class ShiftConvConfig:
     channels: int = 36
     """Channels of each layer: a multiple of 9, the directions of a shift."""
     layers: int = 8
-    """Shift-Convolutions one after the other: depth travels by one shift in each."""
+    """Number of Shift-Convolutions in a row: depth travels by one shift in each."""
     shifts_px: tuple[int, ...] = (1,)
     """How far each layer shifts, in pixels; repeated from the start when it runs out."""
     stride: Literal[1, 2, 4] = 1
@@ -64,7 +64,7 @@ class TrunkConfig:
     reduction: int = 1
     """Residual blocks narrow their channels by this factor."""
     exchange: Literal["all", "neighbours"] = "all"
-    """Which scales a scale hears from: all, or only the next larger and the next smaller one."""
+    """Which scales feed into a scale: all, or only the next larger and the next smaller one."""
     head_kernel_px: Literal[1, 3] = 3
     """Kernel of the one convolution that reads all scales together: 1 is nine times cheaper."""
 
@@ -122,8 +122,8 @@ class DepthCompletionConfig:
     """Corrections by less than this, as the logarithm of a factor, are none, and larger ones are
     smaller by it: what the classical completion knows to the centimetre stays as it is."""
     least_correction: float = 0.0
-    """In use, not in training, what the dead zone leaves of a correction counts only from this on,
-    and wholly from twice this."""
+    """In use, not in training: what the dead zone leaves of a correction is applied only from this
+    on, and fully from twice this."""
     validity_channel: bool = False
     """Tells the network by a channel of its own where the sparse map holds a measurement."""
     presence_channel: bool = False

@@ -1,4 +1,4 @@
-"""What the networks train on and are scored on, made of samples."""
+"""Makes what the networks train on and are scored on from samples."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -40,7 +40,7 @@ def _check_up_to(name: str, value: float, highest: int) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class AugmentationConfig:
-    """What training alone does to its examples: faults of the sensors, other views of the scene."""
+    """Changes to examples in training only: faults of the sensors, other views of the scene."""
 
     yaw_error_deg: float = 0.0
     """Standard deviation of an error of the LiDAR's mount; half of it in pitch and roll."""
@@ -53,7 +53,7 @@ class AugmentationConfig:
     color_jitter: bool = False
     """Whether brightness, contrast, gamma and saturation of the image are drawn."""
     mirror: bool = False
-    """Whether every second example is seen in a mirror."""
+    """Whether every second example is mirrored."""
     random_crop: bool = True
     """Whether the place of the crop is drawn; otherwise it is the bottom centre."""
 
@@ -73,7 +73,7 @@ class ExampleConfig:
     filled: bool = False
     """Whether examples hold the adaptive completion, for networks that start from one."""
     farthest_m: float = 90.0
-    """Truth beyond is left out: no sweep reaches there, and KITTI's own truth ends before."""
+    """Truth beyond this is left out: no sweep reaches it, and KITTI's own truth ends nearer."""
     crop_size: tuple[int, int] | None = None
     """Height and width [px] cut out; None: the benchmark's 352 x 1216."""
     beams: tuple[int, ...] = (64,)

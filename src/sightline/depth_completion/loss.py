@@ -1,4 +1,4 @@
-"""What the depth completion networks are trained to lower."""
+"""The training losses of the depth completion networks."""
 
 import math
 from dataclasses import dataclass, field

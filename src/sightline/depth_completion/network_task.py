@@ -1,4 +1,4 @@
-"""Depth completion as far as its networks go: what loads them need know."""
+"""What loading a depth completion network requires to know."""
 
 from typing import TYPE_CHECKING, Final
 

@@ -1,4 +1,4 @@
-"""From what a network puts out to a depth map that says where it may be believed."""
+"""From a network's output to a depth map that says where it can be trusted."""
 
 import numpy as np
 import torch

@@ -65,14 +65,15 @@ class DepthCompleter:
 class DepthPredictor:
     """Completes depth with a trained network.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> predictor = sightline.DepthPredictor.load("depth-fast-cpu")
-    >>> dense = predictor(sample)  # or, without a sample and without a camera:
-    >>> blind = predictor.complete_points(sample.points, sample.calibration, sample.image_size)
-    >>> dense.depth_m.shape == blind.depth_m.shape == sample.image_size
-    True
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> predictor = sightline.DepthPredictor.load("depth-fast-cpu")
+        >>> dense = predictor(sample)  # or, without a sample and without a camera:
+        >>> blind = predictor.complete_points(sample.points, sample.calibration, sample.image_size)
+        >>> dense.depth_m.shape == blind.depth_m.shape == sample.image_size
+        True
 
     Takes images of any size and sweeps of any number of beams. Where the camera is missing (no
     image, or a black one), depth comes of the sweep alone. An empty sweep gives an empty map, as

@@ -1,4 +1,4 @@
-"""Which cells shall find which object: task-aligned assignment (Feng et al. 2021, TOOD)."""
+"""Assigns cells to objects: task-aligned assignment (Feng et al. 2021, TOOD)."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,19 +13,19 @@ from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 
 _NOTHING = -1
 _LEAST_IOU = 0.05  # added, so that objects whose boxes nothing overlaps yet are assigned, too
-_LEAST_QUALITY = 0.1  # of an object's best cell, so that it is asked for from the first step
+_LEAST_QUALITY = 0.1  # of an object's best cell, so that it is trained from the first step
 
 
 @dataclass(frozen=True, kw_only=True)
 class AssignmentConfig:
-    """How well a cell answers for an object: score to the power alpha times IoU to beta."""
+    """How well a cell suits an object: score to the power alpha times IoU to the power beta."""
 
     alpha: float = 1.0
     """Exponent of the score."""
     beta: float = 6.0
     """Exponent of the IoU."""
     cells: int = 10
-    """That answer best for an object are to find it."""
+    """Number of best cells that are to find an object."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -35,12 +35,12 @@ class AssignmentConfig:
 
 
 class Assignment(NamedTuple):
-    """What each place shall find."""
+    """The target of each place."""
 
     objects: Int64[Tensor, " places"]
     """Index of the object; -1 for none."""
     qualities: Float[Tensor, " places"]
-    """The score that is asked for, of the object's class; 0 for none."""
+    """Target score of the object's class; 0 for none."""
 
 
 def assign_places(
@@ -50,12 +50,12 @@ def assign_places(
     truth: DetectionTargets,
     config: AssignmentConfig,
 ) -> Assignment:
-    """Each object gets the places that answer for it best, among those in its box: section 3.2.
+    """Each object gets the places that suit it best, among those in its box: section 3.2.
 
-    An object that no place's middle lies in gets the place nearest to its own middle. A place that
+    An object that contains no place's centre gets the place nearest to its own centre. A place that
     several objects want goes to the one that its box overlaps most. Qualities are the alignments,
-    scaled so that an object's best place has the highest IoU of its places: eq. 8. Departures: the
-    IoU counts 0.05 more than it is, and a best place's quality is 0.1 at least.
+    scaled so that an object's best place has the highest IoU of its places: eq. 8. Departures: 0.05
+    is added to the IoU, and a best place's quality is at least 0.1.
 
     Args:
         scores: The network's, in [0, 1].

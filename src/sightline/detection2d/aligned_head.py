@@ -17,9 +17,9 @@ _INITIAL_SLOPE = 0.3  # by which log-likelihoods of distances fall at first: box
 
 
 class PyramidNeck(nn.Module):
-    """Maps of three scales told of each other: from coarse to fine, then back (Liu et al. 2018).
+    """Exchanges features between maps of three scales: from coarse to fine, then back.
 
-    PANet's two ways, with sums and few convolutions.
+    PANet's two ways (Liu et al. 2018), with sums and few convolutions.
     """
 
     def __init__(self, channels: int) -> None:
@@ -42,7 +42,7 @@ class PyramidNeck(nn.Module):
 class AlignedHead(nn.Module):
     """Scores and boxes of every cell, without anchors; one set of weights for all scales.
 
-    A box is told as four distances from the cell's middle, each as a distribution over whole
+    A box is given by four distances from the cell's centre, each as a distribution over whole
     multiples of the stride (Li et al. 2020, generalized focal loss, section 3.2).
 
     Args:
@@ -50,7 +50,7 @@ class AlignedHead(nn.Module):
         channels: Inside.
         convs: 3x3 convolutions before the prediction.
         bins: The farthest distance, in strides.
-        neck: Whether scales are told of each other first.
+        neck: Whether scales exchange features first.
     """
 
     def __init__(

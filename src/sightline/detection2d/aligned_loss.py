@@ -1,4 +1,4 @@
-"""The compact detector's losses: scores that tell the IoU, boxes by IoU and distribution."""
+"""The compact detector's losses: scores that predict the IoU, boxes by IoU and distribution."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,14 +21,15 @@ _VARIFOCAL_NEGATIVES = 0.75
 
 @dataclass(frozen=True, kw_only=True)
 class AlignedLossConfig:
-    """What cells are told, and what their errors cost."""
+    """The targets of cells, and the weights of their errors."""
 
     assignment: AssignmentConfig = AssignmentConfig()  # noqa: RUF009 - frozen
-    """Which cells shall find which object."""
+    """How cells are assigned to objects."""
     classification: Literal["quality_focal", "varifocal"] = "quality_focal"
     """quality_focal: Li et al. 2020, eq. 2; varifocal: Zhang et al. 2021, eq. 2."""
     ignored_share: float = 0.5
-    """A cell whose box has so much of its area in an ignored region costs nothing there."""
+    """A cell whose box has at least this share of its area in an ignored region costs nothing
+    there."""
     class_weight: float = 1.0
     """Of the scores' error."""
     box_weight: float = 2.5
@@ -54,7 +55,7 @@ class AlignedLosses(NamedTuple):
 def assign_batch(
     reading: HeadReading, targets: Sequence[DetectionTargets], config: AssignmentConfig
 ) -> list[Assignment]:
-    """What each place of each image shall find, by what the network says now."""
+    """The target of each place of each image, given the network's current output."""
     with torch.no_grad():
         scores, boxes = reading.class_logits.sigmoid(), decode_distances(reading)
         return [
@@ -112,7 +113,7 @@ def class_costs(
     wanted: Float[Tensor, "*shape"],
     kind: Literal["quality_focal", "varifocal"],
 ) -> Float[Tensor, "*shape"]:
-    """What each score costs that shall be the quality `wanted`, 0 where there is nothing."""
+    """Loss of each score against its target quality `wanted`, 0 where there is nothing."""
     entropy = F.binary_cross_entropy_with_logits(logits, wanted, reduction="none")
     scores = logits.sigmoid()
     if kind == "quality_focal":

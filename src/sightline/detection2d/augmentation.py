@@ -18,7 +18,7 @@ from sightline.structures.sample import CameraLidarSample
 _MIN_OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.0)  # the last: any patch
 _SMALLEST_SIDE, _ASPECT = 0.3, 2.0  # of a patch, as shares of the image's
 _TRIES = 50
-_NEAR_OBJECT = (0.15, 0.85)  # where in a crop the middle of the object may lie that it is to show
+_NEAR_OBJECT = (0.15, 0.85)  # where in a crop the centre of the object to be shown may lie
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class ViewConfig:
     """Share of the crops of one size that are placed so as to show an object: one of any class that
     the frame has, each class as likely, or rare ones would hardly be seen."""
     mirror: bool = True
-    """Whether every second example is seen in a mirror."""
+    """Whether every second example is mirrored."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""

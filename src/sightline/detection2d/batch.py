@@ -14,7 +14,7 @@ from sightline.structures.batch import FieldwiseBatch
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameTruth:
-    """What a frame is scored by."""
+    """The truth that a frame is scored by."""
 
     placement: Placement
     objects: KittiObjects

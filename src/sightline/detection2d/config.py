@@ -117,7 +117,7 @@ class CompactConfig:
     camera: StreamConfig = StreamConfig(channels=(16, 24, 48, 96, 160), blocks=(1, 1, 2, 2))
     """Also the one stream of early fusion."""
     lidar: StreamConfig = StreamConfig(channels=(16, 24, 32, 64, 96), blocks=(0, 1, 1, 1))
-    """Has less to tell apart."""
+    """Smaller, as it has less to distinguish."""
     lidar_pooling: Literal[1, 2, 4] = 2
     """The LiDAR's image, most of which is empty, is reduced to the maxima of so many pixels
     squared first. Not in early fusion."""
@@ -128,7 +128,7 @@ class CompactConfig:
     head_convs: int = 2
     """3x3 convolutions of the head before its prediction."""
     bins: int = 16
-    """The farthest that a side may be from the middle of its cell, in strides."""
+    """Largest distance of a side from the centre of its cell, in strides."""
     auxiliary: bool = True
     """Whether each stream has a head of its own in training, so that one sensor does not starve the
     other. It costs nothing afterwards."""
@@ -145,11 +145,11 @@ class PostprocessConfig:
     """How boxes become detections."""
 
     min_score: float = 0.01
-    """Boxes that are less sure are left out."""
+    """Boxes of a lower score are left out."""
     nms_iou: float = 0.45
-    """Of two boxes of a class that overlap more, the surer stays."""
+    """Of two boxes of a class that overlap more, the one of the higher score stays."""
     max_detections: int = 200
-    """In an image, the surest."""
+    """Of an image; those of the highest scores."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -173,7 +173,7 @@ class Detection2DConfig:
     compact: CompactConfig | None = None
     """A light network; set dgfn to null with it."""
     postprocess: PostprocessConfig = PostprocessConfig()
-    """What becomes of its boxes."""
+    """How its boxes become detections."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""

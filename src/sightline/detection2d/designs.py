@@ -18,7 +18,7 @@ from sightline.detection2d.vgg_stream import MAP_CHANNELS, VggStream
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Design(Protocol):
-    """What a `Detector` is put together from."""
+    """The parts of a `Detector`."""
 
     @property
     def stride(self) -> int:
@@ -135,7 +135,7 @@ class CompactDesign:
         )
 
     def auxiliary_head(self, sensor: str) -> AlignedHead | None:
-        """As short as can be: the stream shall do the work."""
+        """As small as possible: the stream is to do the work."""
         if not self.config.auxiliary:
             return None
         channels = scaled(self.config.head_channels, self.width)

@@ -1,4 +1,4 @@
-"""What the detectors train on and are scored on, made of samples."""
+"""Makes what the detectors train on and are scored on from samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -55,9 +55,9 @@ class ExampleConfig:
     color_jitter: ColorJitterConfig | None = None
     """How far training changes the image's colours. None: not at all."""
     camera: CameraChainConfig | None = None
-    """Which other cameras training sees through. None: none."""
+    """Variation of the camera in training. None: none."""
     cases: CaseDrawing | None = None
-    """Which corruptions training meets. None: none."""
+    """Corruptions in training. None: none."""
     health: bool = False
     """Whether training examples say which parts of the sensors' images their case has broken."""
     fault_share: float = 0.5

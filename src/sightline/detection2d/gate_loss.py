@@ -1,4 +1,4 @@
-"""Gates that are told which parts of the sensors' images are missing."""
+"""The loss that teaches gates which parts of the sensors' images are missing."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ def gate_loss(
 ) -> Float[Tensor, ""]:
     """Cross entropy of each gate with what its sensor still delivers, the mean over all maps.
 
-    Where health is unknown (NaN) gates may be as they like.
+    Where health is unknown (NaN), gates are free.
     """
     costs = [
         _cost(logits, health)

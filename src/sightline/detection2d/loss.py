@@ -1,4 +1,4 @@
-"""What a detector's readings cost."""
+"""The training loss of a detector's readings."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from sightline.detection2d.ssd_loss import SsdLossConfig, multibox_loss
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionLossConfig:
-    """What training lowers."""
+    """The training loss."""
 
     ssd: SsdLossConfig = SsdLossConfig()  # noqa: RUF009 - frozen
     """Of networks with SSD's heads."""

@@ -1,4 +1,4 @@
-"""2D detection as far as its networks go: what loads them need know."""
+"""What loading a 2D detection network requires to know."""
 
 from typing import TYPE_CHECKING, Final
 

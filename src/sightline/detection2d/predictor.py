@@ -44,13 +44,14 @@ class DetectorAnswer:
 class DetectionPredictor:
     """Detects cars, pedestrians and cyclists with a trained network.
 
-    >>> import dataclasses, sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> predictor = sightline.DetectionPredictor.load("detection2d-fast-cpu")
-    >>> answer = predictor(dataclasses.replace(sample, image=None))  # the camera is dead
-    >>> "Car" in answer.detections.class_names, float(answer.camera_gate.max()) < 0.5
-    (True, True)
+    Examples:
+        >>> import dataclasses, sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> predictor = sightline.DetectionPredictor.load("detection2d-fast-cpu")
+        >>> answer = predictor(dataclasses.replace(sample, image=None))  # the camera is dead
+        >>> "Car" in answer.detections.class_names, float(answer.camera_gate.max()) < 0.5
+        (True, True)
 
     Takes images of any size and sweeps of any number of beams. Either sensor may be missing, and a
     black image or an empty sweep is as good as none: a network that was trained with faults knows

@@ -18,7 +18,7 @@ from sightline.visualization.image import camera_picture, draw_boxes3d
 PROPOSED: Final[RGB] = (150, 156, 166)
 LABELLED: Final[RGB] = (245, 245, 245)
 DRAWN_SCORE: Final = 0.3
-"""What is less sure is not drawn."""
+"""Detections of a lower score are not drawn."""
 
 _FARTHEST_M = 60.0
 

@@ -24,7 +24,7 @@ class SceneChangeConfig:
     """How far scenes are changed; the defaults are those of Shi et al. 2019 (PointRCNN)."""
 
     mirror: bool = True
-    """Whether every second scene is seen in a mirror."""
+    """Whether every second scene is mirrored."""
     turn_deg: float = 10.0
     """Scenes turn about the sensor by up to so much, either way."""
     scales: tuple[float, float] = (0.95, 1.05)

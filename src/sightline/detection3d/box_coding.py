@@ -23,7 +23,7 @@ _LEAST_SIZE = 0.01  # of the mean
 
 @dataclass(frozen=True, kw_only=True)
 class BoxCodingConfig:
-    """How finely boxes are told."""
+    """How finely boxes are encoded."""
 
     scope_m: float = 3.0
     """Centres lie within so far of their points, along x and along y."""
@@ -73,7 +73,7 @@ class BoxPrediction(NamedTuple):
 
 
 class BoxCode(NamedTuple):
-    """A box as it is told from a point."""
+    """A box as encoded from a point."""
 
     x_bin: Int64[Tensor, " n"]
     y_bin: Int64[Tensor, " n"]

@@ -32,7 +32,7 @@ class NeighbourhoodConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class AbstractionConfig:
-    """One level of a point network: fewer points that know more."""
+    """One level of a point network: fewer points with more features."""
 
     num_centers: int
     """Points of the level, as far as there are so many."""

@@ -81,7 +81,7 @@ class Detection3DConfig:
     pooling: RoiPoolingConfig = field(default_factory=RoiPoolingConfig)
     """What of the sweep is around a proposal, for the plain second stage."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
-    """Which boxes are answered."""
+    """Which boxes are given as detections."""
 
     def __post_init__(self) -> None:
         """Checks that there is a first stage, and that the stages fit together."""

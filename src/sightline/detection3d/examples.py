@@ -1,4 +1,4 @@
-"""What the detectors train on and are scored on, made of samples."""
+"""Makes what the detectors train on and are scored on from samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""What detectors are trained to lower: the first stage, the second, or both together."""
+"""The training losses of detectors: of the first stage, the second, or both together."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Stages = Literal["both", "first", "second"]
 
 @dataclass(frozen=True, slots=True)
 class StageLosses:
-    """What training lowers, and the stages' terms by name."""
+    """The training loss, and the stages' terms by name."""
 
     total: Float[Tensor, ""]
     terms: Mapping[str, Tensor]

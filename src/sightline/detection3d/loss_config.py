@@ -1,4 +1,4 @@
-"""Settings of what detectors are trained to lower."""
+"""Settings of the detectors' training losses."""
 
 import math
 from dataclasses import dataclass, field

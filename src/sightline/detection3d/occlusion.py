@@ -1,4 +1,4 @@
-"""What a LiDAR would still see of two clouds that are laid together."""
+"""What a LiDAR would still see of two clouds that are merged."""
 
 import math
 from typing import Final, NamedTuple

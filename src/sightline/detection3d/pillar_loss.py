@@ -1,4 +1,4 @@
-"""What the compact first stage is trained to lower: heat, boxes, fronts and qualities."""
+"""The training losses of the compact first stage: heat, boxes, fronts and qualities."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

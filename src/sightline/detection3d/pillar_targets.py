@@ -1,4 +1,4 @@
-"""What the compact first stage's cells shall tell."""
+"""The targets of the compact first stage's cells."""
 
 import math
 from collections.abc import Sequence

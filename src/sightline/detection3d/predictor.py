@@ -32,12 +32,13 @@ _MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # what is seen of many points, if axes 
 class Detection3DPredictor:
     """Detects road users in LiDAR sweeps with a trained network.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> found = sightline.Detection3DPredictor.load("detection3d-best")(sample)
-    >>> found.class_names[:2], found.boxes.tensor.shape[1]  # the surest first; see Boxes3D
-    (('Car', 'Car'), 7)
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> found = sightline.Detection3DPredictor.load("detection3d-best")(sample)
+        >>> found.class_names[:2], found.boxes.tensor.shape[1]  # the surest first; see Boxes3D
+        (('Car', 'Car'), 7)
 
     Takes sweeps of any number of points and beams, from any height above the road that the sample
     tells; one of which nothing is seen has no objects.

@@ -196,7 +196,7 @@ def _read(data: ScoredFrames, settings: CalibrationSettings, *, progress: bool) 
     found, labels = zip(*_checked(frames, names, data.results_dir), strict=True)
     strict = find_pairs(found, labels, settings.overlaps.as_array())
     loose = find_pairs(found, labels, _ANY.as_array())
-    # Whether a region forgives a detection is no matter of how well it fits an object.
+    # Whether a region excuses a detection does not depend on how well it fits an object.
     loose = replace(loose, detection_forgiven=strict.detection_forgiven)
     return _Measured(strict=strict, loose=loose, settings=settings)
 

@@ -1,7 +1,7 @@
 """Functions from a detector's score to how often it is right, fitted on detections with outcomes.
 
-None turns the order of two scores round. Where none makes them equal, isotonic ones do so in steps
-and others where scores tell nothing, average precision stays as it is.
+None of them reverses the order of two scores. Average precision stays as it is unless scores become
+equal: isotonic ones do so in steps, the others where scores carry no information.
 """
 
 from dataclasses import dataclass

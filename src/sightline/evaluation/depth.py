@@ -1,7 +1,7 @@
 """Scores folders of depth maps by the rules of KITTI's depth completion benchmark.
 
 The rules are in `sightline.evaluation.depth_scores`. The score of a set is the mean of its images'
-scores, each image counting alike, however many pixels of it have ground truth.
+scores: each image counts the same, however many of its pixels have ground truth.
 """
 
 import re
@@ -108,11 +108,12 @@ def evaluate_depth(
     call `groundtruth_depth`, `velodyne_raw` or `image`, and the folders of its annotated drives,
     stand for one and the same frame. Only scores are kept in memory.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> truth = PACKAGED_FRAMES / "training" / "depth"
-    >>> sightline.evaluate_depth(truth, truth).mean.rmse_mm
-    0.0
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> truth = PACKAGED_FRAMES / "training" / "depth"
+        >>> sightline.evaluate_depth(truth, truth).mean.rmse_mm
+        0.0
 
     Args:
         predictions: Prediction file or folder.

@@ -120,13 +120,14 @@ def evaluate_held_out(
     without a prediction take the nearest one (Euclidean, in the image). Samples are drawn one at a
     time.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> predictor = sightline.load("depth-fast-cpu")
-    >>> report = sightline.evaluate_held_out([sample], predictor, beams=(16,))
-    >>> [score.beams for score in report.scores]
-    [16]
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> predictor = sightline.load("depth-fast-cpu")
+        >>> report = sightline.evaluate_held_out([sample], predictor, beams=(16,))
+        >>> [score.beams for score in report.scores]
+        [16]
 
     Args:
         samples: Frames with a sweep in KITTI's order.

@@ -1,4 +1,4 @@
-"""One frame of the held-out-rings protocol: what methods may see, and what is true.
+"""One frame of the held-out-rings protocol: what methods may see, and the truth.
 
 Rings are numbered as `sightline.data.rings.ring_numbers` does, after the sweep is cut to the
 image, so that whole sweeps and KITTI's reduced ones score alike. Every eighth ring, from number 4,
@@ -50,7 +50,7 @@ _REACH_COLUMNS = 31  # a column takes the highest return of so many around it
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeldOutFrame:
-    """One frame parted into what methods may see and what they are scored on."""
+    """One frame, split into what methods may see and what they are scored on."""
 
     sample: CameraLidarSample
     """Cropped; its points are the returns in view of the rings that are not held out."""
@@ -96,7 +96,7 @@ def split_rings(
     first_held_out: int = FIRST_HELD_OUT,
     truth: TruthChoice = "rings",
 ) -> HeldOutFrame:
-    """Parts a frame: held-out rings to truth, the others to the sample that methods get.
+    """Splits a frame: held-out rings become the truth, the others the sample that methods get.
 
     Both are cropped to `CROP_SIZE` at the bottom centre; an image that is smaller, or larger than
     KITTI's, is kept whole. Labels and depth are taken off the sample.

@@ -39,16 +39,17 @@ def evaluate_objects(
 
     Frames are read and dropped one after the other; what is kept grows with the scores.
 
-    >>> import sightline, tempfile
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> labels = PACKAGED_FRAMES / "training" / "label_2"
-    >>> with tempfile.TemporaryDirectory() as results:
-    ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
-    ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
-    ...         _ = Path(results, path.name).write_text("\n".join(lines))
-    ...     report = sightline.evaluate_objects(results, labels)
-    >>> report.frames
-    2
+    Examples:
+        >>> import sightline, tempfile
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> labels = PACKAGED_FRAMES / "training" / "label_2"
+        >>> with tempfile.TemporaryDirectory() as results:
+        ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
+        ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
+        ...         _ = Path(results, path.name).write_text("\n".join(lines))
+        ...     report = sightline.evaluate_objects(results, labels)
+        >>> report.frames
+        2
 
     Args:
         results_dir: One file a frame, 16 fields a line; empty where nothing was found.

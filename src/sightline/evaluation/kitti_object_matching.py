@@ -2,8 +2,8 @@
 
 Pass 1 finds the scores at which truths are matched, from which the thresholds follow; pass 2
 counts at each threshold. Both are greedy: truths in file order, each takes one detection that no
-truth before it took. A detection that is small at the difficulty may be taken, whatever its
-class, but counts neither as found nor as false.
+truth before it took. A detection too small for the difficulty may be taken, whatever its class, but
+is neither a true nor a false positive.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ _SQUARE = 0.5 - 1e-9
 
 
 class MatchingTask(NamedTuple):
-    """What one class, metric and difficulty sees of all frames.
+    """All frames as seen by one class, metric and difficulty.
 
     Truths without any pair are left out: they are only counted.
     """
@@ -217,7 +217,7 @@ def pick_by_overlap(
     taken: Int32[np.ndarray, " num_detections"],
     turn: int,
 ) -> int:
-    """The pair that a truth takes, or -1: the largest overlap, and a small detection for want.
+    """The pair that a truth takes, or -1: the largest overlap, small detections last.
 
     A detection is taken already if it has the number of this turn.
     """

@@ -1,4 +1,4 @@
-"""From the objects of each frame to what KITTI's matching needs of them, and no more.
+"""Reduces the objects of each frame to what KITTI's matching needs.
 
 Boxes are dropped once their overlaps are known: what is kept grows with the objects that can
 take part in a match, some dozens of bytes each.

@@ -42,16 +42,17 @@ def evaluate_proposals(
     objects, as the mean over the frames that have objects, and as the mean over all frames, those
     without objects counted as 0; and besides the difficulties for all objects whatever theirs.
 
-    >>> import sightline, tempfile
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> labels = PACKAGED_FRAMES / "training" / "label_2"
-    >>> with tempfile.TemporaryDirectory() as results:
-    ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
-    ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
-    ...         _ = Path(results, path.name).write_text("\n".join(lines))
-    ...     report = sightline.evaluate_proposals(results, labels, ious=(0.7,))
-    >>> all(entry.n_found == entry.n_gt for entry in report.entries)
-    True
+    Examples:
+        >>> import sightline, tempfile
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> labels = PACKAGED_FRAMES / "training" / "label_2"
+        >>> with tempfile.TemporaryDirectory() as results:
+        ...     for path in labels.iterdir():  # the labels themselves, each with a score of 1
+        ...         lines = [f"{line} 1.0" for line in path.read_text().splitlines()]
+        ...         _ = Path(results, path.name).write_text("\n".join(lines))
+        ...     report = sightline.evaluate_proposals(results, labels, ious=(0.7,))
+        >>> all(entry.n_found == entry.n_gt for entry in report.entries)
+        True
 
     Args:
         results_dir: One file a frame, as for `evaluate_objects`; the class of a proposal counts.

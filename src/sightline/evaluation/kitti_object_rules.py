@@ -82,8 +82,8 @@ LOOSE = MinimumOverlaps(
 def parse_overlaps(text: str) -> MinimumOverlaps:
     """Reads overlaps as the command line has them: `strict`, `loose`, or by class.
 
-    By class: image, bird's-eye view and 3D, as in `car=0.5,0.25,0.25`; several classes are parted
-    by semicolons or spaces, and a class that is not named keeps its strict overlaps.
+    By class: image, bird's-eye view and 3D, as in `car=0.5,0.25,0.25`; several classes are
+    separated by semicolons or spaces, and a class that is not named keeps its strict overlaps.
 
     Raises:
         ValueError: If the text is none of these.
@@ -142,8 +142,8 @@ def detection_levels(
 ) -> Int8[np.ndarray, " num_objects"]:
     """The first difficulty at which each detection is not small, `NEVER` if there is none.
 
-    The official program cuts the height to a whole number first. That never changes the outcome
-    of comparing it with one.
+    The official program first truncates the height to a whole number, which never changes the
+    outcome of comparing it with one.
     """
     height = np.abs(boxes2d[:, 1] - boxes2d[:, 3])
     levels = np.zeros(len(height), dtype=np.int8)

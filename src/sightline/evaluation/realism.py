@@ -1,4 +1,4 @@
-"""How simulated frames measure up to real ones, number by number.
+"""Compares simulated frames with real ones, number by number.
 
 Needs no PyTorch. Both sides are read from KITTI's object tree by the same code.
 """
@@ -19,7 +19,7 @@ TOLERANCE: Final = 0.25
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Statistic:
-    """One number of both sides; None where a side has too little to tell."""
+    """One statistic of both sides; None where a side has too little data."""
 
     name: str
     simulated: float | None
@@ -79,13 +79,14 @@ def evaluate_realism(
     real_labels: Path | str | None = None,
     max_frames: int | None = None,
 ) -> RealismReport:
-    """Measures simulated and real frames alike and puts the numbers side by side.
+    """Measures simulated and real frames in the same way and puts the numbers side by side.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> report = sightline.evaluate_realism(PACKAGED_FRAMES, None)
-    >>> report.num_simulated, report.num_real
-    (2, 0)
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> report = sightline.evaluate_realism(PACKAGED_FRAMES, None)
+        >>> report.num_simulated, report.num_real
+        (2, 0)
 
     Args:
         simulated: An object tree that `generate.simulate` wrote.
@@ -93,7 +94,7 @@ def evaluate_realism(
             whole sweeps are where `velodyne` holds those cut to the image. None: nothing real.
         real_labels: A folder of label files for the statistics of objects, where there are more
             than those of `real`.
-        max_frames: Looks at so many frames of each, evenly taken; None: all.
+        max_frames: Uses so many frames of each, evenly spaced; None: all.
 
     Raises:
         ValueError: A tree holds no labelled frames, or a file of it cannot be understood.

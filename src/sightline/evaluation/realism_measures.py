@@ -1,4 +1,4 @@
-"""What there is to measure in the frames of an object tree; needs no PyTorch."""
+"""Measurements on the frames of an object tree; needs no PyTorch."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -39,7 +39,7 @@ class BoxFit(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measures:
-    """What was seen of a data set."""
+    """The measurements on a data set."""
 
     points_in_image: list[int] = field(default_factory=list)
     points_in_sweep: list[int] = field(default_factory=list)
@@ -64,7 +64,7 @@ def measure_tree(root: Path, labels: Path | None, max_frames: int | None) -> Mea
     Args:
         root: The folder with `training`.
         labels: Takes the objects from this folder of label files instead.
-        max_frames: Looks at so many frames, evenly taken; None: all.
+        max_frames: Uses so many frames, evenly spaced; None: all.
 
     Raises:
         ValueError: There are no whole frames, or a file cannot be understood.

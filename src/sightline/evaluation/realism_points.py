@@ -1,4 +1,4 @@
-"""What there is to measure in a sweep: the ground it shows, and cars that nothing hides."""
+"""Measurements on a sweep: the ground, and cars that nothing hides."""
 
 from typing import Final, NamedTuple
 
@@ -17,7 +17,7 @@ _ROUNDS: Final = 30
 _SCALES_M: Final = (1.0, 0.05)
 """Residuals above which a cell counts less, in the first rounds and the last ones."""
 _GROUND_ENDS_M: Final = 0.5
-"""What is farther off the plane is no ground."""
+"""Points farther from the plane are not ground."""
 
 
 class Ground(NamedTuple):
@@ -42,8 +42,8 @@ class FreeCar(NamedTuple):
 def fit_ground(points: Float32[np.ndarray, "num_points 4"]) -> Ground | None:
     """The plane through the lowest points of 1 m cells, 5 to 40 m ahead and 5 m to either side.
 
-    By weighted least squares, where a cell counts the less the farther it is off (Cauchy's
-    weights, ever stricter): what stands on the ground does not lift it. None: too few cells.
+    By weighted least squares, where a cell counts less the farther off it is (Cauchy's weights,
+    ever stricter), so that objects on the ground do not lift it. None: too few cells.
     """
     x, y, z = points[:, :3].astype(np.float64).T
     ahead = (x > _GROUND_M[0]) & (x < _GROUND_M[1]) & (np.abs(y) < _HALF_WIDTH_M)

@@ -1,4 +1,4 @@
-"""The rows of the comparison of simulated and real frames: a name and how its number is had."""
+"""The rows of the comparison of simulated and real frames: names and how to compute them."""
 
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -15,7 +15,7 @@ _CLASSES: Final = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cycli
 _DISTANCES_M: Final = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0)
 """Between these, cars are compared by their points."""
 _MIN_OBJECTS: Final = 5
-"""A statistic of fewer objects is none."""
+"""Statistics of fewer objects are left out."""
 _FAR_M: Final = 30.0
 """Beyond this, the height of what stands on the ground tells how flat the ground is."""
 _AXIS_RAD: Final = np.radians(5)
@@ -46,7 +46,7 @@ def _spread(values: _Values) -> float | None:
 
 
 def _half_spread(values: _Values) -> float | None:
-    """Half of what two thirds lie within: a normal distribution's standard deviation."""
+    """Half the width of the middle two thirds: a normal distribution's standard deviation."""
     return float(np.diff(np.quantile(values, (0.16, 0.84)))[0] / 2) if len(values) else None
 
 

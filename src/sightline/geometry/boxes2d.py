@@ -16,10 +16,12 @@ class Boxes2D:
     Pixel (0, 0) is the centre of the top-left pixel. A box is a region of the plane, so its area
     is width times height without "+ 1" (KITTI's evaluator has its own rule, and follows it there).
 
-    >>> from sightline import Boxes2D
-    >>> boxes = Boxes2D(torch.tensor([[10.0, 20.0, 60.0, 50.0], [-5.0, 0.0, 5.0, 10.0]]))
-    >>> boxes.area().tolist(), boxes.clip((40, 50)).tensor[1].tolist()
-    ([1500.0, 100.0], [0.0, 0.0, 5.0, 10.0])
+    Examples:
+        >>> import torch
+        >>> from sightline import Boxes2D
+        >>> boxes = Boxes2D(torch.tensor([[10.0, 20.0, 60.0, 50.0], [-5.0, 0.0, 5.0, 10.0]]))
+        >>> boxes.area().tolist(), boxes.clip((40, 50)).tensor[1].tolist()
+        ([1500.0, 100.0], [0.0, 0.0, 5.0, 10.0])
     """
 
     tensor: Float[Tensor, "*batch num_boxes 4"]

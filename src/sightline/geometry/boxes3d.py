@@ -37,12 +37,14 @@ class Boxes3D:
     LiDAR frame (x forward, y left, z up), metres and radians. Length, width and height lie along
     the box's own x, y, z. Yaw is counter-clockwise from above, 0 faces +x, in [-pi, pi).
 
-    >>> from sightline import Boxes3D
-    >>> car = Boxes3D(torch.tensor([[12.0, -2.0, -0.9, 4.0, 2.0, 1.5, 0.0]]))
-    >>> car.contain(torch.tensor([[13.9, -2.0, -0.9], [14.1, -2.0, -0.9]])).tolist()
-    [[True, False]]
-    >>> car.corners()[0, 0].tolist()  # front left, at the bottom
-    [14.0, -1.0, -1.649999976158142]
+    Examples:
+        >>> import torch
+        >>> from sightline import Boxes3D
+        >>> car = Boxes3D(torch.tensor([[12.0, -2.0, -0.9, 4.0, 2.0, 1.5, 0.0]]))
+        >>> car.contain(torch.tensor([[13.9, -2.0, -0.9], [14.1, -2.0, -0.9]])).tolist()
+        [[True, False]]
+        >>> car.corners()[0, 0].tolist()  # front left, at the bottom
+        [14.0, -1.0, -1.649999976158142]
     """
 
     tensor: Float[Tensor, "*batch num_boxes 7"]

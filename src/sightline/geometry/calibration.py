@@ -28,11 +28,13 @@ class Calibration:
     baseline between the two in its last column. Depth is therefore its third homogeneous
     coordinate: metres along the optical axis from the centre of camera 2, as in KITTI's depth maps.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> calibration = sightline.open_dataset(PACKAGED_FRAMES)[0].calibration
-    >>> calibration.image_from_lidar.shape, calibration.crop(100, 50).image_from_camera[0, 2].item()
-    (torch.Size([3, 4]), 509.5593)
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> calibration = sightline.open_dataset(PACKAGED_FRAMES)[0].calibration
+        >>> cropped = calibration.crop(100, 50)
+        >>> cropped.image_from_lidar.shape, cropped.image_from_camera[0, 2].item()
+        (torch.Size([3, 4]), 509.5593)
 
     Raises:
         ValueError: A matrix is not finite or singular, or camera_from_lidar is not rigid.
@@ -81,12 +83,13 @@ class Calibration:
 
         Warns, with the likely mistake, where no vehicle carries its sensors so.
 
-        >>> calibration = Calibration.from_matrices(
-        ...     [[1100, 0, 959.5], [0, 1100, 599.5], [0, 0, 1]],
-        ...     [[0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3], [0, 0, 0, 1]],
-        ... )
-        >>> calibration.image_from_camera.dtype
-        torch.float64
+        Examples:
+            >>> calibration = Calibration.from_matrices(
+            ...     [[1100, 0, 959.5], [0, 1100, 599.5], [0, 0, 1]],
+            ...     [[0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3], [0, 0, 0, 1]],
+            ... )
+            >>> calibration.image_from_camera.dtype
+            torch.float64
 
         Args:
             camera_matrix: 3x3, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, or 3x4. Pixel

@@ -41,12 +41,13 @@ def project_points(
 ) -> ProjectedPoints:
     """Pixels and depths of LiDAR points [m]; calculated in float64, returned in their dtype.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> projected = sightline.project_points(sample.points[:, :3], sample.calibration)
-    >>> float(projected.in_image(sample.image_size).float().mean()) > 0.99  # swept, then cut to it
-    True
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> projected = sightline.project_points(sample.points[:, :3], sample.calibration)
+        >>> float(projected.in_image(sample.image_size).float().mean()) > 0.99  # cut to it
+        True
     """
     homogeneous = transform_points(calibration.image_from_lidar, points.double())
     depths = homogeneous[..., 2]
@@ -79,12 +80,14 @@ def sparse_depth_map(
 
     Where several points fall on one pixel the nearest stays.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> sparse = sightline.sparse_depth_map(sample.points, sample.calibration, sample.image_size)
-    >>> sparse.shape == sample.image_size, 0.01 < float((sparse > 0).float().mean()) < 0.1
-    (True, True)
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> size = sample.image_size
+        >>> sparse = sightline.sparse_depth_map(sample.points, sample.calibration, size)
+        >>> sparse.shape == size, 0.01 < float((sparse > 0).float().mean()) < 0.1
+        (True, True)
     """
     height, width = image_size
     flat, depths, _ = _visible(points, calibration, image_size)

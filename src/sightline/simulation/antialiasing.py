@@ -1,8 +1,8 @@
-"""Smooth edges for little: more visibility rays there, with light borrowed from pixels nearby.
+"""Cheap smooth edges: extra visibility rays there, with light borrowed from nearby pixels.
 
 As graphics hardware does it (multisampling): a pixel with an edge looks along more rays, and each
-shows the radiance of a neighbouring pixel that sees the same surface. Only what no pixel sees at
-its centre is shaded by itself.
+shows the radiance of a neighbouring pixel that sees the same surface. Only surfaces that no pixel
+sees at its centre are shaded separately.
 """
 
 from typing import Final
@@ -18,7 +18,7 @@ from sightline.simulation.vectors import Vector, dot, minus, plus, row_of, scale
 
 _LEAF: Final = int(Material.LEAF)
 _BEND: Final = 1.5e-3
-"""Change of slope of 1 / depth over three pixels, relative to it, from which there is an edge.
+"""Relative change of slope of 1 / depth over three pixels above which there is an edge.
 
 The inverse depth of a plane is linear over the image, so only bends and steps change its slope.
 """
@@ -27,7 +27,7 @@ _SAME_CROWN_M: Final = 0.5
 _SAME_DIRECTION: Final = 0.9
 """Cosine between normals."""
 _SAME_PLANE: Final = 0.004
-"""How far off a plane a place on it may seem to lie, as a share of the depth."""
+"""How far off a plane a point on it may seem to lie, as a share of the depth."""
 
 
 def edge_pixels(
@@ -36,7 +36,7 @@ def edge_pixels(
     hits: Hits,
     image_size: tuple[int, int],
 ) -> Int32[np.ndarray, " num_edges"]:
-    """Flat indices of pixels whose neighbour to any side may show something else.
+    """Flat indices of pixels with a neighbour that may show something else.
 
     `hits` are those of an image's pixels; their distances are depths along the optical axis.
     """
@@ -78,7 +78,7 @@ def _mark_edges(
 
 @compiled
 def _both_leaves(mesh: MeshTables, face: int, other: int) -> bool:
-    """Foliage is all edges, and rather coarse than costly."""
+    """Foliage is all edges; a coarse answer is preferred to an expensive one."""
     if face < 0 or other < 0:
         return False
     return bool(mesh.materials[face] == _LEAF and mesh.materials[other] == _LEAF)
@@ -88,7 +88,7 @@ def _both_leaves(mesh: MeshTables, face: int, other: int) -> bool:
 def _differ(
     mesh: MeshTables, owners: Int32[np.ndarray, " num_faces"], face: int, other: int
 ) -> bool:
-    """Whether two faces belong to different things, or to things of different looks."""
+    """Whether two faces belong to different things, or to things that look different."""
     if face < 0 or other < 0:
         return face != other
     if owners[face] != owners[other] or mesh.materials[face] != mesh.materials[other]:
@@ -159,7 +159,7 @@ def _same_surface(
     reached: Vector,
     depth: float,
 ) -> bool:
-    """Whether a place on one face looks like the other face: same thing, side by side."""
+    """Whether a point on one face looks like the other face: same thing, side by side."""
     if _differ(mesh, owners, face, other):
         return False
     apart = minus(reached, row_of(mesh.vertices, mesh.faces[other, 0]))

@@ -29,7 +29,7 @@ STREET: Final = -1
 
 _OFFSETS_OF_FOUR: Final = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
 _BRIGHTEST: Final = 3.0
-"""Share of a photosite to which a sample is cut, so that one glint does not outweigh its pixel."""
+"""Share of a photosite at which a sample is clipped, so that no glint outweighs its pixel."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -39,13 +39,13 @@ class CameraConfig:
     picture: bool = True
     """Whether there is an image, or only the truth behind it."""
     samples_per_pixel: int = 1
-    """1, with more where the picture has edges, or 4."""
+    """1, with more at edges, or 4 everywhere."""
     ambient_stride: int = 3
-    """Light from all around is gathered at every so many pixels."""
+    """Ambient light is gathered at every so many pixels."""
     ambient_rays: int = 4
-    """Rays with which it is gathered there."""
+    """Rays that gather it there."""
     lidar_height_m: float = KITTI_LIDAR_HEIGHT_M
-    """Of the LiDAR, to which the calibration refers, above the ego's footprint."""
+    """Height of the LiDAR, which the calibration refers to, above the ego's footprint."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
 
     def __post_init__(self) -> None:
@@ -82,8 +82,8 @@ def render_camera(
 ) -> CameraFrame:
     """Takes a picture of (height, width) of a scene.
 
-    A scene has the same depth and owners whatever the samples per pixel; of the image only the
-    sensor's noise is drawn from `rng`. A `raycaster` over the scene's mesh saves building one.
+    A scene has the same depth and owners whatever the samples per pixel; only the sensor's noise in
+    the image is drawn from `rng`. A `raycaster` over the scene's mesh saves building one.
     """
     config = config or CameraConfig()
     world = lit_world(scene, raycaster or Raycaster(scene.mesh))

@@ -55,7 +55,7 @@ def pixel_radiance(
 def _soft_sun(
     world: LitWorld, found: SurfaceHits, samples: Samples
 ) -> Float32[np.ndarray, " num_rays"]:
-    """Share of the sun that each sample sees.
+    """Share of the sun's disc that each sample sees.
 
     One ray a sample finds where shadows end. There three more are cast from each pixel, and the
     views of neighbouring pixels, which look at other quarters of the sun, are joined.
@@ -65,7 +65,7 @@ def _soft_sun(
     sun_visible = sun_visibility(world, found, everywhere, samples.strata)
     mixed = np.zeros((height, width), bool)
     _mark_mixed(sun_visible[: height * width].reshape(height, width), mixed)
-    # Foliage is a mixture of light and shade anyway.
+    # Foliage mixes light and shade anyway.
     is_leaf = found.materials[: height * width] == _LEAF
     edges = np.flatnonzero(mixed.ravel() & ~is_leaf).astype(np.int32)
     for turn in range(1, SUN_STRATA // SUN_QUARTERS):
@@ -102,7 +102,7 @@ def _soften(
     width: int,
     softened: Float32[np.ndarray, " num_rays"],
 ) -> None:
-    """A filter of 3 x 3 pixels with weights 1 2 1, which gives each quarter of the sun as much."""
+    """A filter of 3 x 3 pixels with weights 1 2 1, which weighs all quarters of the sun equally."""
     for pixel in pixels:
         if found.materials[pixel] == NOTHING:
             continue
@@ -138,7 +138,7 @@ def _blend_edges(
     shown: Int32[np.ndarray, "num_offsets num_edges"],
     pixels: Float32[np.ndarray, "num_pixels 3"],
 ) -> None:
-    """Replaces the radiance of pixels with edges by the mean of all that they look at."""
+    """Replaces the radiance of edge pixels by the mean over all their samples."""
     share = 1.0 / (1 + shown.shape[0])
     for edge in range(edges.shape[0]):
         pixel = edges[edge]

@@ -16,14 +16,14 @@ from sightline.simulation.shading import SUN_QUARTERS, LitWorld
 from sightline.simulation.surfaces import Rays
 
 EDGE_OFFSETS: Final = ((0.33, -0.26), (-0.33, 0.26))
-"""Where else a pixel with an edge is sampled (x, y) [px], besides its centre."""
+"""Where a pixel with an edge is sampled (x, y) [px], besides its centre."""
 
 
 class View(NamedTuple):
     """Where a camera stands and where its pixels look; world frame.
 
-    The direction of pixel (x, y) is `corner + x * right + y * down`. It is as long as it takes to
-    go one metre along the optical axis, so distances along it are depths.
+    The direction of pixel (x, y) is `corner + x * right + y * down`. It is scaled to advance one
+    metre along the optical axis, so that distances along it are depths.
     """
 
     center: Float64[np.ndarray, "3"]
@@ -57,7 +57,7 @@ class Samples(NamedTuple):
     rows: Float32[np.ndarray, " num_rays"]
     """Where in the image [px], counted from the ray through the first pixel."""
     strata: Int32[np.ndarray, " num_rays"]
-    """Part of the sun that the first shadow ray from there aims at."""
+    """Part of the sun's disc that its first shadow ray aims at."""
     edges: Int32[np.ndarray, " num_edges"]
     """Flat indices of the pixels with edges."""
     shown: Int32[np.ndarray, "num_offsets num_edges"]

@@ -1,4 +1,4 @@
-"""Who is on a street: adds road users one by one where there is room for the whole drive."""
+"""Who is on a street: adds road users one by one where there is room for them all drive long."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,24 +26,25 @@ EGO_SIZE_LW: Final = (4.4, 1.9)
 """Length and width [m] of the car that carries the sensors."""
 BACK_M: Final = -45.0
 AHEAD_M: Final = 125.0
-"""Stations between which a street is peopled."""
+"""Stations between which there are road users."""
 _MOMENT_S: Final = 0.25
-"""Between the moments at which nobody may stand in anybody else."""
+"""Between the moments at which overlaps are checked."""
 _EGO_ROOM_M: Final = 1.4
-"""Before and behind it nobody stands."""
+"""Nobody stands ahead of it or behind it within this."""
 _WHEELS_OF_EGO_LW: Final = (2.7, 1.55)
 _WHEELS: Final = {
     **dict.fromkeys(("Car", "Van", "Truck", "Misc"), (0.6, 0.85)),
     "Tram": (0.7, 0.6),
     "Cyclist": (0.6, 0.0),
 }
-"""How far apart wheels are, as shares of length and width; who has none stands upright."""
+"""How far apart wheels are, as shares of length and width; what has none stands upright."""
 _VEHICLES: Final = ("Car", "Van", "Misc")
-"""Of which KITTI labels few far away; lorries and trams are seen from afar."""
+"""Classes that KITTI labels rarely when far away; lorries and trams are seen from afar."""
 _KEPT_AT_M: Final = ((20.0, 45.0, 60.0, 78.0), (1.0, 0.53, 0.42, 0.23))
 """Share of cars that are kept at distances [m]: annotators labelled few of the far ones."""
 _SPREAD: Final = 1.7
-"""Of the share of parking places taken: the less, the more rows are full or empty."""
+"""Concentration of the share of parking places taken: the lower, the more rows are full or
+empty."""
 _JAM_MPS: Final = (0.4, 2.5)
 _HARD_BUSYNESS: Final = 1.6
 _HARD_RARITY: Final = 0.4
@@ -56,7 +57,7 @@ class Customs:
     vehicles_per_km: float
     """Driving, per lane; the mean over streets, which differ widely."""
     heavy_share: float
-    """Lorries among them."""
+    """Share of lorries among them."""
     van_share: float
     speed_mps: tuple[float, float]
     jam_share: float
@@ -64,7 +65,7 @@ class Customs:
     parked_share: float
     """Mean share of parking places taken; most rows are nearly full or nearly empty."""
     walkers: tuple[float, float]
-    """Probability of any pedestrians, and their mean number then."""
+    """Probability that there are pedestrians, and their mean number if so."""
     cyclists: float
     """Mean number."""
 
@@ -143,7 +144,7 @@ class Crowd:
             self.taken.take(still.poses(self.times), footprint.width, footprint.depth)
 
     def draw_travel(self, standing_share: float) -> Travel:
-        """A speed as is usual here, or standing with some probability."""
+        """A speed usual for this kind of street, or 0 with some probability."""
         if self.rng.random() < standing_share:
             return STANDING
         speed = float(self.rng.uniform(*(_JAM_MPS if self.is_jammed else self.customs.speed_mps)))
@@ -160,7 +161,7 @@ class Crowd:
         return self.models.draw(self.rng, ("Truck", "Van", "Misc", "Car")[row], 0.0)
 
     def draw_rarity(self) -> float:
-        """How soon a row of cars thins towards the distance, to be given to `add`: 0 never."""
+        """How fast a row of cars thins out with distance, for `add`; 0: not at all."""
         return float(self.rng.random()) * (_HARD_RARITY if self.hard else 1.0)
 
     def add(self, model: ActorModel, track: Track, margin: float, rarity: float = 0.0) -> bool:
@@ -193,5 +194,5 @@ class Crowd:
 
 
 def stopping_distance_m(speed_mps: float) -> float:
-    """Room that a driver keeps: half a second to react, then hard braking."""
+    """Distance that a driver keeps: half a second to react, then hard braking."""
     return 2.5 + 0.5 * speed_mps + speed_mps**2 / (2 * 7.0)

@@ -1,4 +1,4 @@
-"""Sets out what stands along a street: rows of trees, lamps, signs, lights, bollards, rails."""
+"""Places what stands along a street: rows of trees, lamps, signs, lights, bollards, rails."""
 
 from typing import Final
 
@@ -33,19 +33,19 @@ from sightline.simulation.scene import Mesh
 _KERB_CLEARANCE: Final = 0.55
 _FAR: Final = 115.0
 _ROOM_M: Final = 0.25
-"""Around things along a street."""
+"""Free space around things along a street."""
 _TRUNK_M: Final = 0.5
 _SITE_SHARE: Final = 0.12
-"""Streets with a building site."""
+"""Share of streets with a building site."""
 _TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))
 """Range of the factors of painted things' colours."""
 _ALONG: Final = (Item.PARKING_SIGN, Item.NO_PARKING_SIGN, Item.BICYCLE, Item.POSTER)
-"""What faces along the street instead of the street."""
+"""What faces along the street instead of towards it."""
 _ROW_TREES: Final = (Species.PLANE, Species.LIME, Species.CHERRY, Species.BIRCH, Species.POPLAR)
 
 
 def dress(rng: np.random.Generator, layout: Layout, taken: Occupancy) -> list[Mesh]:
-    """All furniture and rows of trees of a street, where no road user ever is and no wall."""
+    """All furniture and rows of trees of a street, clear of road users and walls."""
     dresser = _Dresser(rng, layout, taken)
     if layout.junction is not None:  # lights and signs of priority come before all else
         dresser.junction()
@@ -99,8 +99,8 @@ class _Dresser:
     ) -> Float64[np.ndarray, " num_set"]:
         """Sets things at stations of a road, turned against its heading by `turn`.
 
-        Those that would stand in something set out before, in the way of somebody or in a wall
-        are left out. Returns the stations of the others.
+        Those that would overlap something placed earlier, a road user or a wall are left out.
+        Returns the stations of the others.
         """
         places = ground_places(self._layout, road, stations, offset, level)
         rows = np.concatenate((places, (road.line.yaw(stations) + turn)[:, None]), axis=1)
@@ -112,7 +112,7 @@ class _Dresser:
     def _settle(
         self, rows: Float64[np.ndarray, "count 4"], length: float, width: float
     ) -> Bool[np.ndarray, " count"]:
-        """Takes the ground of things that stand at x, y, z and yaw; which of them were free."""
+        """Takes the ground of things at x, y, z, yaw where it is free; returns which fitted."""
         still = [np.tile(row, (self._taken.num_moments, 1)) for row in rows]
         free = [self._taken.is_free(poses, length, width, _ROOM_M) for poses in still]
         for poses, is_free in zip(still, free, strict=True):
@@ -218,7 +218,7 @@ class _Dresser:
         self._places.setdefault(Item.BICYCLE, []).append(rows)
 
     def building_site(self, side: Side) -> None:
-        """Barriers and cones along the kerb, and what a site needs behind them."""
+        """Barriers and cones along the kerb, with a building site behind them."""
         rng, main = self._rng, self._layout.main
         start = float(rng.uniform(4.0, 45.0))
         stop = start + float(rng.uniform(8.0, 22.0))

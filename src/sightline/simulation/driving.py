@@ -18,13 +18,13 @@ from sightline.simulation.motion import STANDING, AlongRoad, Still
 from sightline.simulation.scene import Pose
 
 _ONCOMING_FACTOR: Final = 1.4
-"""Traffic towards the ego is denser than that ahead of it, which keeps its distance."""
+"""Oncoming traffic is denser than that ahead of the ego, which keeps its distance."""
 _PARKED_VANS: Final = 0.042
 _PARKED_MISC: Final = 0.05
 _QUEUE_FACTOR: Final = 0.8
 """Queues on the crossing road are shorter than those on the main one."""
 _JAMMED_LANES: Final = 0.6
-"""Share of the lanes that are full where traffic hardly moves."""
+"""How full lanes are where traffic hardly moves."""
 
 
 def drive_lanes(crowd: Crowd) -> None:
@@ -84,7 +84,7 @@ def _fill_lane(
             and _keeps_off_ego(crowd, road, lane, station, length, gap)
         ):
             crowd.add(model, track, 0.2, rarity)
-        # The room between two cars is what is kept anyway and, mostly, some more.
+        # The gap between two cars is the distance that drivers keep and, mostly, some more.
         more = float(rng.exponential(1.0 if rng.random() < closed_up else 1 / density))
         position = station - lane.direction * (length / 2 + gap + more)
 
@@ -113,7 +113,7 @@ def _drive_tram(crowd: Crowd, road: Road, lane: Lane, first: float, last: float)
 
 
 def park(crowd: Crowd, road: Road, side: Side) -> None:
-    """A row of parked cars along a kerb, as full as chance has it."""
+    """A row of parked cars along a kerb, filled at random."""
     if side.parking is Parking.NONE:
         return
     share = float(np.clip(crowd.fullness + crowd.rng.normal(0, 0.12), 0.02, 1.0))
@@ -208,5 +208,5 @@ def fill_bays(crowd: Crowd, bays: Sequence[Bay]) -> None:
 
 
 def _askew(rng: np.random.Generator) -> float:
-    """By how much a parked car is turned out of its row [rad]: mostly little."""
+    """By how much a parked car is askew in its row [rad]: mostly little."""
     return float(rng.normal(0, 0.09 if rng.random() < 0.15 else 0.02))

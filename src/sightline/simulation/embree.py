@@ -58,7 +58,7 @@ class _Packet(NamedTuple):
 
 
 class EmbreeScene:
-    """Triangles that rays may be cast against; it lives in its own process only."""
+    """Triangles that rays may be cast against; usable in the process that made it only."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class EmbreeScene:
             raise RuntimeError(f"Embree could not take a mesh of {len(faces)} faces: error {error}")
 
     def __reduce__(self) -> NoReturn:
-        """Refuses to be copied or pickled: its triangles are Embree's, not Python's."""
+        """Refuses to be copied or pickled: Embree owns the triangles, not Python."""
         raise TypeError("an EmbreeScene cannot be copied or pickled: build it from its mesh")
 
     def intersect(
@@ -110,7 +110,7 @@ class EmbreeScene:
     ]:
         """Face, distance, u and v of the first hit of each ray: -1, inf and 0 where there is none.
 
-        Rays are `coherent` where eight that follow one another look nearly the same way.
+        Rays are `coherent` where eight in a row have nearly the same direction.
         """
         count = _count(origins, directions)
         faces, distances = np.empty(count, np.int32), np.empty(count, np.float32)
@@ -163,7 +163,7 @@ def _copy_rows(geometry: int, buffer: int, form: int, rows: np.ndarray) -> None:
 
 
 def _count(origins: np.ndarray, directions: np.ndarray) -> int:
-    """Of the rays; the kernels below read memory without a check."""
+    """How many rays there are; the kernels below read memory unchecked."""
     if not origins.shape == directions.shape == (len(origins), 3):
         raise ValueError(
             f"rays need an origin and a direction of 3 numbers each, got arrays of {origins.shape} "

@@ -1,4 +1,4 @@
-"""The models of road users that a street is peopled with."""
+"""The models of road users on a street."""
 
 from typing import Final, Protocol, runtime_checkable
 
@@ -19,10 +19,10 @@ _MAKERS: Final = {
     "Person_sitting": make_sitting_person,
 }
 _MOST_MODELS: Final = 4
-"""Of how many models all others of a class are, at most; making one takes longer than copying."""
+"""Models made of any other class, at most; making one takes longer than copying one."""
 _FAMILIES: Final = {family.class_name: family for family in (CARS, VANS)}
 _MOST_DESIGNS: Final = 16
-"""Of how many designs a street's cars or vans are, at most."""
+"""Designs made of a street's cars or vans, at most."""
 
 
 @runtime_checkable

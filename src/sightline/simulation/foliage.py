@@ -14,10 +14,10 @@ from sightline.simulation.vectors import dot, minus, row_of
 
 _LEAF: Final = int(Material.LEAF)
 _MOST_CARDS: Final = 3
-"""Cards that a ray may pass; the next one it meets is taken as closed."""
+"""Cards that a ray may pass; the next one stops it."""
 _PASSED_M: Final = 0.002
 _LARGEST_CARD_M: Final = 6.0
-"""Diagonal of a card; what is larger is no card of leaves but a wood far away."""
+"""Largest diagonal of a card of leaves; anything larger is a distant wood."""
 _LEAVES_PER_METRE: Final = 11.0
 _OPENNESS: Final = -0.12
 """Level of the noise, from -1 to 1, below which there is no leaf."""

@@ -25,7 +25,8 @@ from sightline.simulation.writer import (
 )
 
 SIMULATOR_REVISION: Final = 4
-"""Of what the frames look like; raised by each change after which the same seed gives others."""
+"""Revision of what frames look like; raised by each change after which a seed gives other
+frames."""
 MANIFEST_NAME: Final = "simulation.json"
 """File in an output folder that says what made the others."""
 
@@ -95,7 +96,7 @@ def simulate(
 
 @dataclass(frozen=True, slots=True)
 class _Maker:
-    """Makes what is missing of a part of a data set, and of what earlier runs began of it."""
+    """Makes what is missing of one part of a data set, including what earlier runs began."""
 
     config: SimulationConfig
     streets: StreetMaker
@@ -170,7 +171,7 @@ class _CourseWork:
 def _settings(
     config: SimulationConfig, velodyne: Velodyne, validation_frames: int, streets: StreetMaker
 ) -> dict[str, object]:
-    """All that the bytes depend on, but for the number of frames."""
+    """All that the bytes depend on, except the number of frames."""
     return {
         "revision": SIMULATOR_REVISION,
         "streets": f"{streets.__module__}.{streets.__qualname__}",

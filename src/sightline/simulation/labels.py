@@ -1,4 +1,4 @@
-"""KITTI labels of a simulated frame, from the geometry and from what the camera really shows."""
+"""KITTI labels of a simulated frame, from the geometry and from what the camera sees."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -38,7 +38,7 @@ _PERSON_ROOM_M: Final = 0.02
 (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
 _DONT_CARE_GAP_PX: Final = 4.0
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
-"""The numbers of the line of a region to ignore, but for its box, which stands after the third."""
+"""The numbers on the line of a DontCare region; its box goes after the third."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,10 +48,10 @@ class _Seen:
     index: int
     actor: Actor
     location: Float64[np.ndarray, "3"]
-    """Centre of its bottom, camera frame [m]."""
+    """Bottom centre, camera frame [m]."""
     rotation_y: float
     box: Float64[np.ndarray, "4"]
-    """As KITTI draws it; NaN where no edge of the 3D box shows."""
+    """2D box as KITTI draws it; NaN where no edge of the 3D box is in view."""
     visible_box: Float64[np.ndarray, "4"]
     """Around the pixels that show it."""
     truncation: float
@@ -62,7 +62,7 @@ class _Seen:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameLabels:
-    """Labels and which actor each is of."""
+    """Labels, and the actor that each belongs to."""
 
     objects: KittiObjects
     actors: Int32[np.ndarray, " num_objects"]

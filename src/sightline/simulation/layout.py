@@ -118,7 +118,7 @@ class Side:
     def stretches(
         self, first: float, last: float, margin: float = 0.0
     ) -> tuple[tuple[float, float], ...]:
-        """What is left between two stations without the gaps, each widened by `margin`."""
+        """The stretches between two stations outside the gaps, which are widened by `margin`."""
         cuts = [first]
         for start, stop in self.gaps:
             cuts += [start - margin, stop + margin]
@@ -159,7 +159,7 @@ class Junction:
     radius: float
     """Of the kerb at the corners [m]."""
     corner: float
-    """Side of the square that a corner takes beside both carriageways [m]."""
+    """Side of the square that a corner occupies beside both carriageways [m]."""
     cross: Road
     opens_left: bool
     opens_right: bool

@@ -47,13 +47,13 @@ def draw_layout(
     *,
     hard: bool = False,
 ) -> Layout:
-    """Draws a street of a kind, or of a kind as often met as in KITTI's drives.
+    """Draws a street of a kind, or of one drawn as often as KITTI's drives have it.
 
     Args:
         rng: Where all randomness comes from.
         kind: What kind of street.
         extra_length_m: How far the ego will drive; the street is built that much longer.
-        hard: Whether cars park and junctions are wherever they may be.
+        hard: Whether there are parked cars and junctions wherever possible.
     """
     if kind is None:
         kinds = list(_KIND_SHARES)
@@ -186,7 +186,7 @@ def _draw_section(
 
 
 _FALLS: Final = (0.012, 0.03)
-"""How steeply carriageways fall to their edges, on the mean."""
+"""Mean slope of carriageways towards their edges."""
 
 
 def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -> tuple[Lane, ...]:

@@ -11,9 +11,9 @@ _STEP: Final = 0.5  # m between the points that stand for a line
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CenterLine:
-    """A smooth line that stations [m] are counted along; it goes on straight beyond its ends.
+    """A smooth line along which stations [m] are counted; it goes on straight beyond its ends.
 
-    A place near it is (station, offset): offsets [m] are positive to the left.
+    A point near it is (station, offset): offsets [m] are positive to the left.
     """
 
     first_station: float
@@ -30,7 +30,7 @@ class CenterLine:
     def place(
         self, station: Float[np.ndarray, "..."], offset: Float[np.ndarray, "..."]
     ) -> Float64[np.ndarray, "... 2"]:
-        """World x, y of places given by station and offset, which are broadcast."""
+        """World x, y of points given by station and offset, which are broadcast."""
         station, offset = np.broadcast_arrays(
             np.asarray(station, np.float64), np.asarray(offset, np.float64)
         )
@@ -97,16 +97,16 @@ class Terrain:
 
 _WAVES_M: Final = ((300.0, 600.0), (150.0, 280.0), (80.0, 130.0), (24.0, 60.0), (14.0, 30.0))
 _STEEPEST: Final = (0.016, 0.013, 0.005, 0.007, 0.007)
-"""Lengths of hills and bumps, and how steep those of an average street are at the most."""
+"""Wavelengths of hills and bumps, and their largest slopes on an average street."""
 _NUM_HILLS: Final = 3
 _HILLIEST: Final = 3.0
 
 
 def draw_terrain(rng: np.random.Generator, *, hard: bool = False) -> Terrain:
-    """Ground that waves as under KITTI's streets: mostly little, now and then much.
+    """Ground that undulates as KITTI's streets do: mostly little, sometimes much.
 
-    It bends by at most 4 mm within 2.5 m, so that flat pieces of it fit. Where it is `hard`, hills
-    are as high as they get elsewhere now and then.
+    It bends by at most 4 mm within 2.5 m, so that flat pieces fit it. With `hard`, hills are always
+    as high as they sometimes are elsewhere.
     """
     lengths = rng.uniform(*np.transpose(_WAVES_M))
     directions = rng.uniform(0, 2 * np.pi, len(lengths))

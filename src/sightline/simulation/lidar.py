@@ -19,34 +19,34 @@ from sightline.simulation.surfaces import MeshTables, Rays, face_normal, mesh_ta
 from sightline.simulation.vectors import dot, row_of
 
 _MID_GREY = 0.25  # albedo (linear) of the sample that `Surface.lidar_reflectance` speaks of
-_COLOR_RANGE = (0.35, 1.8)  # how far a dark or bright colour moves the reflectance at 905 nm
-# Paint, lamps and panes send most of the light elsewhere, the more the more they are slanted;
+_COLOR_RANGE = (0.35, 1.8)  # how much a dark or bright colour changes the reflectance at 905 nm
+# Paint, lamps and panes send most of the light elsewhere, more so at a slant;
 # fitted to the points and readings on KITTI's cars.
 _GLEAMING_ECHO = 0.10  # share of the echo that such a surface gives
 _GLEAMING_COSINE_POWER = 0.5  # of that echo
 _THROUGH_GLASS = 0.1  # share of the light that passes a pane twice
 _STEEPNESS = 10.0  # of the chance that an echo is found, around the detectable one
-# Where returns thin out whatever they hit, fitted to the depths in KITTI's images.
+# Where returns become rarer whatever they hit, fitted to the depths in KITTI's images.
 _REACH_M = 74.0
 _REACH_SPREAD_M = 6.0
 _BEHIND_GLASS_M = 1e-3
 _TURN_S = 0.1
 
 # Fitted to the reflectances of KITTI's files: over all, by range, from shot to shot and on cars.
-# The sensor reads about the logarithm of what comes back and evens out slants of rough surfaces.
-_READING = 0.60  # of a white wall that is near
+# The reading is roughly the logarithm of the echo, and independent of the slant of rough surfaces.
+_READING = 0.60  # reading of a white wall nearby
 _READING_PER_E = 0.15  # for e times the light
 _COSINE_POWER, _GLEAMING_READING_POWER = 0.23, 2.0
 _FADING = 0.24  # subtracted at 40 m
 _FADING_POWER = 2.0
 _SPECKLE = 0.028  # mean deviation of a reading
-_FAINTEST = (0.06, 0.09)  # what reads less, between these by chance, is reported as 0
+_FAINTEST = (0.06, 0.09)  # weaker readings are reported as 0; the limit is drawn between these
 
 # By material.
 _REFLECTANCE = np.array([SURFACES[material].lidar_reflectance for material in Material])
 _SPREAD = np.array([SURFACES[material].lidar_spread for material in Material])
 _TRANSMISSION = np.array([SURFACES[material].lidar_transmission for material in Material])
-# Bare metal beside streets is zinc and paint, dull enough for KITTI's poles to return well.
+# Metal beside streets is zinc-plated or painted, dull enough for KITTI's poles to return well.
 _GLEAMS = np.array([SURFACES[item].mirror > 0 and item is not Material.METAL for item in Material])
 
 
@@ -57,7 +57,7 @@ class Laser:
     elevation_deg: float
     """Of its beam."""
     offset_m: float = 0.0
-    """How far above the sensor's origin the beam crosses the axis."""
+    """Height above the sensor's origin at which the beam crosses the axis."""
     range_bias_m: float = 0.0
     """Added to all its ranges."""
     reading_bias: float = 0.0
@@ -66,7 +66,7 @@ class Laser:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BlindSector:
-    """Where the car that carries the sensor stands in the beams' way."""
+    """Where the car that carries the sensor blocks the beams."""
 
     azimuth_deg: tuple[float, float]
     """From, to, counter-clockwise; 0 is straight ahead."""
@@ -86,17 +86,17 @@ class LidarConfig:
     height_m: float = KITTI_LIDAR_HEIGHT_M
     """Of its origin above the road."""
     lean_deg: float = 0.0
-    """How far its axis leans forward; points are given in a level frame all the same."""
+    """How far its axis leans forward; points are in a level frame all the same."""
     min_range_m: float = 1.5
     max_range_m: float = 80.0
     range_noise_m: float = 0.01
     """Standard deviation along the ray, around the laser's bias."""
     drop_out: float = 0.01
-    """Share of returns lost whatever they hit."""
+    """Share of returns that are lost, whatever they hit."""
     detectable_echo: float = 0.006
     """Echo (reflectance * cosine / (range / 40 m)^2) that is found with probability 1 - 1/e."""
     rolling_shutter: bool = False
-    """Whether the sensor moves during its turn, which skews the sweep as real ones are."""
+    """Whether the sensor moves during its turn, which distorts the sweep as in reality."""
 
     def __post_init__(self) -> None:
         """Checks that rings come from the top, as KITTI's files order them."""
@@ -178,9 +178,9 @@ def take_sweep(
 
     Points come in the order of KITTI's files: ring by ring from the top, each from straight ahead
     counter-clockwise. An echo grows with the reflectance of the surface and the cosine of
-    incidence and falls with the square of the range; weak ones are lost, most from what gleams,
-    and those a little stronger are found but read as 0. Glass lets most of the light through: it
-    returns from what stands behind, weaker, or not at all.
+    incidence and falls with the square of the range; weak ones are lost, most of all from shiny
+    surfaces, and slightly stronger ones are found but read as 0. Glass lets most of the light
+    through: what stands behind returns a weaker echo or none.
 
     Args:
         scene: The street, which stands still during the turn.
@@ -303,7 +303,7 @@ def _cast_through_glass(
     behind = raycaster.cast(
         origins[passed] + directions[passed] * advance[:, None], directions[passed]
     )
-    # What a second pane lets through is lost: the light has to come back through all of them.
+    # Light that passes a second pane is lost: it has to come back through all of them.
     lost = _passes(scene, behind.faces, rng)
     faces, distances, barycentric = (np.array(column) for column in hits)
     faces[passed] = np.where(lost, -1, behind.faces)
@@ -326,7 +326,7 @@ def _surface_answers(
     faces: Int32[np.ndarray, " num_hits"],
     directions: Float32[np.ndarray, "num_hits 3"],
 ) -> tuple[Float64[np.ndarray, " num_hits"], Float64[np.ndarray, " num_hits"]]:
-    """Reflectance of the surface in its colour, and the cosine of incidence."""
+    """Reflectance of the surface, given its colour, and the cosine of incidence."""
     materials, colors = scene.mesh.materials[faces], scene.mesh.colors[faces]
     reflectance = _REFLECTANCE[materials] * np.exp(_SPREAD[materials] * (_pigments(colors) - 0.5))
     reflectance *= np.clip(0.5 + 0.5 * colors.mean(axis=1) / _MID_GREY, *_COLOR_RANGE)
@@ -336,7 +336,7 @@ def _surface_answers(
 def _pigments(
     colors: Float32[np.ndarray, "num_hits 3"],
 ) -> Float64[np.ndarray, " num_hits"]:
-    """Evenly from 0 to 1 as by chance, but the same wherever the very same colour is."""
+    """Pseudo-random in 0 to 1, uniform, and equal for equal colours."""
     bits = colors.view(np.uint32) * np.array((2654435761, 2246822519, 3266489917), np.uint32)
     mixed = np.bitwise_xor.reduce(bits ^ (bits >> np.uint32(15)), axis=1) * np.uint32(668265263)
     pigments: Float64[np.ndarray, " num_hits"] = (mixed >> np.uint32(8)) / 2.0**24
@@ -349,7 +349,7 @@ def _cosines(
     faces: Int32[np.ndarray, " num_hits"],
     directions: Float32[np.ndarray, "num_hits 3"],
 ) -> Float64[np.ndarray, " num_hits"]:
-    """Of the angles between rays of unit length and the normals of the faces that they hit."""
+    """Cosines between rays of unit length and the normals of the faces that they hit."""
     cosines = np.empty(faces.shape[0])
     for hit in range(faces.shape[0]):
         cosines[hit] = abs(dot(face_normal(mesh, faces[hit]), row_of(directions, hit)))
@@ -362,7 +362,7 @@ def _readings(
     biases: Float64[np.ndarray, " num_hits"],
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, " num_hits"]:
-    """What the sensor reports of the share of light that a white wall would return."""
+    """The sensor's reading for an echo, given as a share of a white wall's."""
     reading = _READING + _READING_PER_E * np.log(np.maximum(returned, 1e-9)) + biases
     reading -= _FADING * (ranges / 40.0) ** _FADING_POWER
     reading += rng.laplace(0.0, _SPECKLE, len(ranges))

@@ -1,4 +1,4 @@
-"""The plots beside a street: which buildings stand where, and where cars stand off the road."""
+"""The plots beside a street: where buildings stand, and where cars stand off the road."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,11 +12,11 @@ from sightline.simulation.layout import Layout, Plots, Road, Side
 
 _BUILT_FROM_M: Final = -50.0
 _CROSS_CLEARANCE_M: Final = 26.0
-"""How far plots of the crossing road keep from the junction, where those of the main road are."""
+"""Distance of the crossing road's plots from the junction, where those of the main road are."""
 
 
 class Boundary(Enum):
-    """What parts a plot from the pavement."""
+    """What separates a plot from the pavement."""
 
     OPEN = "open"
     HEDGE = "hedge"
@@ -70,11 +70,11 @@ class Bay:
     level: float
     """Above the terrain [m]."""
     taken: float
-    """How likely a car stands there."""
+    """Probability that a car stands there."""
 
 
 def draw_lots(rng: np.random.Generator, layout: Layout) -> tuple[Lot, ...]:
-    """Parts the land along all roads into lots."""
+    """Divides the land along all roads into lots."""
     lots: list[Lot] = []
     for road in layout.roads:
         is_main = road is layout.main
@@ -127,7 +127,7 @@ def bays_of(rng: np.random.Generator, lots: tuple[Lot, ...]) -> tuple[Bay, ...]:
     bays = []
     for lot in lots:
         stations, distances = _bay_grid(rng, lot)
-        # Yards are full or empty, driveways are mostly empty.
+        # Yards are nearly full or empty, driveways mostly empty.
         taken = float(rng.uniform(0.05, 0.25) if len(stations) < 2 else rng.beta(0.5, 1.6))
         places = lot.road.line.place(stations, lot.side.sign * distances)
         headings = lot.road.line.yaw(stations) + lot.side.sign * np.pi / 2
@@ -155,7 +155,7 @@ def _bay_grid(
         stations = stations[np.abs(stations - lot.driveway) > 3.5]
         distances = (lot.front - 3.6,)
     elif lot.plots is not Plots.HALLS and room > 5.4:
-        # Now and then a car stands across the pavement, about to leave.
+        # Some cars stand across the pavement, about to leave.
         out = float(rng.uniform(0.8, 2.2)) if rng.random() < 0.15 else 0.0
         stations, distances = np.array([lot.driveway]), (lot.side.outer + 2.9 - out,)
     grid = np.meshgrid(stations, np.array(distances))

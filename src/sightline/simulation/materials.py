@@ -39,11 +39,12 @@ class Surface:
     """How a material answers light and laser."""
 
     lidar_reflectance: float
-    """Of a mid-grey sample at normal incidence for the laser's light, against a white wall; what
-    sends the light back where it came from has more than 1."""
+    """Reflectance of a mid-grey sample for the laser's light at normal incidence, relative to a
+    white wall; retroreflectors have more than 1."""
     lidar_spread: float = 1.5
-    """Natural logarithm of the brightest over the darkest of samples that look alike to the eye,
-    since pigments differ at 905 nm; goes by the very colour, so it is 0 where few are used."""
+    """Natural logarithm of the ratio of brightest to darkest at 905 nm among samples that look
+    alike to the eye, since pigments differ there; drawn from the colour itself, so it is 0 for
+    materials of few colours."""
     lidar_transmission: float = 0.0
     """Probability that the beam passes on or is lost instead of returning."""
     mirror: float = 0.0

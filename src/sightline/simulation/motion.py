@@ -11,10 +11,10 @@ from sightline.simulation.layout_line import Terrain
 from sightline.simulation.relief import surface_height
 from sightline.simulation.scene import Motion, Pose
 
-# Fitted to the planes through the road in KITTI's sweeps and to where its labels stand.
+# Fitted to planes through the road in KITTI's sweeps and to where its labels stand.
 _LEAN: Final = 0.003
 _LEAN_FREEDOM: Final = 2.0
-"""Scale [rad] and degrees of freedom of Student's t: mostly little, now and then a degree."""
+"""Scale [rad] and degrees of freedom of Student's t: mostly small, sometimes a degree."""
 _LARGEST_LEAN: Final = 0.03
 _LARGEST_SWING: Final = 0.002
 """Of a body on its springs [rad]."""
@@ -33,15 +33,15 @@ class Track(Protocol):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Travel:
-    """How far something has come at each time.
+    """Distance travelled at each time.
 
-    Vehicles of one lane share a travel, so that the room between them never changes.
+    Vehicles of one lane share a travel, so that the gaps between them never change.
     """
 
     speed_mps: float
     """Mean speed."""
     sway_mps: float = 0.0
-    """By how much the speed rises and falls; less than the mean, so that nothing rolls back."""
+    """Amplitude of the speed's changes; less than the mean, so that nothing rolls back."""
     period_s: float = 12.0
     phase: float = 0.0
 
@@ -74,7 +74,7 @@ class AlongRoad:
     """1 along the line, -1 against it."""
     travel: Travel
     turn: float = 0.0
-    """Heading off the direction of travel [rad], as of a car parked askew."""
+    """Heading relative to the direction of travel [rad], as of a car parked askew."""
     wheels_lw: tuple[float, float] = (0.0, 0.0)
     """How far apart the wheels are, along and across [m], by which it tilts with the ground."""
 
@@ -145,13 +145,13 @@ class Still:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rocking:
-    """A vehicle whose body leans on its springs: by its load and brakes, and as it rolls along."""
+    """A vehicle whose body leans on its springs: from its load and brakes, and as it drives."""
 
     track: Motion
     lean: tuple[float, float]
-    """Pitch and roll [rad] that stay."""
+    """Constant part of pitch and roll [rad]."""
     swing: tuple[float, float]
-    """How far pitch and roll [rad] swing to either side of it."""
+    """Amplitude of pitch and roll [rad] around it."""
     period_s: tuple[float, float]
     phases: tuple[float, float]
 
@@ -168,7 +168,7 @@ class Rocking:
 
 
 def draw_rocking(rng: np.random.Generator, track: Motion) -> Rocking:
-    """A body on springs, by as much as the ground seen by KITTI's sensors tilts."""
+    """A body on springs, tilting as much as the ground does in KITTI's sensors."""
     lean = _LEAN * rng.standard_t(_LEAN_FREEDOM, 2)
     pitch, roll = np.clip(lean, -_LARGEST_LEAN, _LARGEST_LEAN).tolist()
     pitch_swing, roll_swing = rng.uniform(0.0, _LARGEST_SWING, 2).tolist()
@@ -205,7 +205,7 @@ def _rows(
     yaws: Float64[np.ndarray, " count"],
     wheels_lw: tuple[float, float] = (0.0, 0.0),
 ) -> Float64[np.ndarray, "count 6"]:
-    """Poses of what stands at heights: one, or those of its wheels by row, left and right."""
+    """Poses of something at given heights: one, or those of its wheels by row, left and right."""
     wrapped = (yaws + np.pi) % (2 * np.pi) - np.pi
     length, width = wheels_lw
     rows, columns = heights.mean(axis=2), heights.mean(axis=1)

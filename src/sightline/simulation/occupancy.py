@@ -5,14 +5,14 @@ from jaxtyping import Bool, Float, Float64
 
 
 class Occupancy:
-    """What ground is taken at each of a few moments: turned rectangles seen from above."""
+    """The ground that is taken at each of a few moments: rotated rectangles seen from above."""
 
     def __init__(self, num_moments: int) -> None:
         self._boxes = np.zeros((0, num_moments, 5))
 
     @property
     def num_moments(self) -> int:
-        """At how many moments it is known what is taken."""
+        """Number of moments at which it is known what is taken."""
         return self._boxes.shape[1]
 
     def try_add(
@@ -38,7 +38,7 @@ class Occupancy:
         """Whether no ground of a rectangle is taken at its poses.
 
         Args:
-            poses: x, y, z and yaw at each moment; what follows does not count.
+            poses: x, y, z and yaw at each moment; further columns are ignored.
             length: Along its heading [m].
             width: Across [m].
             margin: Room to keep to all others [m]; it is not kept free for the rectangle later.
@@ -66,7 +66,7 @@ class Occupancy:
 def rectangles_overlap(
     first: Float64[np.ndarray, "count 5"], second: Float64[np.ndarray, "count 5"]
 ) -> Bool[np.ndarray, " count"]:
-    """Whether pairs of rectangles (x, y, yaw, length, width) overlap: no axis parts them."""
+    """Whether pairs of rectangles (x, y, yaw, length, width) overlap: no axis separates them."""
     between = second[:, :2] - first[:, :2]
     overlap = np.ones(len(first), dtype=bool)
     for box in (first, second):

@@ -1,4 +1,4 @@
-"""Peoples a street: who drives, parks, cycles and walks where, about as often as in KITTI.
+"""Fills a street with road users who drive, park, cycle and walk about as often as in KITTI.
 
 The rates in `CUSTOMS` were fitted so that what the camera then sees matches `KITTI_COUNTS`.
 """
@@ -63,9 +63,9 @@ def place_traffic(
     *,
     hard: bool = False,
 ) -> Traffic:
-    """Peoples a street for a drive of `duration_s`; nobody stands in anybody or in a wall.
+    """Fills a street for a drive of `duration_s`; nobody overlaps anybody or a wall.
 
-    A `hard` street is fuller, and its cars go on into the distance.
+    A `hard` street is fuller, and its cars reach into the distance.
     """
     crowd = Crowd(rng, layout, models, duration_s, hard=hard)
     crowd.block(lots)

@@ -1,4 +1,4 @@
-"""Simulated data sets, and those that have a name: the same name is the same bytes."""
+"""Simulated data sets, some of them by name: the same name gives the same bytes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -37,7 +37,7 @@ PRESETS: Final[Mapping[PresetName, SimulatedSet]] = {
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=8000),
     ),
-    # To validate on where street-8k's own validation frames are too easy to tell networks apart.
+    # To validate on where street-8k's validation frames are too easy to tell networks apart.
     "street-hard-500": SimulatedSet(
         frames=500,
         validation_frames=500,

@@ -23,8 +23,8 @@ class Hits(NamedTuple):
 class Raycaster:
     """The acceleration structure over a mesh; rays are cast from any number of places at once.
 
-    Rays are cast eight at a time. Where eight that follow one another start and look about alike,
-    as those of neighbouring pixels do, `coherent` makes it faster; with others slower.
+    Rays are cast eight at a time. Where eight in a row have about the same origin and direction, as
+    those of neighbouring pixels do, `coherent` is faster; with others it is slower.
     """
 
     def __init__(self, mesh: Mesh) -> None:

@@ -14,9 +14,9 @@ _RAMP_HALF_M: Final = 1.7
 _RAMP_SLOPE_M: Final = 0.8
 """Half the width of a lowered kerb, and over which it comes down at each end."""
 RAMP_DEPTH_M: Final = 1.0
-"""Within this of the kerb the pavement comes up again behind a lowered one."""
+"""Distance from a lowered kerb within which the pavement rises to its full height."""
 _STEP_M: Final = 0.3
-"""Over which someone who walks over a kerb gains its height."""
+"""Distance over which someone who steps onto a kerb rises to its height."""
 
 
 def surface_height(
@@ -25,7 +25,7 @@ def surface_height(
     stations: Float[np.ndarray, "..."],
     offsets: Float[np.ndarray, "..."],
 ) -> Float64[np.ndarray, "..."]:
-    """Height [m] in the world of what one stands on beside or on a road."""
+    """Height [m] of the ground on or beside a road, in the world."""
     heights = terrain.height(road.line.place(stations, offsets))
     return np.asarray(heights + surface_level(road, stations, offsets))
 
@@ -78,7 +78,7 @@ def _level_of(
 
 
 def ramp_stations(side: Side) -> Float64[np.ndarray, " num_stations"]:
-    """Where along a side the height of its kerb bends."""
+    """Stations at which the height of a side's kerb changes slope."""
     bends = (
         np.array([-1.0, 1.0]) * _RAMP_HALF_M + np.array([[0.0, 0.0], [-1.0, 1.0]]) * _RAMP_SLOPE_M
     )

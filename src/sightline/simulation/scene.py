@@ -10,9 +10,9 @@ from jaxtyping import Float32, Float64, Int32
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mesh:
-    """Triangles with what the camera and the LiDAR need to know of them.
+    """Triangles with all that the camera and the LiDAR need to know about them.
 
-    Frame of whoever made it: objects have their origin in the middle of their footprint, x ahead,
+    The frame is its maker's: objects have their origin in the middle of their footprint, x ahead,
     y left, z up; metres.
     """
 
@@ -20,7 +20,7 @@ class Mesh:
     normals: Float32[np.ndarray, "num_vertices 3"]
     """Unit normals for shading; smooth surfaces share vertices, sharp edges do not."""
     uvs: Float32[np.ndarray, "num_vertices 2"]
-    """Where on the surface, in metres, for its texture."""
+    """Position on the surface [m], for its texture."""
     faces: Int32[np.ndarray, "num_faces 3"]
     materials: Int32[np.ndarray, " num_faces"]
     """A `Material` each."""
@@ -69,7 +69,7 @@ class Pose:
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Motion(Protocol):
-    """A way through the street."""
+    """A path through the street."""
 
     def at(self, time_s: float) -> Pose:
         """The pose at a time [s]; time 0 is the first frame."""
@@ -90,7 +90,8 @@ class Actor:
     class_name: str
     """KITTI's: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
     size_lwh: tuple[float, float, float]
-    """Of the upright box [m] around `shape` but for roof loads, aerials and tow bars, to 1 cm."""
+    """Size of the upright box [m] around `shape` without roof loads, aerials and tow bars, to 1
+    cm."""
     shape: Shape
     motion: Motion
 
@@ -104,14 +105,14 @@ class Light:
     sun_color: tuple[float, float, float]
     """Linear RGB irradiance of the unoccluded sun; zero when overcast."""
     sun_softness: float
-    """Angular radius [rad] over which shadow rays are spread."""
+    """Angular radius [rad] of the disc over which shadow rays are spread."""
     sky_zenith: tuple[float, float, float]
     sky_horizon: tuple[float, float, float]
     """Linear RGB radiance."""
     cloud_cover: float
     """0 clear to 1 overcast."""
     haze_m: float
-    """Distance over which the contrast falls to 1/e."""
+    """Distance over which contrast falls to 1/e."""
     exposure: float
 
 
@@ -120,7 +121,7 @@ class Street:
     """A place with its traffic over time, in a world frame: z up, ego starts near the origin."""
 
     ground_and_buildings: Mesh
-    """All that never moves."""
+    """Everything that never moves."""
     actors: tuple[Actor, ...]
     ego: Motion
     """Of the point on the road below the LiDAR."""

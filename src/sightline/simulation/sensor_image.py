@@ -17,10 +17,10 @@ from sightline.ops.compiled import compiled
 Image = TypeVar("Image", Float32[np.ndarray, "h w 3"], UInt16[np.ndarray, "h w 3"])
 
 _AMPLIFICATION: Final = (2.6, 1.0, 3.6)
-"""Of red, green and blue behind the photosites: amplified light is noisier."""
+"""Of red, green and blue behind the photosites: amplification brings noise."""
 _SHOULDER: Final = 0.15
 _FULL: Final = 65535
-"""Value of a photosite that is full, as the demosaicing takes it."""
+"""Value of a full photosite in the demosaicing."""
 _REC709: Final = (0.2126, 0.7152, 0.0722)
 _METERED_FROM: Final = 0.45
 """Share of the picture, from its top, that metering leaves out: mostly sky."""
@@ -28,12 +28,12 @@ _METERED_FROM: Final = 0.45
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorConfig:
-    """How the sensor and the lens answer."""
+    """The response of sensor and lens."""
 
     sensitivity: float = 3.0
     """Share of a photosite that one unit of radiance fills at an exposure of 1."""
     metering: float = 0.7
-    """How far the exposure follows the brightness of the scene; 0: only the light's, 1: wholly."""
+    """How far the exposure follows the scene's brightness; 0: only the light's, 1: fully."""
     metering_limit: float = 2.5
     """Largest factor by which metering raises or lowers the light's exposure."""
     target_level: float = 0.32
@@ -45,14 +45,15 @@ class SensorConfig:
     resampling_blur_px: float = 0.4
     """Standard deviation of the blur behind it, where a camera's picture is rectified."""
     photon_noise: float = 0.025
-    """Standard deviation of a full photosite, as a share; it grows with the root of the light."""
+    """Standard deviation of a full photosite's noise, as a share; noise grows with the root of the
+    light."""
     read_noise: float = 0.0016
-    """Standard deviation in the dark, as a share of a full photosite."""
+    """Standard deviation of the noise in the dark, as a share of a full photosite."""
     gamma: float = 1.08
     """Exponent of the tone curve; KITTI's cameras are close to linear."""
 
     def __post_init__(self) -> None:
-        """Checks what would give no picture."""
+        """Refuses what would give no picture."""
         if self.gamma <= 0:
             raise ValueError(f"gamma must be positive, got {self.gamma}")
         if self.metering_limit < 1:
@@ -110,7 +111,7 @@ def _gain(radiance: Float32[np.ndarray, "h w 3"], exposure: float, config: Senso
     """Shares of a photosite per unit of radiance, by the light's exposure and own metering."""
     exposure *= config.sensitivity
     street = radiance[int(_METERED_FROM * len(radiance)) :: 4, ::4]
-    # A full photosite tells no more, so that what is white anyway darkens nothing.
+    # A full photosite counts as full, so that what is white anyway does not darken the rest.
     seen = np.minimum(street @ np.array(_REC709, np.float32) * exposure, 1.0)
     level = float(np.exp(np.log(np.maximum(seen, 1e-3)).mean()))
     factor = (config.target_level / level) ** config.metering

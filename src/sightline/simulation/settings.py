@@ -1,4 +1,4 @@
-"""What can be set of a simulation; light, for the command line's sake."""
+"""The settings of a simulation; imports nothing heavy, for the command line's sake."""
 
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -15,7 +15,7 @@ _MIN_FOCAL_PX, _MAX_FOCAL_PX = 1.0, 1e5
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulationConfig:
-    """What is simulated, but for the number of frames; its fields are options of `simulate`."""
+    """What is simulated, except the number of frames; its fields are options of `simulate`."""
 
     seed: int = 0
     """Another seed gives other streets."""
@@ -23,24 +23,24 @@ class SimulationConfig:
     """Frames of a drive at 10 Hz, in KITTI's raw layout; 1 = every frame is another street, in the
     object layout."""
     image_size: tuple[int, int] = KITTI_IMAGE_SIZE
-    """Height, width [px]. What differs from KITTI's size is cut from the picture's top and both
-    sides, or added there."""
+    """Height, width [px]. Relative to KITTI's size, the picture is cropped or extended at its top
+    and both sides."""
     focal_px: float = KITTI_FOCAL_PX
-    """Focal length. Resizes the picture before it is cut: half of KITTI's shows as much in half
+    """Focal length. Scales the picture before it is cropped: half of KITTI's shows as much in half
     the pixels."""
     samples_per_pixel: Literal[1, 4] = 1
-    """1, or 4 for finer pictures."""
+    """Rays for each pixel: 1, or 4 for finer pictures."""
     lidar: LidarModel = "hdl-64e"
     """The sensor."""
     rolling_shutter: bool = False
-    """Whether the LiDAR moves during its turn."""
+    """Whether the LiDAR moves with the car during its turn."""
     camera: bool = True
-    """Whether pictures are taken; without, all else is the same, in half the time."""
+    """Whether pictures are taken; without them all else is the same, in half the time."""
     hard: bool = False
-    """Whether streets are asked to be hard: far, hidden and steep, where few points tell."""
+    """Whether streets are hard: objects far away, hidden and on slopes, with few points."""
 
     def __post_init__(self) -> None:
-        """Checks what no type checks."""
+        """Checks the ranges."""
         if self.seed < 0:
             raise ValueError(f"seed must not be negative, got {self.seed}")
         if not 1 <= self.sequence_length <= _MAX_SEQUENCE_LENGTH:

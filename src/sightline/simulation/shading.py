@@ -29,9 +29,9 @@ from sightline.simulation.texture_noise import hashed
 from sightline.simulation.vectors import Vector, dot, minus, normalized, row_of, scaled, store_row
 
 SUN_QUARTERS: Final = 4
-"""Four neighbouring pixels look at a quarter of the sun each."""
+"""Of four neighbouring pixels each samples a quarter of the sun's disc."""
 SUN_STRATA: Final = 16
-"""Parts of the sun's disc, which alternate between its quarters."""
+"""Parts of the sun's disc, alternating between its quarters."""
 
 _LEAF: Final = int(Material.LEAF)
 _GLASS: Final = int(Material.GLASS)
@@ -40,10 +40,11 @@ _HEADLIGHT: Final = int(Material.HEADLIGHT)
 _TAIL_LIGHT: Final = int(Material.TAIL_LIGHT)
 
 _LEAF_TRANSMISSION: Final = 0.45
-"""Sunlight on the far side of a leaf that shows on this side, as a share of the same in front."""
+"""Sunlight that shines through a leaf, as a share of what it would reflect if lit from the
+front."""
 _HIGHLIGHT_GAIN: Final = 0.7
 _HIGHLIGHT_SHARPNESS: Final = 6.0
-"""Against `highlight_power`: the sun is small, and the sky around it is mirrored by rays."""
+"""Factor on `highlight_power`: the sun is small, and the sky around it is mirrored by rays."""
 _BOUNCE: Final = 0.18
 """Albedo of the surroundings, where it is not looked up."""
 
@@ -64,7 +65,7 @@ class RayBatch(NamedTuple):
     """Rays that start on some of the surfaces."""
 
     sources: Int32[np.ndarray, " num_rays"]
-    """Which of the surfaces each ray starts on."""
+    """Row of the surface that each ray starts on."""
     rays: Rays
 
 
@@ -85,9 +86,9 @@ def sun_visibility(
     rows: Int32[np.ndarray, " num_rays"],
     strata: Int32[np.ndarray, " num_rays"],
 ) -> Float32[np.ndarray, " num_rays"]:
-    """Whether the surfaces in some rows see the sun: 1 or 0, which is also that of a turned away.
+    """Whether each surface in `rows` sees the sun: 1 or 0; one that faces away from it has 0.
 
-    Each looks at the part of the sun that is named in `strata`, 0 to SUN_STRATA - 1.
+    Each samples one part of the sun's disc, `strata`, from 0 to SUN_STRATA - 1.
     """
     visible = np.zeros(len(rows), np.float32)
     if max(world.light.sun_color) > 0.0:
@@ -130,7 +131,7 @@ def _sun_rays(
 
 @compiled
 def _place_on_disc(stratum: int) -> tuple[float, float]:
-    """A place on the unit disc for each stratum: a quarter of it, and in there a ring each."""
+    """A point on the unit disc for each stratum, which is a ring within a quarter of it."""
     quarter, turn = stratum % SUN_QUARTERS, stratum // SUN_QUARTERS
     angle = 0.5 * math.pi * (quarter + (turn + 0.5) / SUN_QUARTERS)
     radius = math.sqrt(((quarter + turn) % SUN_QUARTERS + 0.5) / SUN_QUARTERS)
@@ -139,7 +140,7 @@ def _place_on_disc(stratum: int) -> tuple[float, float]:
 
 @compiled
 def lifted(found: SurfaceHits, row: int) -> Vector:
-    """Where a ray that leaves a surface starts, so that it does not meet the same surface again."""
+    """Origin of a ray that leaves a surface, lifted so that it does not hit that surface."""
     lift = 0.002 + 1e-4 * found.distances[row]
     position, flat = row_of(found.positions, row), row_of(found.flat_normals, row)
     return (
@@ -217,7 +218,7 @@ def _shade(
 
 @compiled
 def _sun_share(material: int, facing: float) -> float:
-    """Share of the sun's irradiance that a surface throws back, by the cosine towards the sun."""
+    """Share of the sun's irradiance that a surface reflects, by the cosine towards the sun."""
     if material == _LEAF and facing < 0.0:
         return -_LEAF_TRANSMISSION * facing
     return max(facing, 0.0)
@@ -236,7 +237,7 @@ def _highlight(
 
 @compiled
 def _lamp(mesh: MeshTables, light: Daylight, material: int, face: int, albedo: Vector) -> Vector:
-    """Radiance of what glows in the dark: lamps, and the windows of rooms with somebody in."""
+    """Radiance of what glows in the dark: lamps, and the windows of lit rooms."""
     if material == _HEADLIGHT:
         return scaled(albedo, 4.0 * light.lamps)
     if material == _TAIL_LIGHT:
@@ -259,7 +260,7 @@ def _lamp(mesh: MeshTables, light: Daylight, material: int, face: int, albedo: V
 def add_haze(
     light: Daylight, found: SurfaceHits, radiance: Float32[np.ndarray, "num_rays 3"]
 ) -> None:
-    """Mixes the colour of the horizon into what is far away, in place."""
+    """Blends distant surfaces into the colour of the horizon, in place."""
     air = smooth_sky(light, 0.03)
     for row in range(radiance.shape[0]):
         if found.materials[row] != NOTHING:

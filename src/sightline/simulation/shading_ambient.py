@@ -2,7 +2,7 @@
 
 Each point of a coarse grid sends a few rays around. The rays of 4 x 4 neighbouring points differ so
 that together they cover the hemisphere evenly; a filter that spans just as many points, and leaves
-out those on other surfaces, then has no speckle to leave.
+out those on other surfaces, then leaves no speckle.
 """
 
 import math
@@ -39,13 +39,13 @@ _TILE: Final = 4
 _LEAF: Final = int(Material.LEAF)
 _LEAF_LIFT_M: Final = 0.06
 _LEAF_REACH_M: Final = 1.2
-"""How far apart two places in a crown may lie to have the same light."""
+"""Distance within which two points in a crown have the same light."""
 _OPEN_AT_M: Final = 5.0
-"""A surface that far from the point that looks at it is taken as open to the sky."""
+"""A surface at this distance from the point that sees it is taken as open to the sky."""
 
 
 class AmbientGrid(NamedTuple):
-    """Light from all around at points of every `stride`-th pixel."""
+    """Ambient light at the points of every `stride`-th pixel."""
 
     radiance: Float32[np.ndarray, "rows columns 3"]
     """Mean over the hemisphere, weighted by the cosine."""
@@ -117,7 +117,7 @@ def _rays_around(points: SurfaceHits, columns: int, rays_per_point: int) -> RayB
 
 @compiled
 def _spread(place: int, ray: int, rays: int, side: Vector, rise: Vector) -> Vector:
-    """Direction of one ray: a cell of azimuth each, and a ring of the disc each."""
+    """Direction of one ray: each has its own cell of azimuth and its own ring of the disc."""
     cells = _TILE * _TILE
     reversed_place = (
         ((place & 1) << 3) | ((place & 2) << 1) | ((place & 4) >> 1) | ((place & 8) >> 3)
@@ -133,7 +133,7 @@ def _spread(place: int, ray: int, rays: int, side: Vector, rise: Vector) -> Vect
 
 @compiled
 def _tilted_away(points: SurfaceHits, row: int, direction: Vector) -> Vector:
-    """The direction, mirrored out of the surface where the smooth normal lets it point inside."""
+    """The direction, mirrored where the smooth normal would let it point into the surface."""
     if points.materials[row] == _LEAF:
         return direction
     flat = row_of(points.flat_normals, row)
@@ -158,7 +158,7 @@ def _arriving(world: LitWorld, rays: Rays) -> Float32[np.ndarray, "num_rays 3"]:
 
 @compiled
 def _bounce_sun_rays(mesh: MeshTables, light: Daylight, rays: Rays, hits: Hits) -> RayBatch:
-    """Rays to the sun from the surfaces that rays met, as far as these face it."""
+    """Rays to the sun from the surfaces that rays met, where these face it."""
     count = hits.faces.shape[0]
     sources = np.empty(count, np.int32)
     origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
@@ -201,7 +201,7 @@ def _bounce(
             store_row(radiance, row, smooth_sky(light, way[2]))
             continue
         flat = _normal_towards(mesh, face, way)
-        # What is near hides the sky from this surface as this surface hides it from what is near.
+        # A near surface hides the sky from this one as much as this one hides it from that.
         openness = 0.2 + 0.65 * min(1.0, hits.distances[row] / _OPEN_AT_M)
         arriving = scaled(guessed_ambient(light, flat), openness)
         if sun_visible[row]:
@@ -261,7 +261,7 @@ def _alike(
     distance: float,
     material: int,
 ) -> float:
-    """How well the light at a point of the grid serves a place: 0..1."""
+    """How well the light at a grid point suits a place: 0..1."""
     other = grid.materials[row, column]
     if other == NOTHING or (other == _LEAF) != (material == _LEAF):
         return 0.0

@@ -18,7 +18,7 @@ _GLASS_TINT: Final = 0.72
 """Share of the light that a pane lets through."""
 _INSIDE_AMBIENT: Final = 0.22
 _OUTSIDE_AMBIENT: Final = 0.75
-"""Of the light in the open, what arrives inside a car and in a street."""
+"""Shares of the light in the open that arrive inside a car and in a street."""
 
 
 def add_mirror_images(
@@ -93,7 +93,7 @@ def _blend(
     width: int,
     radiance: Float32[np.ndarray, "num_rays 3"],
 ) -> None:
-    """Adds mirror images, smoothed over 3 x 3 pixels as far as these mirror about the same way."""
+    """Adds mirror images, smoothed over 3 x 3 pixels that mirror in about the same direction."""
     for row in range(shares.shape[0]):
         if shares[row] <= 0.0:
             continue

@@ -55,7 +55,7 @@ def lidar_of(config: SimulationConfig) -> LidarConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulatedFrame:
-    """All of a moment that goes into files; `dataset.sample_of` makes a sample of it."""
+    """Everything about a moment that goes into files; `dataset.sample_of` makes a sample of it."""
 
     sample_id: str
     calibration: CalibrationMatrices
@@ -83,7 +83,7 @@ class SimulatedFrame:
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class StreetMaker(Protocol):
-    """Makes a street by chance; a function of a module, so that worker processes find it."""
+    """Makes a random street; a module-level function, so that worker processes find it."""
 
     __module__: str
     __qualname__: str
@@ -91,14 +91,14 @@ class StreetMaker(Protocol):
     def __call__(
         self, rng: np.random.Generator, *, duration_s: float, hard: bool = False
     ) -> Street:
-        """Makes a street whose traffic is known for so long.
+        """Makes a street whose traffic is known for `duration_s`.
 
         `hard` is given only where `SimulationConfig.hard` is set: a maker of one kind of streets
         needs no such argument, and then refuses that setting with a TypeError.
         """
 
     def __hash__(self) -> int:
-        """Functions have it; the street of a drive is kept until another is asked for."""
+        """All functions have one; the street of a drive is kept until another is asked for."""
 
 
 def simulate_frame(

@@ -29,7 +29,7 @@ class Daylight(NamedTuple):
     lamps: float
     """Radiance of a lit lamp; 0 by day."""
     seed: int
-    """Tells one sky's clouds from another's."""
+    """Seed of the clouds."""
 
 
 def daylight(light: Light) -> Daylight:

@@ -29,10 +29,10 @@ def make_street(
 
     Args:
         rng: Where all randomness comes from; the same state gives the same street.
-        duration_s: For how long the ego will drive. Until then nobody runs into anybody, and the
-            street goes on for that far.
-        kind: What kind of street, if not as chance has it.
-        hard: Whether it is fuller than usual, and hillier, so that more is far away and hidden.
+        duration_s: For how long the ego will drive. Nobody runs into anybody until then, and the
+        street is long enough.
+        kind: What kind of street; None draws it.
+        hard: Whether it is fuller and hillier than usual, so that more is far away and hidden.
     """
     if duration_s < 0:
         raise ValueError(f"duration_s must not be negative, got {duration_s}")

@@ -207,7 +207,7 @@ def _pixel_on_surface(unit: Vector, flat: Vector, width: float) -> tuple[Vector,
 
 @compiled
 def _seed_of(mesh: MeshTables, face: int) -> int:
-    """Faces of different colour have different textures, and so has every card of foliage."""
+    """Seed of a face's texture: another for each colour and each card of foliage."""
     red, green, blue = row_of(mesh.colors, face)
     seed = int(8191.0 * red) * 7 + int(8191.0 * green) * 131 + int(8191.0 * blue)
     # Both triangles of a card start at the same vertex.

@@ -25,7 +25,7 @@ class Spot(NamedTuple):
     width_v: float
     """How far the pixel reaches along either axis [m]."""
     seed: int
-    """Tells surfaces apart that would look alike."""
+    """Seed; tells surfaces apart that would otherwise look alike."""
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""What surfaces look like close up: procedural textures over the colour that a face has.
+"""What surfaces look like close up: procedural textures over a face's colour.
 
 A texture turns a face's linear albedo, and the place on the surface, into the albedo of one pixel
 and a tilt of the surface there. Lengths are in metres of the surface's u and v: along the street
@@ -136,7 +136,7 @@ def _dimmed(color: Vector, factor: float) -> Vector:
 
 @compiled
 def _mixed(color: Vector, other: Vector, share: float) -> Vector:
-    """The colour with a share of it replaced by another."""
+    """The colour mixed with a share of another."""
     kept = 1.0 - share
     return (
         color[0] * kept + other[0] * share,
@@ -153,7 +153,7 @@ def _asphalt(color: Vector, spot: Spot) -> Textured:
         wear = 0.5 * clouded(spot, 5.0, 5.0, 2) + 0.5 * stones + 0.4 * grain(spot, 0.4, 0.4, 5)
         bare = _bounded(1.6 * (wear - 0.32)) + 0.10
         return Textured(_mixed(_dimmed(color, 1.0 + 0.1 * stones), _BARE_ASPHALT, bare), 0.0, 0.0)
-    # Traffic stretches whatever it does to a road along the road.
+    # Traces of traffic are stretched along the road.
     worn = grain(spot, 0.05, 0.09, 18)
     tone = 1.0 + 0.14 * clouded(spot, 0.12, 0.5, 6) + 0.10 * grain(spot, 0.04, 1.8, 9)
     tone *= 1.0 - 0.24 * _repair(spot)
@@ -165,7 +165,7 @@ def _asphalt(color: Vector, spot: Spot) -> Textured:
 
 @compiled
 def _repair(spot: Spot) -> float:
-    """Share of the pixel on asphalt that was laid anew: some rectangles of a loose grid."""
+    """Share of the pixel on repaired asphalt: some rectangles of a loose grid."""
     row = int(np.floor(spot.v / _PATCH_WIDTH))
     shifted = spot.u + 40.0 * hashed(row, 0, spot.seed + 12)
     column = int(np.floor(shifted / _PATCH_LENGTH))
@@ -289,7 +289,7 @@ def _wood(color: Vector, spot: Spot) -> Textured:
 
 @compiled
 def _window(color: Vector, spot: Spot) -> Textured:
-    """Old panes are not flat: what they mirror is bent a little."""
+    """Old panes are not flat: their reflections are slightly bent."""
     bend = 0.012 * value_noise(spot.u * 1.3, spot.v * 1.3, spot.seed)
     return Textured(color, bend, 0.012 * value_noise(spot.u * 1.3, spot.v * 1.3, spot.seed + 1))
 

@@ -13,11 +13,11 @@ from sightline.simulation.motion import STANDING, AlongRoad, Travel
 
 _TURNING_SHARE = 0.18
 _REACH_M = 40.0
-"""How far a turning vehicle's line is drawn before and after the bend; it goes on straight."""
+"""Length of a turning vehicle's line before and after the bend; beyond, it goes on straight."""
 
 
 def turn(crowd: Crowd) -> None:
-    """Vehicles on their way round the corners of a junction."""
+    """Vehicles that turn at a junction."""
     layout, rng = crowd.layout, crowd.rng
     junction = layout.junction
     if junction is None:

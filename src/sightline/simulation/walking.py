@@ -16,7 +16,7 @@ _PAIRS: Final = 0.08
 _ON_PAVEMENT: Final = 0.5
 """Share of cyclists who ride on the pavement where there is no path."""
 _ELBOW_M: Final = 0.04
-"""Room that people keep at least."""
+"""Least distance that people keep."""
 _HARD_FACTOR: Final = 1.5
 
 
@@ -134,7 +134,7 @@ def _wait(crowd: Crowd, station: float, count: int) -> None:
 def _stand(
     crowd: Crowd, name: str, side: Side, station: float, distance: float, yaw: float
 ) -> None:
-    """Someone at a place beside the main road."""
+    """Someone standing beside the main road."""
     main, spot = crowd.layout.main, (np.array(station), np.array(side.sign * distance))
     x, y = main.line.place(*spot).tolist()
     z = float(surface_height(crowd.layout.terrain, main, *spot))

@@ -10,7 +10,7 @@ _CLEAR: Final = 0.52
 _CLOUDY: Final = 0.75
 _LOW_SUN: Final = 0.85
 _OVERCAST: Final = 0.95
-"""Upper ends of the shares of each weather; the rest is dusk. KITTI was recorded by day."""
+"""Cumulative shares of each weather; the rest is dusk. KITTI was recorded by day."""
 
 
 def draw_light(rng: np.random.Generator) -> Light:

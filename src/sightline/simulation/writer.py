@@ -29,7 +29,7 @@ MAX_FRAMES = 10**6
 """Their names have six digits."""
 MAX_DRIVES = 10**4
 """Their names have four."""
-_DIGIT = "[0-9]"  # in patterns: what else lies in a folder of ours is no frame
+_DIGIT = "[0-9]"  # in patterns: other files in a folder of ours are no frames
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 
 

@@ -16,12 +16,13 @@ from sightline.geometry.boxes3d import Boxes3D
 class ObjectLabels:
     """The labelled objects of one frame, in the order of the label file.
 
-    >>> import sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> labels = sightline.open_dataset(PACKAGED_FRAMES)[0].objects
-    >>> cars = labels.select(torch.tensor([name == "Car" for name in labels.class_names]))
-    >>> len(cars) == labels.class_names.count("Car")
-    True
+    Examples:
+        >>> import sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> labels = sightline.open_dataset(PACKAGED_FRAMES)[0].objects
+        >>> cars = labels.select(torch.tensor([name == "Car" for name in labels.class_names]))
+        >>> len(cars) == labels.class_names.count("Car")
+        True
     """
 
     class_names: tuple[str, ...]

@@ -16,12 +16,13 @@ from sightline.geometry.boxes3d import Boxes3D
 class DepthMap:
     """A dense depth map and where it may be believed.
 
-    >>> import torch
-    >>> from sightline import DepthMap
-    >>> depth_m = torch.tensor([[0.0, 12.5], [8.0, 8.25]])
-    >>> dense = DepthMap(depth_m=depth_m, valid=depth_m > 0)
-    >>> float(dense.depth_m[dense.valid].min()), dense.uncertainty_m
-    (8.0, None)
+    Examples:
+        >>> import torch
+        >>> from sightline import DepthMap
+        >>> depth_m = torch.tensor([[0.0, 12.5], [8.0, 8.25]])
+        >>> dense = DepthMap(depth_m=depth_m, valid=depth_m > 0)
+        >>> float(dense.depth_m[dense.valid].min()), dense.uncertainty_m
+        (8.0, None)
     """
 
     depth_m: Float32[Tensor, "height width"]
@@ -38,15 +39,16 @@ class DepthMap:
 class Detections2D:
     """Objects found in one image.
 
-    >>> import torch
-    >>> from sightline import Boxes2D, Detections2D
-    >>> found = Detections2D(
-    ...     class_names=("Car", "Pedestrian"),
-    ...     boxes=Boxes2D(torch.tensor([[10.0, 20.0, 60.0, 50.0], [80.0, 15.0, 90.0, 45.0]])),
-    ...     scores=torch.tensor([0.9, 0.4]),
-    ... )
-    >>> [name for name, score in zip(found.class_names, found.scores) if score > 0.5]
-    ['Car']
+    Examples:
+        >>> import torch
+        >>> from sightline import Boxes2D, Detections2D
+        >>> found = Detections2D(
+        ...     class_names=("Car", "Pedestrian"),
+        ...     boxes=Boxes2D(torch.tensor([[10.0, 20.0, 60.0, 50.0], [80.0, 15.0, 90.0, 45.0]])),
+        ...     scores=torch.tensor([0.9, 0.4]),
+        ... )
+        >>> [name for name, score in zip(found.class_names, found.scores) if score > 0.5]
+        ['Car']
     """
 
     class_names: tuple[str, ...]
@@ -76,12 +78,13 @@ class Detections2D:
 class Detections3D:
     """Objects found in one sweep.
 
-    >>> import torch
-    >>> from sightline import Boxes3D, Detections3D
-    >>> box = Boxes3D(torch.tensor([[12.0, -2.0, -0.9, 4.2, 1.8, 1.5, 0.0]]))
-    >>> found = Detections3D(class_names=("Car",), boxes=box, scores=torch.tensor([0.8]))
-    >>> found.boxes.centers.tolist()
-    [[12.0, -2.0, -0.8999999761581421]]
+    Examples:
+        >>> import torch
+        >>> from sightline import Boxes3D, Detections3D
+        >>> box = Boxes3D(torch.tensor([[12.0, -2.0, -0.9, 4.2, 1.8, 1.5, 0.0]]))
+        >>> found = Detections3D(class_names=("Car",), boxes=box, scores=torch.tensor([0.8]))
+        >>> found.boxes.centers.tolist()
+        [[12.0, -2.0, -0.8999999761581421]]
     """
 
     class_names: tuple[str, ...]

@@ -26,12 +26,13 @@ class CameraLidarSample:
     radians; pixel (0, 0) is the centre of the top-left pixel. A sensor that delivered nothing is
     None; a sweep of zero points is a sweep.
 
-    >>> import dataclasses, sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> blind = dataclasses.replace(sample, image=None)  # the camera delivered nothing
-    >>> blind.image_size, blind.points.shape[1]
-    ((375, 1242), 4)
+    Examples:
+        >>> import dataclasses, sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> blind = dataclasses.replace(sample, image=None)  # the camera delivered nothing
+        >>> blind.image_size, blind.points.shape[1]
+        ((375, 1242), 4)
 
     Raises:
         ValueError: The image or the depth map is not of `image_size`.
@@ -86,18 +87,19 @@ class CameraLidarSample:
     ) -> "CameraLidarSample":
         """A sample of arrays of your own; warns where hardly a point falls into the image.
 
-        >>> import numpy as np, sightline
-        >>> sample = sightline.CameraLidarSample.from_arrays(
-        ...     sightline.Calibration.from_matrices(
-        ...         [[1100, 0, 959.5], [0, 1100, 599.5], [0, 0, 1]],
-        ...         [[0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3]],
-        ...     ),
-        ...     image=np.zeros((1200, 1920, 3), np.uint8),
-        ...     points=np.array([[10.0, 1.0, -1.0, 40.0], [20.0, -3.0, 0.5, 255.0]]),
-        ...     max_intensity=255.0,
-        ... )
-        >>> sample.points[1].tolist()
-        [20.0, -3.0, 0.5, 1.0]
+        Examples:
+            >>> import numpy as np, sightline
+            >>> sample = sightline.CameraLidarSample.from_arrays(
+            ...     sightline.Calibration.from_matrices(
+            ...         [[1100, 0, 959.5], [0, 1100, 599.5], [0, 0, 1]],
+            ...         [[0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3]],
+            ...     ),
+            ...     image=np.zeros((1200, 1920, 3), np.uint8),
+            ...     points=np.array([[10.0, 1.0, -1.0, 40.0], [20.0, -3.0, 0.5, 255.0]]),
+            ...     max_intensity=255.0,
+            ... )
+            >>> sample.points[1].tolist()
+            [20.0, -3.0, 0.5, 1.0]
 
         Args:
             calibration: `Calibration.from_matrices` makes one.

@@ -1,1 +1,1 @@
-"""Trains any task, knows none: data in batches, the loop, checkpoints, weights, the commands."""
+"""Trains any task and knows none: batches of data, the loop, checkpoints, weights, the commands."""

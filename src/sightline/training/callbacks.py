@@ -91,7 +91,7 @@ class WriteWeights(Checkpoint):
             self._write(trainer, Path(self._best.best_model_path), {str(self._best.monitor): score})
 
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes if nothing was validated, also if a resumed run was over already."""
+        """Writes if nothing was validated, even if a resumed run was already over."""
         del pl_module
         if self._best is None or self._best.best_model_score is None:
             self._write(trainer, self._last.path, {})
@@ -113,7 +113,7 @@ class WriteWeights(Checkpoint):
 def checkpoint_callbacks(
     folder: Path, *, every_n_steps: int, monitored: tuple[str, Literal["min", "max"]] | None
 ) -> list[Callback]:
-    """What makes a run resumable and leaves its weights, in the order of their needs.
+    """The callbacks that make a run resumable and write its weights, in the order that they need.
 
     Args:
         folder: Of the run.

@@ -1,7 +1,7 @@
 """Batches for training, validation and test out of any mixture of data sets.
 
-What is drawn depends on the seed, the epoch and the sample alone: neither on the number of worker
-processes nor on whether the training was interrupted.
+Random numbers depend on the seed, the epoch and the sample alone: neither on the number of worker
+processes nor on interruptions.
 """
 
 from abc import ABC, abstractmethod
@@ -58,7 +58,7 @@ class SamplePreparation(ABC):
         """What prepares the samples of a training: gathers what they are to share.
 
         Called before each start of a training, a resumed one too, in each of its processes: what is
-        gathered must hang on the data and on the generator alone.
+        gathered must depend on the data and the generator alone.
 
         Args:
             datasets: All that is trained on.
@@ -146,7 +146,7 @@ class Unusable:
 
 
 class BatchLoader(DataLoader[Any]):
-    """A loader that tells in one sentence what is wrong with a sample, with workers or without."""
+    """A loader that says in one sentence what is wrong with a sample, with workers or without."""
 
     def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
         """The batches.
@@ -174,7 +174,7 @@ class BatchLoader(DataLoader[Any]):
 
 
 class ResumableLoader(BatchLoader):
-    """A loader of training batches that begins where the training stands.
+    """A loader of training batches that starts at the training's current position.
 
     Lightning's own way, `load_state_dict`, comes too late or not at all: a schedule that asks for
     the number of steps has the loader's iterator made before any state is restored. So the

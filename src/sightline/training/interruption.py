@@ -26,7 +26,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def interrupt(number: int, frame: FrameType | None = None) -> None:
-    """Ends what is going on at once; a handler of signals."""
+    """Ends the current work at once; a signal handler."""
     del frame
     raise Interruption("", number)
 
@@ -63,7 +63,7 @@ class InterruptionNote:
         self._previous = {}
 
     def raise_noted(self) -> None:
-        """Ends what is going on if a signal has been noted.
+        """Ends the current work if a signal has been noted.
 
         Raises:
             Interruption: One has.

@@ -1,4 +1,4 @@
-"""The checkpoint that a run goes on from, and how a run is ended from outside."""
+"""The checkpoint from which a run resumes, and ending a run from outside."""
 
 from contextlib import nullcontext
 from pathlib import Path

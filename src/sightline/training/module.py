@@ -42,21 +42,21 @@ class OptimizerConfig:
     """adam: Kingma and Ba 2015 (arXiv:1412.6980); adamw: Loshchilov and Hutter 2019
     (arXiv:1711.05101); sgd: gradient descent with momentum."""
     learning_rate: float = 1e-3
-    """The highest that the schedule reaches."""
+    """The highest rate of the schedule."""
     weight_decay: float = 0.0
     """Of all weights; adam and sgd add it to the gradient, adamw takes it off the weights."""
     momentum: float = 0.9
     """Of sgd."""
     schedule: Literal["constant", "one_cycle", "cosine", "steps"] = "constant"
-    """How the learning rate goes after the warm-up: stays, falls to nothing by the last step, or
-    falls by `drop_factor` at each of `drop_shares`.
-    one_cycle (Smith and Topin 2018, arXiv:1708.07120) also moves the (first) momentum."""
+    """The learning rate after the warm-up: stays, falls to 0 by the last step, or is multiplied by
+    `drop_factor` at each of `drop_shares`. one_cycle (Smith and Topin 2018, arXiv:1708.07120) also
+    moves the (first) momentum."""
     warm_up_share: float = 0.0
     """Share of all steps during which the learning rate rises."""
     drop_shares: tuple[float, ...] = ()
     """Shares of all steps after which schedule steps lowers the rate, in their order."""
     drop_factor: float = 0.1
-    """What schedule steps multiplies the learning rate by."""
+    """Factor by which the schedule steps multiplies the learning rate."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -85,11 +85,11 @@ class OptimizerConfig:
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Losses(Protocol):
-    """A NamedTuple of scalars: what training lowers, and the terms that it is made of."""
+    """A NamedTuple of scalars: the training loss and its terms."""
 
     @property
     def total(self) -> Tensor:
-        """What is lowered."""
+        """The training loss."""
 
     def _asdict(self) -> dict[str, Any]: ...
 
@@ -103,7 +103,7 @@ class TrainingModule(lightning.LightningModule, ABC):
     """
 
     task_name: ClassVar[str]
-    """Stands in checkpoints and weights files."""
+    """The task's name in checkpoints and weights files."""
     monitored: ClassVar[tuple[str, Literal["min", "max"]]]
     """The score of a validation that decides which weights are best, such as validation/rmse_mm,
     and which way is better."""
@@ -149,7 +149,7 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     @abstractmethod
     def losses(self, batch: Any) -> Losses:  # noqa: ANN401 - the task's own batch
-        """What a batch costs, and why."""
+        """The loss of a batch and its terms."""
 
     @abstractmethod
     def score(self, batch: Any) -> Any:  # noqa: ANN401 - the task's own batch and answer

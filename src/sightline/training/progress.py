@@ -32,7 +32,7 @@ class _Display(Protocol):
         """A line that stays."""
 
     def close(self) -> None:
-        """Nothing comes any more."""
+        """The end: nothing else is shown."""
 
 
 class _Bars:

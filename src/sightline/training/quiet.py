@@ -1,4 +1,4 @@
-"""Keeps Lightning and TensorBoard from telling what nobody asked for; their real warnings stay."""
+"""Silences routine messages of Lightning and TensorBoard; their real warnings stay."""
 
 import logging
 import threading
@@ -17,7 +17,7 @@ LIGHTNING_NOISE = (
     r"\s*By default only one JsonargparseDeprecationWarning",
     r"\s*``instantiate_classes`` was deprecated",
 )
-"""Beginnings of Lightning's warnings that the user of a recipe can or need do nothing about."""
+"""Beginnings of Lightning's warnings that users of a recipe cannot or need not act on."""
 
 
 @contextmanager

@@ -18,7 +18,8 @@ class SourceConfig:
     """Samples from one folder."""
 
     path: Path
-    """A KITTI object tree, depth completion tree or raw drive, simulated ones included."""
+    """A recording, or KITTI's object tree, depth completion tree or raw drive, simulated ones
+    included."""
     sample_list: str | None = None
     """Which frames: a list in ImageSets, kitti-object-train, kitti-object-val or a text file with
     one name a line. None: all. Where there is no list train or val, the first tenth of the frames

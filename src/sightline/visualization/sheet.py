@@ -80,11 +80,12 @@ def frame_sheet(
     they have the colours and labels are white. Of more than 500 labels the nearest are drawn, of
     detections the surest.
 
-    >>> import sightline, tempfile
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> page = sightline.frame_sheet(sightline.open_dataset(PACKAGED_FRAMES)[0])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     sightline.write_rgb(f"{folder}/000000.png", page)
+    Examples:
+        >>> import sightline, tempfile
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> page = sightline.frame_sheet(sightline.open_dataset(PACKAGED_FRAMES)[0])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     sightline.write_rgb(f"{folder}/000000.png", page)
 
     Args:
         sample: Any of image, points, objects and depth may be None.

@@ -28,10 +28,11 @@ def import_recording(
     stopped goes on when it is run again. Where the camera looks aside of the LiDAR's x axis by more
     than 30 degrees, clouds are turned about z until it looks ahead.
 
-    >>> import pathlib, sightline
-    >>> sightline.import_recording("drive.mcap", "recording")
-    Traceback (most recent call last):
-    ValueError: drive.mcap does not exist; name a bag or a folder of nuScenes
+    Examples:
+        >>> import pathlib, sightline
+        >>> sightline.import_recording("drive.mcap", "recording")
+        Traceback (most recent call last):
+        ValueError: drive.mcap does not exist; name a bag or a folder of nuScenes
 
     Args:
         source: A ROS 2 bag (its folder, .mcap or .db3), a ROS 1 .bag, or the folder of nuScenes

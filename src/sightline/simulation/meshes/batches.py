@@ -18,7 +18,7 @@ EMPTY: Final = Mesh(
     materials=np.zeros(0, np.int32),
     colors=np.zeros((0, 3), np.float32),
 )
-"""A mesh of nothing."""
+"""An empty mesh."""
 
 _UNIT_UVS: Final = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
 
@@ -35,11 +35,11 @@ class QuadBatch:
         self._frame_of: list[int] = []
 
     def use_frame(self, x: float, y: float, z: float, yaw: float) -> None:
-        """What is added from now on is turned by `yaw` [rad] about z, then moved."""
+        """Places what is added from now on: turned by `yaw` [rad] about z, then moved."""
         self._frames.append((x, y, z, yaw))
 
     def use_world(self) -> None:
-        """What is added from now on is in the world's frame."""
+        """Places what is added from now on in the world's frame."""
         self._frames.append(self._frames[0])
 
     def add(
@@ -55,9 +55,9 @@ class QuadBatch:
         Args:
             corners: The first edge runs along u, the last one along v. Two that coincide make a
                 triangle.
-            finish: Of all of them.
-            colors: Of each, in place of the finish's.
-            uvs: Texture coordinates [m]; otherwise they start at each one's first corner.
+            finish: Of all rectangles.
+            colors: One for each, instead of the finish's.
+            uvs: Texture coordinates [m]; by default they start at each one's first corner.
         """
         if len(corners) == 0:
             return
@@ -158,8 +158,8 @@ def stamped(
 
     Args:
         mesh: What is copied.
-        places: Where its origin comes to lie.
-        yaws: By how much each is turned [rad].
+        places: Positions of its origin.
+        yaws: Heading of each [rad].
         scales: Stretches along the mesh's own axes; 1 if not given.
         tints: Factors for the colours of faces of the `tinted` materials.
         tinted: Materials that take a tint.

@@ -1,9 +1,9 @@
-"""The form of cars and vans, and the skin of all below the windows, with wheel arches.
+"""The form of cars and vans, and the skin below the windows, with wheel arches.
 
-The skin is a grid of rings around the vehicle. Where lamps and gaps begin and end, the grid has a
-line, so that their edges are sharp. Vehicle frame: origin on the ground below the middle,
-x ahead, y left, z up; metres. "Place" means x as a share of half the length: 1 at the front
-bumper, -1 at the rear one.
+The skin is a grid of rings around the vehicle. The grid has a line wherever lamps and gaps begin
+and end, so that their edges are sharp. Vehicle frame: origin on the ground below the middle, x
+ahead, y left, z up; metres. "Place" means x as a share of half the length: 1 at the front bumper,
+-1 at the rear one.
 """
 
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class BodyForm:
     """Place of the lower corners of the cabin's rear."""
     rear_top: float
     rear_base_spread: float = 0.01
-    """By how much `rear_base` differs between makes."""
+    """How much `rear_base` differs between makes."""
     screen_bow_m: float = 0.16
     rear_bow_m: float = 0.07
     base_width: float = 0.925
@@ -99,7 +99,7 @@ class BodyForm:
     cladding: bool = False
     """Whether the lower edge is unpainted plastic."""
     covered_bed: bool = False
-    """Whether all behind the cabin is a loading bed under a dark cover."""
+    """Whether the part behind the cabin is a loading bed under a dark cover."""
     split_rear: bool = False
     """Whether the rear has two doors side by side."""
 
@@ -182,7 +182,7 @@ class Body:
 
 
 def lower_body(body: Body) -> Mesh:
-    """All below the windows, with wheel arches, lamps, grille and gaps painted on."""
+    """Everything below the windows, with wheel arches, and lamps, grille and gaps painted on."""
     outline = _lower_outline(body)
     skin = grid(_lower_points(body, outline), body.paint, closed=True)
     rows = np.concatenate(([-1.0, -1.0, -1.0, -1.0], LEVELS, 2 - _ROUND_ROWS))
@@ -313,7 +313,7 @@ def within(
 
 
 def _sorted(*values: float) -> Float64[np.ndarray, " num_values"]:
-    """The values in order; of two closer than 2e-4 one stays."""
+    """The values in order; of two closer than 2e-4 one is kept."""
     ordered = np.sort(np.array(values, dtype=np.float64))
     apart = np.concatenate(([True], np.diff(ordered) > 2e-4))
     return ordered[apart]

@@ -1,4 +1,4 @@
-"""What encloses the plots beside a street: hedges, walls and fences; garages between houses."""
+"""What encloses the plots beside a street: hedges, walls and fences, and garages between houses."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -59,7 +59,7 @@ def close_gap(
 ) -> list[Mesh]:
     """What closes the gap to the next building: a garage, a hedge, a wall or boards.
 
-    Without it one sees far between houses, which real streets seldom allow.
+    Without it one could see far between houses, as one rarely can in real streets.
     """
     if after.side is not lot.side or lot.building is None or after.building is None:
         return []

@@ -1,4 +1,4 @@
-"""Kinds of buildings: how they are shaped and coloured."""
+"""Kinds of buildings: shapes and colours."""
 
 from dataclasses import dataclass
 from typing import Final

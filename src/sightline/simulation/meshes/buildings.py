@@ -32,9 +32,9 @@ class BuildingSite:
     width: float
     depth: float
     is_far: bool
-    """Whether details smaller than a hand may be left out."""
+    """Whether details smaller than a hand are left out."""
     is_free: tuple[bool, bool] = (True, True)
-    """Whether no neighbour touches its right and its left side."""
+    """Whether its right and its left side are free of neighbours."""
 
 
 def build(
@@ -161,7 +161,7 @@ def _gable_roof(
     form: BuildingForm,
     eaves: float,
 ) -> None:
-    """Two slopes, the gables under them, and what stands on them."""
+    """Two slopes, the gables under them, and chimneys and the like."""
     is_cross = form.roof == "cross"
     long, wide = (site.depth, site.width) if is_cross else (site.width, site.depth)
     over, side = 0.45, 0.3 if all(site.is_free) else 0.0

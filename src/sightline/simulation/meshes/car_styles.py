@@ -23,7 +23,7 @@ class CarStyle:
     spare_wheel: float = 0.0
     """On the rear door."""
     roof_load: float = 0.01
-    """A box or a ladder on the roof, which no label holds."""
+    """A box or a ladder on the roof, which labels leave out."""
     soft_top: float = 0.0
     """A roof of cloth."""
     white: float = 0.0

@@ -1,7 +1,7 @@
 """Cars and vans of several body styles, sized as KITTI's labels are.
 
-A design is what cars of one make have in common. Its nose, its tail and the slope of its screens
-hang little on its length: what is longer is longer in the middle, mostly.
+A design is what cars of one make have in common. Nose, tail and the slope of the screens depend
+little on its length: longer cars are longer mostly in the middle.
 """
 
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ CARS = Family(class_name="Car", styles=STYLES, spread=Size(0.35, 0.08, 0.08))
 VANS = Family(class_name="Van", styles=VAN_STYLES, spread=Size(0.45, 0.10, 0.15))
 
 _FREEDOM = np.array([0.20, 0.0, 0.0, 0.12, 0.0, 0.18])
-"""By which share the parts of a length differ by chance; see `proportioned`."""
+"""Random variation of the parts of a length, as a share; see `proportioned`."""
 _UNPAINTED = Finish(Material.CAR_PAINT, (0.5, 0.5, 0.5))
 _SOFT_TOP = Finish(Material.CLOTH, (0.02, 0.02, 0.022))
 _WHITE = Finish(Material.CAR_PAINT, (0.68, 0.68, 0.66))
@@ -84,7 +84,7 @@ def make_van(rng: np.random.Generator, style: str | None = None) -> ActorModel:
 
 
 class VehicleDesign:
-    """A make of cars or vans, built when the first of it is looked at.
+    """A make of cars or vans, built when the first one is needed.
 
     Args:
         rng: Source of randomness.
@@ -109,7 +109,7 @@ class VehicleDesign:
         self._seed = int(rng.integers(2**32))
 
     def model(self, rng: np.random.Generator) -> ActorModel:
-        """One of this make with a size, proportions and a paint of its own."""
+        """A vehicle of this make with its own size, proportions and paint."""
         _, size = self._draw_size(rng, self._index)
         paint = _WHITE if rng.random() < self._style.white else draw_paint(rng)
         make = partial(self._one, size, paint, int(rng.integers(2**32)))
@@ -157,7 +157,7 @@ class VehicleDesign:
 
 
 def _parts(rng: np.random.Generator, body: Body, style: CarStyle) -> list[Mesh]:
-    """All that the label's box holds."""
+    """Everything within the label's box."""
     tyre = 0.20 if body.wheel_radius < 0.33 else 0.22
     one = wheel(rng, body.wheel_radius, tyre, rim=ALLOY)
     half = body.length / 2
@@ -193,9 +193,9 @@ def proportioned(
 ) -> Float64[np.ndarray, "7"]:
     """Where the knots of a design are in a car of that length [m].
 
-    Overhangs and the windscreen's run follow the length a little and chance more; wheels follow
-    the height, so that they stay round; the cabin takes what is left. What it cannot take, all but
-    the wheels share.
+    Overhangs and windscreen depend a little on the length and more on chance; wheels on the height,
+    so that they stay round; the cabin takes the rest. What it cannot take is shared by all but the
+    wheels.
     """
     spans = np.diff(knots)  # rear overhang, rear wheel, cabin, screen, front wheel, front overhang
     follows = 1 + 0.3 * (length / spans.sum() - 1) + rng.normal(0.0, 1.0, 6) * _FREEDOM
@@ -254,13 +254,13 @@ def varied(rng: np.random.Generator, style: CarStyle, half_length: float) -> Bod
         grille_half_width=float(rng.uniform(0.28, 0.46)),
         grille_levels=(0.58, 0.78 if rng.random() < 0.6 else 0.69),
         tail_inner=tail_inner,
-        tail_start=max(form.tail_start, -corner),  # or round corners would leave no lamp
+        tail_start=max(form.tail_start, -corner),  # round corners leave no room for lamps
         pillar_lamps=bool(rng.random() < style.pillar_lamps),
     )
 
 
 def draw_paint(rng: np.random.Generator) -> Finish:
-    """A colour as often as it is seen on German roads."""
+    """A colour, drawn by its frequency on German roads."""
     shares = np.array([share for share, _ in _PAINTS])
     base = _PAINTS[int(rng.choice(len(_PAINTS), p=shares / shares.sum()))][1]
     shade = np.clip(np.array(base) * rng.uniform(0.8, 1.2) * rng.uniform(0.95, 1.05, 3), 0, 0.9)

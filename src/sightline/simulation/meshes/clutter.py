@@ -201,4 +201,4 @@ CLUTTER: Final[Mapping[str, Callable[[], list[Mesh]]]] = {
     ],
     "scaffold": _scaffold,
 }  # fmt: skip
-"""The parts of each thing; its foot is at the origin, x is where its face looks."""
+"""The parts of each thing; its foot is at the origin, its face looks along x."""

@@ -45,7 +45,7 @@ _CRANK = 0.17
 _PEDAL_Y = 0.125
 _HEAD_LOW = (0.475, 0.0, 0.68)
 _HEAD_HIGH = (0.435, 0.0, 0.87)
-_GEAR_M = 4.6  # way for one turn of the cranks
+_GEAR_M = 4.6  # distance for one turn of the cranks
 _RUBBER = Finish(Material.RUBBER, (0.02, 0.02, 0.02))
 _STEEL = Finish(Material.METAL, (0.35, 0.35, 0.36))
 _BLACK = Finish(Material.PLASTIC, (0.02, 0.02, 0.02))
@@ -60,7 +60,7 @@ _FRAME_COLORS: tuple[Color, ...] = (
     (0.55, 0.55, 0.53),
     (0.08, 0.25, 0.35),
 )
-_TURNS = np.arange(4) * (np.pi / 2)  # of the cranks, at which the extent is measured
+_TURNS = np.arange(4) * (np.pi / 2)  # positions of the cranks at which the extent is measured
 _FOOT_PITCH = -0.12  # rad
 
 
@@ -82,7 +82,7 @@ class Bicycle:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PedallingCyclist:
-    """A cyclist who rides in place; whoever moves the actor by its speed sees the wheels roll."""
+    """A cyclist who rides in place; the wheels roll where the actor moves at its speed."""
 
     bicycle: Bicycle
     rider: Figure
@@ -92,10 +92,10 @@ class PedallingCyclist:
     start: float
     """Angle of the cranks at time 0 [rad]."""
     offset: tuple[float, float, float]
-    """Puts the box that holds a whole turn of the cranks over the origin [m]."""
+    """Shift that puts the box around a whole turn of the cranks over the origin [m]."""
 
     def at(self, time_s: float) -> Mesh:
-        """The cyclist after riding for a time."""
+        """The cyclist after so much time [s]."""
         way = self.speed_mps * time_s
         return moved(self.turned_to(self.start + 2 * np.pi * way / _GEAR_M, way), self.offset)
 
@@ -225,7 +225,7 @@ def _moved_joint(
 
 
 def _forward_roll(angle: float) -> Float64[np.ndarray, "3 3"]:
-    """What a rolling wheel does: its top moves ahead."""
+    """The rotation of a rolling wheel: its top moves forward."""
     rotation: Float64[np.ndarray, "3 3"] = turn_matrices(np.array([Turn(forward=-angle)]))[0]
     return rotation
 
@@ -238,7 +238,7 @@ def _pedal_place(crank: float, side: int) -> tuple[float, float, float]:
 
 
 def _bicycle(rng: np.random.Generator, scale: float, lean: float) -> Bicycle:
-    """A bicycle whose saddle suits a rider of `scale` * 1.75 m with that lean of the back."""
+    """A bicycle that fits a rider of `scale` * 1.75 m who leans that far forward."""
     hips = _BRACKET[2] - _CRANK + 0.11 + 0.955 * 0.83 * scale
     saddle_x, saddle_z = -0.19, hips - 0.085 * scale
     grip_z = float(np.interp(lean, (0.25, 0.75), (1.08, 0.92))) + 0.25 * (scale - 1)

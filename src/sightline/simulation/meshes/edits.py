@@ -60,7 +60,7 @@ def stretched(
     Args:
         mesh: What is stretched.
         knots: Where along x [m], in order.
-        places: Where they come to lie [m]. What lies beyond the ends moves with them.
+        places: Their new positions [m]. What lies beyond the ends moves with them.
         scale_yz: Factors for y and z.
     """
     knots = np.array([knots[0] - 1, *knots, knots[-1] + 1])

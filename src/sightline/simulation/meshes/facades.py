@@ -292,7 +292,7 @@ def _sheets(
     high: Float64[np.ndarray, " count"],
     deep: float,
 ) -> Float64[np.ndarray, "count 4 3"]:
-    """Rectangles parallel to the wall, so deep behind its surface."""
+    """Rectangles parallel to the wall, at a depth behind its surface."""
     corners = np.empty((len(starts), 4, 3))
     corners[:, :, 0] = np.stack((starts, stops), axis=1)[:, _ALONG]
     corners[:, :, 1] = deep
@@ -326,7 +326,7 @@ def _folding_shutters(batch: QuadBatch, look: Look, openings: _Openings) -> None
 
 
 def _shop_sign(rng: np.random.Generator, batch: QuadBatch, front: Front, high: float) -> None:
-    """A coloured board over the shop windows, now and then an awning."""
+    """A coloured board over the shop windows, sometimes an awning."""
     tone = rng.uniform(0.03, 0.6, 3)
     red, green, blue = tone.tolist()
     finish = Finish(Material.PLASTIC, (red, green, blue))

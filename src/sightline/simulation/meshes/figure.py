@@ -90,7 +90,7 @@ _CROWN_HEIGHT = 1.765
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Build:
-    """How a body is grown."""
+    """The build of a body."""
 
     height: float
     """Metres, with hair."""
@@ -126,7 +126,7 @@ def make_figure(build: Build, outfit: Outfit) -> Figure:
 
 
 def _arm_shift(build: Build) -> float:
-    """How much further out [m] than on average the arms hang."""
+    """How much farther out [m] than on average the arms hang."""
     return 0.185 * (build.shoulders - 1) + 0.08 * (build.girth - 1)
 
 

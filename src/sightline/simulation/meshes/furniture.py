@@ -33,7 +33,7 @@ _LAMP: Final = Finish(Material.HEADLIGHT, (0.75, 0.74, 0.70))
 
 
 class Item(Enum):
-    """Things that are copied along a street; x is where their face looks, or their front."""
+    """Things that are copied along a street; their face or front looks along x."""
 
     ARM_LAMP = "arm lamp"
     POST_LAMP = "post lamp"
@@ -214,7 +214,7 @@ def add_boxes_along(
     steps = np.diff(line, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     low, high = heights
-    # Pieces reach a little into each other, or bends would gape.
+    # Pieces overlap a little, or bends would have gaps.
     halves = np.stack(
         (lengths / 2 + half_width * 0.5, np.full(len(steps), half_width),
          np.full(len(steps), (high - low) / 2)),

@@ -65,7 +65,7 @@ def _distant_building(variant: int) -> Mesh:
 
 
 def _distant_woods(rng: np.random.Generator, layout: Layout, distance: float) -> Mesh:
-    """A ring of lumpy foliage, higher where woods are near and gone where the view is open."""
+    """A ring of lumpy foliage, higher where woods are near and absent where the view is open."""
     count = 260
     angles = np.arange(count) * (2 * np.pi / count)
     phases = rng.uniform(0, 2 * np.pi, 4)
@@ -93,7 +93,7 @@ def _distant_woods(rng: np.random.Generator, layout: Layout, distance: float) ->
 def _clear_of_road(
     layout: Layout, places: Float64[np.ndarray, "count 2"], room: float
 ) -> Bool[np.ndarray, " count"]:
-    """Which places are far from the roads and what is built along them."""
+    """Whether places are far from the roads and from what is built along them."""
     clear = np.ones(len(places), dtype=bool)
     for road in layout.roads:
         stations = np.arange(road.first - 20.0, road.last + 170.0, 8.0)

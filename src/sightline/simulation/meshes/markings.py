@@ -186,7 +186,7 @@ def bay_pitch(parking: Parking) -> float:
 
 
 def bay_lean(parking: Parking) -> float:
-    """By how much a place leans along the road per metre away from the lanes."""
+    """How far a place is slanted along the road per metre away from the lanes."""
     return 0.58 if parking is Parking.ANGLED else 0.0
 
 
@@ -215,7 +215,7 @@ def _lay_covers(rng: np.random.Generator, road: Road, painter: RoadPainter) -> N
 def _paint_junction(
     layout: Layout, junction: Junction, main_painter: RoadPainter, batch: QuadBatch
 ) -> None:
-    """Stop lines, or broken lines where one waits, and zebras at lights."""
+    """Stop lines, or broken lines at waiting places, and crossings at lights."""
     cross_painter = RoadPainter(layout, junction.cross, batch)
     for road, painter in ((layout.main, main_painter), (junction.cross, cross_painter)):
         must_wait = junction.has_lights or road is junction.cross
@@ -238,7 +238,7 @@ def _paint_junction(
 
 
 def stop_lines(layout: Layout, road: Road) -> list[tuple[float, int]]:
-    """Station of the stop line and direction of those who stop there, for each arm."""
+    """Station of the stop line and direction of the traffic that stops there, for each arm."""
     lines = []
     for first, last in open_stretches(layout, road):
         if last < road.last:
@@ -250,7 +250,7 @@ def stop_lines(layout: Layout, road: Road) -> list[tuple[float, int]]:
 
 
 def _paint_ford(road: Road, station: float, painter: RoadPainter) -> None:
-    """Two broken lines across the road, between which one walks."""
+    """Two broken lines across the road that mark a crossing."""
     starts = np.arange(-road.right.edge + 0.2, road.left.edge - 0.5, 0.8)
     for start in (station - 1.4, station + 1.4):
         painter.stripes(

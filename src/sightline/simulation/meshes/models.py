@@ -34,7 +34,7 @@ class RigidShape:
 
 @dataclass(frozen=True, kw_only=True)
 class LateShape:
-    """A shape that does not change, made when it is first asked for: many models are never used."""
+    """A shape that does not change, made when it is first needed: many models are never used."""
 
     make: Callable[[], Mesh]
 

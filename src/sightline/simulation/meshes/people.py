@@ -17,7 +17,7 @@ from sightline.simulation.scene import Mesh
 
 _LEG_LENGTH = 0.90 / 1.75  # of the height
 _WALKING_FROM_MPS = 0.15
-_PHASES = np.arange(12) * (np.pi / 6)  # of a stride, at which its extent is measured
+_PHASES = np.arange(12) * (np.pi / 6)  # moments of a stride at which its extent is measured
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,12 +36,12 @@ class Gait:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WalkingPerson:
-    """A person who walks in place; whoever moves the actor by its speed sees no foot slip."""
+    """A person who walks in place; no foot slips where the actor moves at its speed."""
 
     figure: Figure
     gait: Gait
     offset: tuple[float, float]
-    """Puts the middle of the box that holds the whole stride over the origin [m]."""
+    """Shift that puts the middle of the box around the whole stride over the origin [m]."""
 
     def at(self, time_s: float) -> Mesh:
         """The figure in its step."""
@@ -111,7 +111,7 @@ def _extent(
 
 
 def _gait(rng: np.random.Generator, build: Build, speed_mps: float, outfit: Outfit) -> Gait:
-    """Steps as long as people of that height take at that speed."""
+    """Steps of the length that people of that height take at that speed."""
     step = 0.62 * np.sqrt(speed_mps) * np.sqrt(build.height / 1.75) * rng.uniform(0.94, 1.06)
     step = float(np.clip(step, 0.2, 0.95 * _LEG_LENGTH * build.height))
     swing = float(np.arcsin(step / (2 * _LEG_LENGTH * build.height)))
@@ -272,7 +272,7 @@ def draw_build(rng: np.random.Generator) -> Build:
 
 
 def draw_outfit(rng: np.random.Generator) -> Outfit:
-    """Clothes as one meets them in a street."""
+    """Everyday clothes."""
     legwear = Legwear(int(rng.choice(3, p=[0.82, 0.07, 0.11])))
     cold = legwear is Legwear.TROUSERS and rng.random() < 0.6
     hem = float(

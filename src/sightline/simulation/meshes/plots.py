@@ -76,7 +76,7 @@ def _form_of(rng: np.random.Generator, lot: Lot, form: BuildingForm) -> Building
 
 
 def _free_sides(lots: Sequence[Lot], row: int) -> tuple[bool, bool]:
-    """Whether no building touches the one of a lot on its right and left, seen from the street."""
+    """Whether a lot's building has no neighbour on its right and left, seen from the street."""
     lot = lots[row]
     before, after = (
         any(
@@ -164,7 +164,7 @@ def _paving(
     finish: Finish,
     lift: float = 0.008,
 ) -> None:
-    """A paved piece of ground from one distance to another, just above what is there."""
+    """A paved piece of ground between two distances, just above the ground there."""
     steps = np.linspace(*distances, 2 + int((distances[1] - distances[0]) / 3.0))
     s, d = np.meshgrid(stations, steps, indexing="ij")
     points = ground_places(layout, lot.road, s, lot.side.sign * d, lot.side.level + lift)

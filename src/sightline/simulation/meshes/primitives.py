@@ -1,4 +1,4 @@
-"""Simple bodies that meshes are put together from.
+"""Simple solids that meshes are assembled from.
 
 Metres. A row of points runs counter-clockwise about the outward direction: seen from outside,
 columns of a grid run to the right and rows go up, and faces wind counter-clockwise.
@@ -50,7 +50,7 @@ def grid(
         smooth: Whether the cells share their normals at the points.
     """
     points = np.asarray(points, dtype=np.float64)
-    if closed:  # the seam stands twice, or the texture would run back within one cell
+    if closed:  # the seam is duplicated, or the texture would run back within one cell
         points = np.concatenate((points, points[:, :1]), axis=1)
     num_rows, num_columns, _ = points.shape
     cell_normals = _cross(points[1:, 1:] - points[:-1, :-1], points[1:, :-1] - points[:-1, 1:])
@@ -85,7 +85,7 @@ def loft(
     rings = np.asarray(rings, dtype=np.float64)
     num_sides = rings.shape[1]
     middles = np.repeat(rings[[0, -1]].mean(axis=1, keepdims=True), num_sides, axis=1)
-    # The end rings stand twice, so that caps and sides do not share normals.
+    # The end rings are duplicated, so that caps and sides do not share normals.
     rows = np.concatenate((middles[:1], rings[:1], rings, rings[-1:], middles[1:]))
     skin = grid(rows, finish, closed=True, smooth=smooth)
     solid = np.ones((len(rings) + 3, num_sides, 2), dtype=bool)
@@ -222,7 +222,7 @@ def superellipsoid(
 
 @lru_cache(maxsize=64)
 def _unit_superellipsoid(exponents: tuple[float, float], num_rings: int, num_sides: int) -> Mesh:
-    """With half sizes of 1, about the origin; kept, for vehicles have many and of few kinds."""
+    """With half sizes of 1, about the origin; cached, since vehicles have many of a few kinds."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, num_rings)[:, None]
     longitude = np.arange(num_sides) * (2 * np.pi / num_sides)
     around = signed_power(np.cos(latitude), exponents[0])

@@ -1,4 +1,4 @@
-"""Ground and roads: carriageways, kerbs, bands beside them, junctions, markings, land around."""
+"""Ground and roads: carriageways, kerbs, bands beside them, junctions, markings, open land."""
 
 from typing import Final, NamedTuple
 
@@ -33,7 +33,7 @@ _GARDEN_REACH: Final = 14.0
 _BEYOND: Final = 160.0
 """How far the carriageway goes on ahead of the street, so that it is not seen to end."""
 _RIM_DROP: Final = 0.006
-"""By how much plots along the crossing road lie lower, where those of both roads overlap."""
+"""How much lower plots along the crossing road lie, where those of both roads overlap."""
 _LAND_DROP: Final = 0.12
 """How far the land lies below the bands that it carries on from."""
 
@@ -86,7 +86,7 @@ def draw_road_finishes(rng: np.random.Generator, kind: StreetKind) -> RoadFinish
 
 
 def make_ground(rng: np.random.Generator, layout: Layout) -> Mesh:
-    """All that one walks and drives on, out to the horizon."""
+    """Everything that people walk and drive on, out to the horizon."""
     finishes = draw_road_finishes(rng, layout.kind)
     parts = [_land(rng, layout, finishes.land)]
     for road in layout.roads:
@@ -139,7 +139,7 @@ def _carriageway(
     finish: Finish,
     lift: float = 0.0,
 ) -> Mesh:
-    """What one drives on between two offsets and two stations."""
+    """The carriageway between two offsets and two stations."""
     stations, offsets = stations_between(*stretch), _across(*span)
     levels = crown_level(road, stations[None], offsets[:, None]) + lift
     return surface(layout, road, stations, offsets, levels, finish)
@@ -327,7 +327,7 @@ def _land(rng: np.random.Generator, layout: Layout, around: Finish) -> Mesh:
     across = centers[:, 1] * np.cos(turn) - centers[:, 0] * np.sin(turn)
     plot = np.floor(along / 70.0).astype(int) * 7 + np.floor(across / 130.0).astype(int) * 3
     kinds = rng.integers(0, len(_FIELD_COLORS), 97)[plot % 97]
-    # Triangles of a cell belong to one field, or the border between fields is a saw.
+    # Triangles of a cell belong to one field, or the border between fields would be jagged.
     kinds = np.repeat(kinds[::2], 2)
     materials = np.array([material for material, _ in _FIELD_COLORS], np.int32)[kinds]
     colors = np.array([color for _, color in _FIELD_COLORS], np.float32)[kinds]

@@ -166,7 +166,7 @@ def rigid(mesh: Mesh, bone: Bone) -> Skinned:
 def chained(
     mesh: Mesh, bones: Sequence[Bone], borders: Sequence[float], *, softness: float = 0.045
 ) -> Skinned:
-    """A part along a chain of bones from top to bottom that blend over at heights `borders`."""
+    """A part along a chain of bones, top to bottom, which blend into each other at `borders`."""
     height = mesh.vertices[:, 2]
     weights = np.zeros((len(height), len(Bone)), dtype=np.float32)
     remaining = np.ones_like(height)

@@ -29,7 +29,7 @@ _PANTOGRAPH_ROOM = 0.28  # m
 
 
 def make_tram(rng: np.random.Generator) -> ActorModel:
-    """A tram of a size as KITTI's, though none shorter than one car: those labels are cut off."""
+    """A tram of KITTI's sizes, but not shorter than one car: such labels are truncated trams."""
     length, width, height = KITTI_SIZES["Tram"].draw(rng, 1)[0].tolist()
     if length < _SHORTEST:
         length = float(rng.uniform(_SHORTEST, 15.0))

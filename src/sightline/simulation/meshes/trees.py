@@ -51,7 +51,7 @@ class _Habit:
     """Relative to the crown's."""
     trunk_radius: float
     droop: float
-    """By how much foliage hangs, 0 to 1."""
+    """How much the foliage hangs, 0 to 1."""
     leaf: Color
     bark: Color
 
@@ -102,7 +102,7 @@ _HABITS: Final = {
 _CARDS: Final = {Detail.CLOSE: 3600, Detail.NEAR: 1000, Detail.MIDDLE: 340, Detail.FAR: 110}
 _DETAIL_LIMITS_M: Final = (14.0, 28.0, 58.0)
 _BEHIND_FACTOR: Final = 3.0
-"""What stands behind the eye is made as if that much farther away: only the LiDAR sees it."""
+"""Plants behind the eye are made as if this much farther away: only the LiDAR sees them."""
 _BUSH_SHARE: Final = 0.35
 _VARIANTS: Final = 3
 
@@ -116,7 +116,7 @@ class Plants(NamedTuple):
     spread: float
     """Widths relative to the species' own."""
     coarseness: float = 1.0
-    """Models are those of plants so many times as far away; more than 1 for those in the rear."""
+    """Factor on the distance by which models are chosen; more than 1 for plants in the rear."""
 
 
 @cache
@@ -141,7 +141,7 @@ def tree_model(species: Species, detail: Detail, variant: int) -> Mesh:
 def set_out(
     rng: np.random.Generator, species: Species, plants: Plants, eye: tuple[float, float] = (0, 0)
 ) -> list[Mesh]:
-    """Copies of a species' models, each turned, stretched and coloured in its own way.
+    """Copies of a species' models, each with its own heading, stretch and colour.
 
     The nearer a plant is to the `eye` (world x, y), the finer is its model.
     """

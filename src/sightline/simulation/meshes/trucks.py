@@ -36,7 +36,7 @@ _ARTICULATED_FROM = 9.8  # m of length
 
 
 def make_truck(rng: np.random.Generator) -> ActorModel:
-    """A lorry of a size as KITTI's; long ones are tractors with a trailer."""
+    """A lorry of KITTI's sizes; long ones are tractors with a trailer."""
     size = Size(*KITTI_SIZES["Truck"].draw(rng, 1)[0].tolist())
     cab = Finish(Material.CAR_PAINT, LIVERIES[int(rng.integers(len(LIVERIES)))])
     cargo = Finish(Material.PLASTIC, LIVERIES[int(rng.integers(len(LIVERIES)))])

@@ -1,0 +1,65 @@
+"""What the site takes from outside `docs/`: mkdocs calls these functions while it builds.
+
+README, changelog and the like stand in the repository's root, where people look for them, and the
+notebook is run by the tests. Each is a page of the site, too, out of the same file; links lead to
+the same places from there.
+"""
+
+import json
+import posixpath
+import re
+from pathlib import Path
+from typing import Final
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT: Final = Path(__file__).parents[1]
+NOTEBOOK: Final = "docs/notebooks/first_ten_minutes.ipynb"
+PAGES: Final = {
+    "README.md": "index.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "STYLE.md": "style.md",
+    "LICENSE": "LICENSE",
+    "CITATION.cff": "CITATION.cff",
+    NOTEBOOK: "guides/first_ten_minutes.md",
+}
+"""Where each file of the repository is on the site."""
+
+_LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)#\s]+)")
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    """Adds the pages of files outside `docs/`."""
+    for source, page in PAGES.items():
+        if source == NOTEBOOK:
+            text = notebook_text((ROOT / source).read_text())
+            files.append(File.generated(config, page, content=text))
+        else:
+            files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Turns links between files of the repository into links between pages."""
+    del config, files
+    here = page.file.src_uri
+    source = {page: source for source, page in PAGES.items()}.get(here, f"docs/{here}")
+
+    def to_page(link: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(source), link[1]))
+        target = PAGES.get(target, target.removeprefix("docs/"))
+        return posixpath.relpath(target, posixpath.dirname(here) or ".")
+
+    return _LINK.sub(to_page, markdown)
+
+
+def notebook_text(notebook: str) -> str:
+    """A notebook as Markdown, without what its cells have printed."""
+    parts = []
+    for cell in json.loads(notebook)["cells"]:
+        text = "".join(cell["source"])
+        parts.append(f"```python\n{text}\n```" if cell["cell_type"] == "code" else text)
+    return "\n\n".join(parts) + "\n"
