@@ -73,7 +73,7 @@ def growth_below(column, given, y):
     return max(slope, 0) * min(y - lowest, 2 * gap)
 
 
-def bridge_row(values, trusted):
+def bridge_row(values, distances, trusted, least_distance):
     bridged = []
     for x, value in enumerate(values):
         left = [u for u in range(x) if trusted[u]]
@@ -82,6 +82,9 @@ def bridge_row(values, trusted):
             bridged.append(value)
             continue
         a, b = left[-1], right[0]
+        if distances[a + 1] < least_distance or distances[b - 1] < least_distance:
+            bridged.append(value)  # beside a ring that bends
+            continue
         bridged.append(((b - x) * values[a] + (x - a) * values[b]) / (b - a))
     return bridged
 

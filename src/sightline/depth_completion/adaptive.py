@@ -22,6 +22,7 @@ from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.structures.predictions import DepthMap
 
 _WIDEST_SPACING_PX = 64  # between neighbours of a ring; bounds the search in very sparse maps
+_HOLE_COLUMNS = 3  # column spacings; so much farther than valid guesses is where a hole begins
 _SMOOTHING_PASSES = 2  # two running means make a triangle
 
 
@@ -68,8 +69,8 @@ def adaptive_depth(
     3. Joins each measurement to the next of its ring, linear in inverse depth on one surface.
     4. Fills columns between rings, linear in inverse depth, which is exact for planes. Above the
        top ring its depth goes on, below the lowest one the slope of the ground.
-    5. Where rings are too far apart for that, as where something hides a part of the sweep, goes
-       along rows from what is valid on the left to what is valid on the right, where both are.
+    5. Where a part of the sweep is missing goes along rows instead, from what is valid on the left
+       to what is valid on the right.
     6. Averages depth along rows, the wider the farther from a ring, so that no stripes stay.
 
     Gives every pixel a depth if anything is measured. Valid are pixels between two rings that are
@@ -97,11 +98,11 @@ def adaptive_depth(
     filled, distance, is_trusted = fill_columns(
         traced, config.trusted_rings * spacing.rows, spacing.rows
     )
-    is_filled = filled[0] > 0  # a column is filled from top to bottom or not at all
-    if not is_filled.all():
-        nearest = _nearest_true(is_filled)
-        filled, distance = filled[:, nearest], distance[:, nearest]
-    depth_m = inverse(bridge_rows(filled, is_trusted))
+    nearest = _nearest_true(filled[0] > 0)  # a column is filled from top to bottom or not at all
+    to_ring = np.where(filled > 0, distance, np.float32(np.inf))
+    filled, distance = filled.take(nearest, axis=1), distance.take(nearest, axis=1)
+    beyond_bends = float(spacing.rows + _HOLE_COLUMNS * spacing.columns)
+    depth_m = inverse(bridge_rows(filled, to_ring, is_trusted, beyond_bends))
     for _ in range(_SMOOTHING_PASSES):
         depth_m = smooth_rows(depth_m, distance, config.smoothing)
     depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions

@@ -233,11 +233,16 @@ def _continue_below(
 
 @compiled
 def bridge_rows(
-    filled: Float32[ndarray, "height width"], trusted: Bool[ndarray, "height width"]
+    filled: Float32[ndarray, "height width"],
+    distance: Float32[ndarray, "height width"],
+    trusted: Bool[ndarray, "height width"],
+    least_distance: float,
 ) -> Float32[ndarray, "height width"]:
-    """What is not trusted lies on the line between the trusted pixels on either side of its row.
+    """Fills holes along their rows, linear between the trusted pixels on either side.
 
-    Where there is none on one side it stays as it is.
+    A hole is a run of pixels that are not trusted whose first and last are `least_distance` or more
+    from the nearest ring of their columns: nearer ones lie beside a ring that bends, such as the
+    top one. Without a trusted pixel on one side a run stays as it is.
     """
     height, width = filled.shape
     bridged = filled.copy()
@@ -246,7 +251,10 @@ def bridge_rows(
         for right in range(width):
             if not trusted[row, right]:
                 continue
-            if left >= 0:
+            if (
+                0 <= left < right - 1
+                and min(distance[row, left + 1], distance[row, right - 1]) >= least_distance
+            ):
                 start = filled[row, left]
                 slope = (filled[row, right] - start) / np.float32(right - left)
                 for at in range(left + 1, right):
