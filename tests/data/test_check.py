@@ -79,7 +79,7 @@ def test_a_folder_without_frames_is_one_problem(tmp_path, content):
         for folder in ("image_2", "velodyne", "calib", "label_2"):
             (tmp_path / "training" / folder).mkdir(parents=True)
     (line,) = lines(tmp_path)
-    assert line.startswith(f"{tmp_path}: holds no frames of KITTI's")
+    assert line.startswith(f"{tmp_path}: holds no frames of a recording")
     assert "give the folder" in line
     assert summarize_tree(tmp_path) == ()
 
