@@ -68,16 +68,17 @@ def perceive(
     A file appears whole or not at all, and frames that are done are skipped, so a job that was
     stopped goes on where it was: run it again.
 
-    >>> import json, sightline, tempfile
-    >>> from pathlib import Path
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "nearest"}
-    >>> perceiver = sightline.Perceiver.load(weights)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     done = sightline.perceive(PACKAGED_FRAMES, folder, perceiver=perceiver)
-    ...     lines = (Path(folder) / "perception.jsonl").read_text().splitlines()
-    >>> done.written, [json.loads(line)["frame"] for line in lines]
-    (2, ['000000', '000001'])
+    Examples:
+        >>> import json, sightline, tempfile
+        >>> from pathlib import Path
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "nearest"}
+        >>> perceiver = sightline.Perceiver.load(weights)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     done = sightline.perceive(PACKAGED_FRAMES, folder, perceiver=perceiver)
+        ...     lines = (Path(folder) / "perception.jsonl").read_text().splitlines()
+        >>> done.written, [json.loads(line)["frame"] for line in lines]
+        (2, ['000000', '000001'])
 
     Args:
         data: Folder of the data set; see `open_dataset`.

@@ -44,17 +44,18 @@ class FrameAnswers:
 class Perceiver:
     """Asks several tasks about a frame: those that can do without a sensor go on where it fails.
 
-    >>> import dataclasses, sightline
-    >>> from sightline.simulation.packaged import PACKAGED_FRAMES
-    >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
-    >>> weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "depth-fast-cpu"}
-    >>> perceiver = sightline.Perceiver.load(weights)
-    >>> found = perceiver(sample)
-    >>> found.detections3d.boxes.tensor.shape[1], found.depth.depth_m.shape == sample.image_size
-    (7, True)
-    >>> blind = perceiver(dataclasses.replace(sample, points=None))  # the LiDAR is dead
-    >>> "Car" in blind.detections2d.class_names, blind.detections3d, blind.depth
-    (True, None, None)
+    Examples:
+        >>> import dataclasses, sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "depth-fast-cpu"}
+        >>> perceiver = sightline.Perceiver.load(weights)
+        >>> found = perceiver(sample)
+        >>> found.detections3d.boxes.tensor.shape[1], found.depth.depth_m.shape == sample.image_size
+        (7, True)
+        >>> blind = perceiver(dataclasses.replace(sample, points=None))  # the LiDAR is dead
+        >>> "Car" in blind.detections2d.class_names, blind.detections3d, blind.depth
+        (True, None, None)
 
     May be pickled, and called in a forked process.
     """

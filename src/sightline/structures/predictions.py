@@ -114,10 +114,11 @@ class Detections3D:
 class Perception:
     """What is known of one frame once tasks have looked at it; None where none has told.
 
-    >>> from sightline import Perception
-    >>> nothing = Perception()
-    >>> nothing.detections3d is None, nothing.depth is None
-    (True, True)
+    Examples:
+        >>> from sightline import Perception
+        >>> nothing = Perception()
+        >>> nothing.detections3d is None, nothing.depth is None
+        (True, True)
     """
 
     detections2d: Detections2D | None = None
