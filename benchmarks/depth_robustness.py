@@ -77,9 +77,9 @@ def main(
     columns = [f"{beams} beams" for beams in BEAMS] + [str(fault) for fault in _FAULTS]
     print(f"{sample_list} of {data}, RMSE / MAE in mm")
     print(" " * 16 + "".join(f"{name:>16}" for name in columns))
-    results = []
+    results, reports = [], []
     chosen = [(name, None) for name in methods] + [(None, name) for name in weights]
-    for method, named in chosen:
+    for method, named in chosen:  # all before an engine runs here, which then cannot be forked
         completer = TASK.predictor(method=method, weights=named, engine=engine)
         report = run_bench(
             TASK,
@@ -90,6 +90,8 @@ def main(
             weights=named,
             engine=engine,
         )
+        reports.append((completer, report))
+    for completer, report in reports:
         dataset = open_dataset(data, sample_list=sample_list, parts={"image", "points"})
         samples = (dataset[index] for index in range(len(dataset)))
         by_beams = evaluate_held_out(samples, completer, total=len(dataset)).scores
