@@ -95,6 +95,22 @@ def test_a_job_of_other_settings_is_refused_by_name(tmp_path, there, said):
     assert (tmp_path / "sightline.json").read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        ({"engine": "openvino"}, r"files made with depth engine openvino instead of torch, which"),
+        ({}, "files made with depth engine none instead of torch, which"),
+        (None, "files made with depth none instead of method best, weights_sha256 ab"),
+    ],
+)
+def test_of_settings_inside_settings_those_that_differ_are_named(tmp_path, there, said):
+    task = {"method": "best", "weights_sha256": "ab" * 32, "engine": "torch"}
+    same = {name: task[name] for name in ("method", "weights_sha256")}
+    claim(tmp_path, {"depth": None if there is None else same | there})
+    with pytest.raises(ValueError, match=said):
+        claim(tmp_path, {"depth": task})
+
+
 @pytest.mark.parametrize("text", ["", "{", "[3]", "[" * 20_000, "\0"])
 def test_a_manifest_that_is_none_is_refused(tmp_path, text):
     (tmp_path / "sightline.json").write_text(text)

@@ -198,6 +198,9 @@ def test_a_bad_frame_is_named_in_one_line(data, out):
         ({"video": "v.mp4", "num_shards": 2}, "a shard has no whole video"),
         ({"video": "v.avi"}, r"expected a name that ends in \.mp4"),
         ({"video": "v.mp4", "fps": 0.0}, "a video of 0.0 frames per second"),
+        ({"video": "v.mp4", "fps": 0.0001}, "a video of 0.0001 frames per second"),
+        ({"video": "v.mp4", "min_score": 2.0}, "min_score must be between 0 and 1, .* got 2.0"),
+        ({"video": f"{__file__}/v.mp4"}, r"v\.mp4 cannot be written: .*\.py is no folder"),
         ({"rerun": "r.mp4"}, r"expected a name that ends in \.rrd"),
         ({"workers": 0}, "workers must be at least 1"),
     ],
@@ -205,6 +208,17 @@ def test_a_bad_frame_is_named_in_one_line(data, out):
 def test_what_makes_no_sense_is_refused_before_any_work(data, out, settings, said):
     with pytest.raises(ValueError, match=said):
         perceive(data, out, perceiver=perceiver(), **settings)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("option", ["video", "rerun"])
+def test_pictures_that_cannot_be_written_are_refused_before_any_work(data, out, tmp_path, option):
+    if option == "rerun":
+        pytest.importorskip("rerun")
+    path = tmp_path / {"video": "v.mp4", "rerun": "r.rrd"}[option]
+    path.mkdir()
+    with pytest.raises(ValueError, match="cannot be written: it is no regular file"):
+        perceive(data, out, perceiver=perceiver(), **{option: path})
     assert not out.exists()
 
 

@@ -66,6 +66,25 @@ def check_replaceable(target: Path) -> None:
         raise ValueError(f"{target} cannot be written: it is no regular file; choose another name")
 
 
+def check_writable(path: Path | str) -> None:
+    """Refuses, before long work for it, a place where `atomic_path` could not write; makes nothing.
+
+    Raises:
+        ValueError: Something else than a file stands there, or its folder, or the nearest above it
+            where that is missing, is none or cannot be written to.
+    """
+    target = Path(os.path.realpath(path))
+    check_replaceable(target)
+    folder = next(each for each in target.parents if each.exists())
+    if not folder.is_dir():
+        raise ValueError(f"{target} cannot be written: {folder} is no folder; choose another name")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(
+            f"{target} cannot be written: folder {folder} may not be written to; make it writable "
+            "or choose another name"
+        )
+
+
 def atomic_write_bytes(path: Path | str, content: bytes) -> None:
     """Writes a whole file or none, as `atomic_path` does."""
     with atomic_path(path) as temporary:

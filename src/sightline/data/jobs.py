@@ -1,7 +1,7 @@
 """Jobs that fill a folder: claimed by one maker, done in parallel, finished by running it again."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -164,15 +164,23 @@ def _difference(there: str, settings: Mapping[str, object]) -> str:
         before = json.loads(there)
     if not isinstance(before, dict):
         return "a damaged manifest"
-    now = json.loads(json.dumps(dict(settings)))
-    names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
-    described = (
-        f"{name} {_shown(before.get(name))} instead of {_shown(now.get(name))}" for name in names
-    )
+    described = _differences(before, json.loads(json.dumps(dict(settings))))
     return f"files made with {', '.join(described) or 'the same settings, written otherwise'}"
 
 
+def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Iterator[str]:
+    """What differs, by name; of settings inside settings, such as a task's, those that differ."""
+    for name in {**before, **now}:
+        held, asked = before.get(name), now.get(name)
+        if isinstance(held, dict) and isinstance(asked, dict):
+            yield from (f"{name} {inner}" for inner in _differences(held, asked))
+        elif held != asked:
+            yield f"{name} {_shown(held)} instead of {_shown(asked)}"
+
+
 def _shown(value: object) -> str:
+    if isinstance(value, dict):
+        value = ", ".join(f"{name} {inner}" for name, inner in value.items())
     return "none" if value is None else shortened(str(value), _LONGEST_VALUE)
 
 

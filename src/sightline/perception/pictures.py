@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
+from sightline.data.atomic import check_writable
 from sightline.data.open import SampleDataset
 from sightline.data.progress import track
 from sightline.perception.results import ResultFolder, open_results, read_perception
@@ -35,15 +36,19 @@ class PictureFiles:
         """What is asked for, if it can be made at all; None where nothing is asked for.
 
         Raises:
-            ValueError: A name has the wrong ending, a library is missing, or the rate makes no
-                sense.
+            ValueError: A name has the wrong ending, a file cannot be written there, a library is
+                missing, or the rate or the score makes no sense.
         """
         if video is None and rerun is None:
             return None
         if video is not None:
             check_video(Path(video), fps)
+            check_writable(video)
         if rerun is not None:
             check_rerun(Path(rerun))
+            check_writable(rerun)
+        if not 0 <= min_score <= 1:
+            raise ValueError(f"min_score must be between 0 and 1, as scores are, got {min_score}")
         return cls(
             video=None if video is None else Path(video),
             rerun=None if rerun is None else Path(rerun),

@@ -16,7 +16,7 @@ from jaxtyping import UInt8
 from sightline.data.atomic import atomic_path
 
 _QUALITY = "23"  # x264's constant rate factor: 0 is lossless, 51 the worst
-_MOST_FPS = 240.0
+_LEAST_FPS, _MOST_FPS = 0.01, 240.0
 
 
 class _Sink(Protocol):
@@ -69,9 +69,10 @@ def check_video(path: Path, fps: float) -> None:
     """
     if path.suffix.lower() != ".mp4":
         raise ValueError(f"{path} cannot be written: expected a name that ends in .mp4")
-    if not 0 < fps <= _MOST_FPS:
+    if not _LEAST_FPS <= fps <= _MOST_FPS:
         raise ValueError(
-            f"a video of {fps} frames per second; give more than 0, {_MOST_FPS:g} at most"
+            f"a video of {fps} frames per second cannot be written; give {_LEAST_FPS:g} to "
+            f"{_MOST_FPS:g}"
         )
 
 
