@@ -75,12 +75,6 @@ RIGS: Final[Mapping[str, Rig]] = {
         image_size=KITTI_IMAGE_SIZE,
         lidar=LIDARS["hdl-32e"],
     ),
-    "own-64": Rig(
-        title="own camera, 1920x1200, 64 beams at 2.1 m",
-        calibration=_OWN_CALIBRATION,
-        image_size=_OWN_IMAGE_SIZE,
-        lidar=replace(LIDARS["hdl-64e"], height_m=_OWN_HEIGHT_M),
-    ),
     "own": Rig(
         title="own: 1920x1200, 32 beams at 2.1 m",
         calibration=_OWN_CALIBRATION,
@@ -88,7 +82,7 @@ RIGS: Final[Mapping[str, Rig]] = {
         lidar=replace(LIDARS["hdl-32e"], height_m=_OWN_HEIGHT_M),
     ),
 }
-"""The sensors of the table; the two in between tell which sensor a loss comes from."""
+"""The sensors of the table; those in between tell what of a loss comes from the beams."""
 
 
 def record_street(rig: Rig, folder: Path, *, seed: int, index: int) -> None:
