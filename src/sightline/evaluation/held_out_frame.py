@@ -131,9 +131,8 @@ def split_rings(
         returns = sparse_depth_map(points[held_out], sample.calibration, sample.image_size)
         truth_m = torch.where(_is_visible(returns, everything), returns, 0.0)
     else:
-        truth_m = _dense_truth(sample)
-        if truth == "depth_in_reach":
-            truth_m = torch.where(_is_in_reach(everything), truth_m, 0.0)
+        is_partial = truth == "depth_in_reach"
+        truth_m = dense_truth_in_reach(sample) if is_partial else _dense_truth(sample)
     top, left, height, width = _crop(sample.image_size)
     truth_m = truth_m[top : top + height, left : left + width].contiguous()
     if not truth_m.any():
@@ -189,6 +188,18 @@ def _dense_truth(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
             "or held-out rings for truth"
         )
     return torch.where(sample.depth <= _FARTHEST_DENSE_M, sample.depth, 0.0)
+
+
+def dense_truth_in_reach(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
+    """The truth by `depth_in_reach`, of the whole image; 0 = none.
+
+    Raises:
+        ValueError: The sample has no points, or no depth map.
+    """
+    if sample.points is None:
+        raise ValueError(f"sample {sample.sample_id} has no points, which tell what is in reach")
+    everything = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+    return torch.where(_is_in_reach(everything), _dense_truth(sample), 0.0)
 
 
 def _is_in_reach(

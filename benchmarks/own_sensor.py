@@ -1,0 +1,207 @@
+"""Other sensors than KITTI's, from a folder to scores: `python -m benchmarks.own_sensor OUT`.
+
+The same simulated streets are taken by several rigs, each laid out as a recording of one's own
+(JPG, .npy, one YAML file that does not tell the LiDAR's height), checked, perceived by all tasks,
+and scored. Prints a Markdown table, then one line of JSON: benchmarks/results/own_sensor.json.
+
+Difficulties are by pixels of KITTI's image, which a camera of a longer focal length reaches with
+smaller or farther objects. So its objects are scored twice: as `sightline evaluate objects` does,
+and with boxes of labels and results in pixels of KITTI's focal length. Depth is scored on the dense
+truth up to 80 m below the highest ring of the rig, per image, then averaged.
+"""
+
+import json
+import statistics
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import jsonargparse
+import numpy as np
+import torch
+
+from benchmarks.machine import describe_machine
+from benchmarks.own_sensor_rigs import RIGS, record_street
+from sightline.data.check import check_tree, summarize_tree
+from sightline.data.depth_png import read_depth_png
+from sightline.data.kitti_labels import read_labels, read_results, write_objects
+from sightline.data.open import open_dataset
+from sightline.data.progress import track
+from sightline.evaluation.held_out_frame import dense_truth_in_reach
+from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.evaluation.kitti_object_rules import Metric
+from sightline.export.names import EngineName
+from sightline.perception.perceive import LINES_NAME, perceive
+from sightline.perception.perceiver import Perceiver
+from sightline.simulation.settings import KITTI_FOCAL_PX
+
+_TASKS: Final[Mapping[str, Metric]] = {"detection2d": "bbox", "detection3d": "3d"}
+_SHOWN: Final = ("Car", "Pedestrian")
+_BOOTSTRAP: Final = 1000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectScore:
+    """Of one class by one metric, moderate."""
+
+    class_name: str
+    metric: Metric
+    num_objects: int
+    ap_r40: float
+    """Percent, as the two that follow."""
+    ap_all_points_95: tuple[float, float] | None
+    """Of the area under the whole curve; None where nothing counts."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DepthScore:
+    """Means of the images' scores."""
+
+    rmse_mm: float
+    mae_mm: float
+    median_mm: float
+    coverage: float
+    """Share of the truth's pixels that have a depth; the others count as 0 m."""
+    truth_share: float
+    """Share of the image that has truth."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RigScores:
+    """What became of a recording."""
+
+    rig: str
+    check: tuple[str, ...]
+    """What `sightline check` says."""
+    lidar_height_m: float | None
+    """As the road tells it."""
+    objects: tuple[ObjectScore, ...]
+    """In the recording's own pixels."""
+    objects_in_kitti_pixels: tuple[ObjectScore, ...]
+    depth: DepthScore
+    median_ms: Mapping[str, float]
+    """A frame, by task."""
+
+
+def main(
+    out: Path,
+    rigs: Sequence[str] = tuple(RIGS),
+    frames: int = 40,
+    seed: int = 1500,
+    engine: EngineName = "openvino",
+) -> None:
+    """Makes, checks, perceives and scores a recording of each rig.
+
+    Args:
+        out: Folder for recordings and results; what is there is kept.
+        rigs: Which; see `own_sensor_rigs.RIGS`.
+        frames: How many streets.
+        seed: Of the streets.
+        engine: What runs the networks.
+    """
+    torch.set_num_threads(1)
+    perceiver = Perceiver.load(engine=engine, threads=1)
+    results = []
+    for rig in rigs:
+        recording, answers = out / rig, out / f"{rig}-perceived"
+        for index in track(range(frames), description=f"taking {rig}"):
+            record_street(RIGS[rig], recording, seed=seed, index=index)
+        told = (*map(str, summarize_tree(recording)), *map(str, check_tree(recording)))
+        print("\n".join(told))
+        perceive(recording, answers, perceiver=perceiver)
+        results.append(
+            RigScores(
+                rig=rig,
+                check=tuple(line.replace(str(recording), rig) for line in told),
+                lidar_height_m=open_dataset(recording)[0].lidar_height_m,
+                objects=score_objects(recording, answers),
+                objects_in_kitti_pixels=score_objects(
+                    recording, answers, scale=KITTI_FOCAL_PX / RIGS[rig].focal_px
+                ),
+                depth=score_depth(recording, answers),
+                median_ms=_median_ms(answers),
+            )
+        )
+    print("\n".join(_table(results)))
+    made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
+    setting = {"frames": frames, "seed": seed, "engine": engine, "weights": made_by}
+    record = {"machine": describe_machine(), **setting, "results": [*map(asdict, results)]}
+    print(json.dumps(record))
+
+
+def score_objects(recording: Path, answers: Path, *, scale: float = 1.0) -> tuple[ObjectScore, ...]:
+    """Scores both detectors; boxes in the image are resized by `scale` first."""
+    scores: list[ObjectScore] = []
+    for task, metric in _TASKS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            results, labels = Path(folder, "results"), Path(folder, "labels")
+            for path in sorted((recording / "labels").glob("*.txt")):
+                found, true = read_results(answers / task / path.name), read_labels(path)
+                for place, objects in ((results, found), (labels, true)):
+                    resized = replace(objects, boxes2d=objects.boxes2d * scale)
+                    write_objects(place / path.name, resized, decimals=None)
+            report = evaluate_objects(results, labels, bootstrap=_BOOTSTRAP)
+        scores += [
+            ObjectScore(
+                class_name=entry.class_name,
+                metric=metric,
+                num_objects=entry.n_gt,
+                ap_r40=round(entry.ap_r40, 2),
+                ap_all_points_95=None
+                if entry.all_points is None
+                else (round(entry.all_points.low, 2), round(entry.all_points.high, 2)),
+            )
+            for entry in report.entries
+            if entry.metric == metric and entry.difficulty == "moderate"
+        ]
+    return tuple(scores)
+
+
+def score_depth(recording: Path, answers: Path) -> DepthScore:
+    """Scores the depth maps on the simulator's."""
+    dataset = open_dataset(recording, parts=("points", "depth"))
+    rows = []
+    for index in track(range(len(dataset)), description="scoring depth"):
+        sample = dataset[index]
+        truth_m = dense_truth_in_reach(sample).numpy()
+        depth_m = read_depth_png(answers / "depth-completion" / f"{sample.sample_id}.png")
+        is_scored = truth_m > 0
+        error_mm = 1e3 * np.abs(depth_m.astype(np.float64) - truth_m)[is_scored]
+        row = [np.sqrt(np.mean(error_mm**2)), np.mean(error_mm), np.median(error_mm)]
+        rows.append([*row, (depth_m[is_scored] > 0).mean(), is_scored.mean()])
+    means = [round(mean, 4) for mean in np.mean(rows, axis=0).tolist()]
+    names = ("rmse_mm", "mae_mm", "median_mm", "coverage", "truth_share")
+    return DepthScore(**dict(zip(names, means, strict=True)))
+
+
+def _median_ms(answers: Path) -> dict[str, float]:
+    tasks = [json.loads(line)["tasks"] for line in (answers / LINES_NAME).read_text().splitlines()]
+    return {
+        name: statistics.median(each[name]["milliseconds"] for each in tasks) for name in tasks[0]
+    }
+
+
+def _table(results: Sequence[RigScores]) -> Iterator[str]:
+    heads = [f"{metric}: {name}" for metric in ("2D", "3D") for name in _SHOWN]
+    columns = ("sensors", "pixels", *heads, "depth: RMSE", "MAE", "median [mm]")
+    yield f"| {' | '.join(columns)} |"
+    yield "|---" * len(columns) + "|"
+    for each in results:
+        depth = [
+            f"{mm:.0f}" for mm in (each.depth.rmse_mm, each.depth.mae_mm, each.depth.median_mm)
+        ]
+        title = RIGS[each.rig].title
+        yield f"| {' | '.join((title, 'own', *_cells(each.objects), *depth))} |"
+        if each.objects != each.objects_in_kitti_pixels:
+            yield f"| | KITTI's | {' | '.join(_cells(each.objects_in_kitti_pixels))} | | | |"
+
+
+def _cells(scores: Sequence[ObjectScore]) -> list[str]:
+    shown = [each for each in scores if each.class_name in _SHOWN]
+    return [f"{each.ap_r40:.1f} ({each.num_objects})" for each in shown]
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main)
