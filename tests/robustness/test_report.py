@@ -156,6 +156,7 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
         (["--data", "x", "out", "--healthy", "lidar=A", "lidar=B"], "two methods of the lidar"),
         (["out", "--compare", str(two[0]), path], "--compare reads two runs that are done"),
         (["--data", "x", "out", "--results", "y", "--show", "1"], "no pictures are drawn"),
+        (["--data", "x", "out", "--results", "y", "z"], "--results is one folder, got y z"),
     ):
         try:
             status = main(["robustness", *arguments])

@@ -25,7 +25,7 @@ def robustness(
     seed: int | None = None,
     baseline: str | None = None,
     healthy: tuple[str, ...] | None = None,
-    results: Path | None = None,
+    results: tuple[str, ...] = (),
     show: str | None = None,
     engine: EngineChoice = "auto",
     device: Device = "cpu",
@@ -69,7 +69,7 @@ def robustness(
         page: With --compare: a page (.html) that draws both.
     """
     if compare is not None:
-        if any(each is not None for each in (out_folder, data, results, weights, method)):
+        if results or any(each is not None for each in (out_folder, data, weights, method)):
             raise ValueError(
                 "--compare reads two runs that are done; leave the folder, --data, --results, "
                 "--weights and --method out"
@@ -100,7 +100,7 @@ def robustness(
         shown=show,
         workers=workers,
     )
-    if results is None:
+    if not results:
         report = run_bench(
             chosen,
             data,
@@ -117,7 +117,11 @@ def robustness(
             raise ValueError("--results are scored as they are; leave method and weights out")
         if show is not None:
             raise ValueError("of --results no pictures are drawn; leave --show out")
-        report = score_results(chosen, data, results, out_folder, settings)
+        if len(results) > 1:
+            raise ValueError(
+                f"--results is one folder, got {' '.join(results)}; name the run's own folder first"
+            )
+        report = score_results(chosen, data, Path(results[0]), out_folder, settings)
     deliver(report, None)
     print(*(out_folder / name for name in report.files), sep="\n")
 
