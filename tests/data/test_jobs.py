@@ -8,7 +8,7 @@ import pytest
 
 from sightline.data import atomic
 from sightline.data.atomic import atomic_create_text
-from sightline.data.jobs import claim_folder, run_job, shard
+from sightline.data.jobs import Claim, claim_folder, claim_folders, run_job, shard
 
 SETTINGS = {"task": "toy", "seed": 3, "size": (2, 4)}
 
@@ -116,6 +116,19 @@ def test_a_manifest_that_is_none_is_refused(tmp_path, text):
     (tmp_path / "sightline.json").write_text(text)
     with pytest.raises(ValueError, match="holds a damaged manifest, which would mix"):
         claim(tmp_path)
+
+
+def test_of_several_folders_all_are_claimed_or_none(tmp_path):
+    claim_folder(tmp_path / "second", {"by": "another"}, results=())
+    claims = [
+        Claim(folder=tmp_path / name, settings={"by": "me"}, results=())
+        for name in ("first", "second")
+    ]
+    with pytest.raises(ValueError, match="by another instead of me"):
+        claim_folders(claims)
+    assert not (tmp_path / "first").exists()
+    claim_folders(claims[:1])
+    assert (tmp_path / "first" / "sightline.json").is_file()
 
 
 def test_results_without_a_manifest_are_not_mixed_with(tmp_path):

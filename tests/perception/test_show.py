@@ -95,6 +95,14 @@ def test_one_frame_is_a_page_and_several_are_one_sheet(data, results, tmp_path, 
     assert not np.array_equal(page[:half], page[half:])
 
 
+def test_results_of_other_data_are_drawn_with_one_warning(data, results, tmp_path):
+    moved = data.rename(tmp_path / "moved")
+    words = ["show", str(moved), "000001", "--out", str(tmp_path / "one.png")]
+    with pytest.warns(UserWarning, match=f"made from .*, not from {moved}; look") as warned:
+        assert main([*words, "--results", str(results)]) == 0
+    assert len(warned) == 1
+
+
 def test_unsure_detections_are_not_drawn(data, results, tmp_path):
     pages = []
     for score in ("0.7", "0.9"):  # the box has 0.8

@@ -1,8 +1,9 @@
-"""Checks of sweeps, matching of edges and hysteresis, in plain loops."""
+"""Checks of sweeps, matching of edges and hysteresis in plain loops, edges of images by SciPy."""
 
 import math
 
 import numpy as np
+from scipy import ndimage
 
 
 def neighbours(ranges, azimuth, elevation, height):
@@ -90,3 +91,13 @@ def alarms(scores, raise_after, clear_after, clear_score):
                 is_on, since = not is_on, number + 1
         states.append(is_on)
     return states
+
+
+def edge_strength(grey, axis):
+    """Root of the gradient along an axis over 1 + its mean, in 81 pixels along it and 41 across."""
+    blurred = ndimage.gaussian_filter(grey.astype(float), 1, mode="mirror")
+    slope = ndimage.sobel(blurred, axis, mode="mirror")
+    strength = np.sqrt(np.abs(slope))
+    around = [41, 41]
+    around[axis] = 81
+    return strength / (ndimage.uniform_filter(strength, around, mode="mirror") + 1)

@@ -49,7 +49,7 @@ def perceive_command() -> Callable[..., None]:
 
     def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
         weights = {name: settings.pop(_argument(name)) for name in task_names()}
-        _run({name: chosen for name, chosen in weights.items() if chosen}, **settings)
+        _run({name: chosen for name, chosen in weights.items() if chosen is not None}, **settings)
 
     text = _HELP.format(tasks="".join(map(_task_help, task_names())))
     tasks: dict[str, tuple[Any, object]] = {

@@ -43,7 +43,7 @@ def show(
         raise ValueError("results are drawn as they are; leave out task, method and weights")
     tell: Answers | Results
     if results:
-        tell = Results([Path(folder) for folder in results])
+        tell = Results([Path(folder) for folder in results], data)
     else:
         chosen = choose_task(task, weights)
         tell = Answers(chosen, chosen.predictor(method=method, weights=weights))

@@ -116,20 +116,58 @@ def claim_folder(
         ValueError: Other settings stand there, or results that nobody knows the maker of; or the
             folder cannot be written to.
     """
+    if _is_claimed(folder, settings, results=results, manifest_name=manifest_name):
+        return
+    if not atomic_create_text(folder / manifest_name, _manifest(settings)):  # another was faster
+        _is_claimed(folder, settings, results=results, manifest_name=manifest_name)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Claim:
+    """What `claim_folder` is given."""
+
+    folder: Path
+    settings: Mapping[str, object]
+    results: Sequence[str]
+
+
+def claim_folders(claims: Sequence[Claim]) -> None:
+    """Claims all folders of a job, or, where one is refused that could have been seen, none.
+
+    Raises:
+        ValueError: As `claim_folder`.
+    """
+    for claim in claims:
+        _is_claimed(claim.folder, claim.settings, results=claim.results)
+    for claim in claims:
+        claim_folder(claim.folder, claim.settings, results=claim.results)
+
+
+def _is_claimed(
+    folder: Path,
+    settings: Mapping[str, object],
+    *,
+    results: Sequence[str],
+    manifest_name: str = MANIFEST_NAME,
+) -> bool:
+    """Whether the same settings stand there; others, and results of nobody knows whom, raise."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is no folder; name another output folder")
     path = folder / manifest_name
-    text = json.dumps(dict(settings), indent=2) + "\n"
     # In this order: a job has written its manifest before its first result.
     has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
     if not path.exists():
         if has_results:
             raise ValueError(_refusal(folder, f"data without a {manifest_name}", manifest_name))
-        if atomic_create_text(path, text):
-            return
+        return False
     there = path.read_text(errors="replace")
-    if there != text:
+    if there != _manifest(settings):
         raise ValueError(_refusal(folder, _difference(there, settings), manifest_name))
+    return True
+
+
+def _manifest(settings: Mapping[str, object]) -> str:
+    return json.dumps(dict(settings), indent=2) + "\n"
 
 
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:

@@ -2,6 +2,7 @@
 
 import contextlib
 import multiprocessing
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -122,9 +123,12 @@ class _Pool:
 def _work(piece: Piece, channel: Connection) -> None:
     """Does the pieces whose numbers come through the channel, until None comes or nobody is left.
 
-    The workers are the parallelism: threads on top would make all of them wait for each other.
+    Ctrl-C, which a terminal sends to every process, is left to the parent, which ends its workers
+    between two pieces. The workers are the parallelism: threads on top would make all of them wait
+    for each other.
     """
-    with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):  # the parent tells the user
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(EOFError, OSError):  # the parent tells the user
         cv2.setNumThreads(0)
         one_blas_thread()
         if "torch" in sys.modules:

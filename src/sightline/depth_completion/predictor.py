@@ -242,7 +242,7 @@ def choose_completer(
     """
     if method is None:
         return DepthPredictor.load(
-            weights or NETWORK_TASK.default_weights,
+            NETWORK_TASK.default_weights if weights is None else weights,
             engine=engine,
             device=device,
             threads=threads,

@@ -90,7 +90,10 @@ class Detection3DTask(DetectionNetworkTask):
                 "the method out, or name weights instead"
             )
         return Detection3DPredictor.load(
-            weights or self.default_weights, engine=engine, device=device, threads=threads
+            self.default_weights if weights is None else weights,
+            engine=engine,
+            device=device,
+            threads=threads,
         )
 
     def scoring(self) -> "ObjectScoring":

@@ -48,7 +48,7 @@ def road_height_m(points: Float[np.ndarray, "num_points fields"]) -> float | Non
     return height_m if is_road else None
 
 
-def drive_height_m(sweeps: Iterable[Float[np.ndarray, "num_points fields"]]) -> float | None:
+def drive_height_m(sweeps: Iterable[Float[np.ndarray, "_num_points fields"]]) -> float | None:
     """The median of what some sweeps of a drive tell; None where none does."""
     heights_m = [height for sweep in sweeps if (height := road_height_m(sweep)) is not None]
     return float(np.median(heights_m)) if heights_m else None

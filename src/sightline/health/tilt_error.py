@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
 
+from sightline.health.edge_strength import edge_strength
 from sightline.health.ring_order import number_rings
 from sightline.health.sphere import to_sphere
 from sightline.ops.compiled import compiled
@@ -26,7 +27,6 @@ _JUMP_SHARE = 0.1  # likewise, of the nearer one's range
 _BESIDE_DEG = 0.15  # of azimuth, up to which points of two rings stand above each other
 _WIDEST_RING_STEP_DEG = 3.0
 _BLUR_PX = (1.0, 3.0)  # of the image's edges, along them and across
-_NEIGHBOURHOOD_PX = (41, 81)  # width, height of what an edge is compared with
 _MIDDLES = (_PARTS[1:] + _PARTS[:-1]) / 2
 
 
@@ -82,7 +82,8 @@ def match_tops(
         image_from_lidar: As a `Calibration` has it.
     """
     places, weights = find_top_edges(points)
-    strength = _edge_strength(image)
+    sharp = edge_strength(image, "vertical")
+    strength = cv2.GaussianBlur(sharp, (0, 0), _BLUR_PX[0], sigmaY=_BLUR_PX[1])
     tangents = places[:, 1] / np.maximum(places[:, 0], 1e-3)
     parts = np.clip(np.searchsorted(_PARTS, tangents) - 1, 0, len(_MIDDLES) - 1)
     sums, totals = _strength_by_part(
@@ -136,19 +137,6 @@ def find_top_edges(points: Float32[np.ndarray, "num_points 4"]) -> TopEdges:
     ray = (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth))
     places = near[:, None] * np.stack((*ray, np.sin(elevation)), axis=1)
     return TopEdges(places, np.minimum(np.log(far / near), 1.0))
-
-
-def _edge_strength(
-    image: UInt8[np.ndarray, "height width 3"],
-) -> Float32[np.ndarray, "height width"]:
-    """Root of the vertical gradient over its mean round about, so that faint edges count too."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    slope = cv2.Sobel(cv2.GaussianBlur(grey, (0, 0), 1), cv2.CV_32F, 0, 1)
-    strength = np.sqrt(np.abs(slope))
-    strength /= cv2.blur(strength, _NEIGHBOURHOOD_PX) + 1
-    even: Float32[np.ndarray, "height width"]
-    even = cv2.GaussianBlur(strength, (0, 0), _BLUR_PX[0], sigmaY=_BLUR_PX[1])
-    return even
 
 
 @compiled

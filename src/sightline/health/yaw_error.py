@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float32, Float64
 
+from sightline.health.edge_strength import edge_strength
 from sightline.health.ring_order import ring_by_ring
 from sightline.health.sphere import to_sphere
 from sightline.health.tilt_error import TopMatch, match_tops
@@ -29,7 +30,6 @@ _WINDOWS_DEG = (0.8, 0.3)  # about the last peak, in which the next finer one is
 _JUMP_M = 0.5  # of range between neighbours on a ring
 _JUMP_SHARE = 0.07  # likewise, of the nearer one's range
 _WIDEST_STEP = 4.0  # typical steps of azimuth, beyond which points are no neighbours
-_NEIGHBOURHOOD_PX = (81, 41)  # width, height of what an edge is compared with
 _FEWEST_EDGES = 30
 _MARGIN_SHARE = 0.15  # of the image's width, beyond its borders
 
@@ -80,7 +80,7 @@ def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
     if len(points) < _FEWEST_EDGES:
         return None
     image = np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())
-    sharp = _edge_strength(image)
+    sharp = edge_strength(image, "horizontal")
     angles = np.radians(_ANGLES_DEG)
     curves = [
         _mean_strength(
@@ -181,18 +181,6 @@ def _near_view(
         & (y < (height + margin) * depth)
     ]
     return near
-
-
-def _edge_strength(
-    image: UInt8[np.ndarray, "height width 3"],
-) -> Float32[np.ndarray, "height width"]:
-    """Root of the horizontal gradient over its mean round about, so that faint sides count too."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    slope = cv2.Sobel(cv2.GaussianBlur(grey, (0, 0), 1), cv2.CV_32F, 1, 0)
-    strength = np.sqrt(np.abs(slope))
-    even: Float32[np.ndarray, "height width"]
-    even = strength / (cv2.blur(strength, _NEIGHBOURHOOD_PX) + 1)
-    return even
 
 
 def _parabola_top(curve: Float64[np.ndarray, " num_angles"], best: int) -> float:

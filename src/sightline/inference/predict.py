@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from sightline.data.jobs import (
+    Claim,
     JobResult,
     check_workers,
-    claim_folder,
+    claim_folders,
     data_name,
     run_job,
     shard,
@@ -79,7 +80,7 @@ def predict(
     names = dataset.sample_ids
     present = answered_samples(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
-    claim_places(task, predictor, places, data, velodyne, switches=changes)
+    claim_folders(claims_of(task, predictor, places, data, velodyne, switches=changes))
     works = [
         _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)
         for index in pending
@@ -152,7 +153,7 @@ def output_places(
     return tuple(places)
 
 
-def claim_places(
+def claims_of(
     task: AnsweringTask,
     predictor: Predictor,
     places: Places,
@@ -160,21 +161,20 @@ def claim_places(
     velodyne: Velodyne,
     *,
     switches: Collection[str] = (),
-) -> None:
-    """Claims each folder for the files that the predictor makes of the data, with these switches.
-
-    Raises:
-        ValueError: A folder holds what something else made, or cannot be written to.
-    """
+) -> list[Claim]:
+    """For each folder what says that the predictor makes its files of the data, and how."""
     made_from = {"data": data_name(data), "velodyne": velodyne}
     made_by = {
         "sightline": version("sightline"),
         **predictor.made_by,
         **dict.fromkeys(switches, True),
     }
+    claims = []
     for output, folder in places:
-        settings = {"task": task.name, "output": output.name, "method": predictor.name}
-        claim_folder(folder, settings | made_from | made_by, results=(f"*{output.suffix}",))
+        what = {"task": task.name, "output": output.name, "method": predictor.name}
+        settings = what | made_from | made_by
+        claims.append(Claim(folder=folder, settings=settings, results=(f"*{output.suffix}",)))
+    return claims
 
 
 def write_answer(places: Places, sample: CameraLidarSample, answer: object) -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.atomic import atomic_write_text
-from sightline.data.jobs import check_workers, claim_folder, data_name, run_job, shard
+from sightline.data.jobs import Claim, check_workers, claim_folders, data_name, run_job, shard
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.inference.predict import (
     Places,
     answered_samples,
-    claim_places,
+    claims_of,
     output_places,
     write_answer,
 )
@@ -190,9 +190,10 @@ def _claim(
         "sightline": version("sightline"),
         **made_by,
     }
-    claim_folder(out, settings, results=(f"{_LINES_FOLDER}/*.json", LINES_NAME))
+    claims = [Claim(folder=out, settings=settings, results=(f"{_LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():
-        claim_places(find_task(name), predictor, places[name], data, velodyne)
+        claims += claims_of(find_task(name), predictor, places[name], data, velodyne)
+    claim_folders(claims)
 
 
 def _done_frames(folder: Path, places: Mapping[str, Places]) -> set[str]:

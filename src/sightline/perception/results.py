@@ -23,6 +23,8 @@ class ResultFolder:
     output: Output
     made_by: str
     """Name of the weights or the method; empty where the folder does not say."""
+    data: str
+    """What `data_name` calls the data that they were made from; likewise."""
     position: int
     """Of the output among its task's: further ones add to what the first tells."""
 
@@ -86,7 +88,11 @@ def _of_claim(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
     outputs = find_task(str(task_name)).outputs
     return [
         ResultFolder(
-            folder=folder, output=output, made_by=str(claim.get("method", "")), position=position
+            folder=folder,
+            output=output,
+            made_by=str(claim.get("method", "")),
+            data=str(claim.get("data", "")),
+            position=position,
         )
         for position, output in enumerate(outputs)
         if output.name == output_name and output.read is not None
@@ -97,7 +103,7 @@ def _by_suffix(folder: Path) -> list[ResultFolder]:
     """By what the files look like, where nobody has told what they are."""
     outputs = [find_task(name).outputs[0] for name in task_names()]
     return [
-        ResultFolder(folder=folder, output=output, made_by="", position=0)
+        ResultFolder(folder=folder, output=output, made_by="", data="", position=0)
         for output in outputs
         if output.read is not None and next(folder.glob(f"*{output.suffix}"), None) is not None
     ]

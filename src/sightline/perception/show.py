@@ -1,9 +1,11 @@
 """Frames with what was found in them, as one picture: by a predictor, or from result files."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 from sightline.data.image_file import write_rgb
+from sightline.data.jobs import data_name
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
 from sightline.inference.predictor import Predictor, lacking_parts
@@ -32,9 +34,17 @@ class Answers:
 class Results:
     """What result files tell of samples."""
 
-    def __init__(self, folders: Sequence[Path]) -> None:
+    def __init__(self, folders: Sequence[Path], data: Path) -> None:
+        """Opens the folders; warns of those that say that they were made from other data."""
         self._folders = tuple(folders)
         self._opened = open_results(self._folders)
+        foreign = [each for each in self._opened if each.data not in ("", data_name(data))]
+        if foreign:
+            warnings.warn(
+                f"{foreign[0].folder} says that it was made from {foreign[0].data}, not from "
+                f"{data}; look whether frames of one name are the same",
+                stacklevel=2,
+            )
 
     @property
     def depth_name(self) -> str:

@@ -19,7 +19,7 @@ from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
 from sightline.visualization.cells import MUTED, PAGE
 from sightline.visualization.colors import DEPTH_SCALE, INVALID, RGB, class_color
 from sightline.visualization.depth import colorize_depth, put_legend
-from sightline.visualization.image import camera_picture, draw_boxes2d, draw_boxes3d, sweep_picture
+from sightline.visualization.image import camera_picture, draw_detections, sweep_picture
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.zoom import zoomed
 
@@ -124,29 +124,11 @@ def _camera_title(told: Perception) -> str:
 
 
 def _camera(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "height width 3"]:
-    in_2d, in_3d = told.detections2d, told.detections3d
     picture = camera_picture(sample)
     if sample.image is None:
         picture = sweep_picture(sample)  # so that boxes stand on something
         _put_notice(picture, "no camera image", share=0.12)
-    if in_3d is not None:
-        picture = draw_boxes3d(
-            picture,
-            in_3d.boxes,
-            in_3d.class_names,
-            sample.calibration,
-            scores=in_3d.scores,
-            tags=in_2d is None,
-        )
-    if in_2d is not None:
-        picture = draw_boxes2d(
-            picture,
-            in_2d.boxes,
-            in_2d.class_names,
-            scores=in_2d.scores,
-            corners_only=in_3d is not None,
-        )
-    return picture
+    return draw_detections(picture, told.detections2d, told.detections3d, sample.calibration)
 
 
 def _depth(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "height width 3"]:

@@ -12,6 +12,7 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
 from sightline.geometry.transforms import transform_points
+from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.canvas import (
     put_lines,
@@ -159,6 +160,37 @@ def draw_boxes3d(
     if tags:
         put_tags(canvas, named[::-1], height_px=round(_TAG_HEIGHT_PX * max(scale, 1.0)))
     return canvas
+
+
+def draw_detections(
+    picture: UInt8[np.ndarray, "height width 3"],
+    detections2d: Detections2D | None,
+    detections3d: Detections3D | None,
+    calibration: Calibration,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """What was found, with scores: 3D boxes below, beside which 2D boxes are their corners alone.
+
+    Returns:
+        A new picture.
+    """
+    if detections3d is not None:
+        picture = draw_boxes3d(
+            picture,
+            detections3d.boxes,
+            detections3d.class_names,
+            calibration,
+            scores=detections3d.scores,
+            tags=detections2d is None,
+        )
+    if detections2d is not None:
+        picture = draw_boxes2d(
+            picture,
+            detections2d.boxes,
+            detections2d.class_names,
+            scores=detections2d.scores,
+            corners_only=detections3d is not None,
+        )
+    return picture
 
 
 def _seen_faces(

@@ -23,7 +23,7 @@ from sightline.visualization.colors import (
     ColorScale,
 )
 from sightline.visualization.depth import colorize_depth, colorize_error, put_legend
-from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points
+from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_detections, draw_points
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.object_table import draw_object_table
 from sightline.visualization.zoom import zoomed
@@ -169,23 +169,7 @@ def _boxes_panel(frame: _Frame) -> _Panel:
     has_detections = in_2d is not None or in_3d is not None
     if labels is not None:
         picture = _with_labels(picture, frame, beside_detections=has_detections)
-    if in_3d is not None:
-        picture = draw_boxes3d(
-            picture,
-            in_3d.boxes,
-            in_3d.class_names,
-            sample.calibration,
-            scores=in_3d.scores,
-            tags=in_2d is None,
-        )
-    if in_2d is not None:
-        picture = draw_boxes2d(
-            picture,
-            in_2d.boxes,
-            in_2d.class_names,
-            scores=in_2d.scores,
-            corners_only=in_3d is not None,
-        )
+    picture = draw_detections(picture, in_2d, in_3d, sample.calibration)
     if has_detections:
         kinds = [*["2D boxes"] * (in_2d is not None), *["3D boxes"] * (in_3d is not None)]
         if len(kinds) > 1:
