@@ -44,6 +44,9 @@ class InputConfig:
     """Height, width [px] that frames are resized to. None: they keep their proportions."""
     scale: float = 1.0
     """Factor on the sides of frames that keep their proportions."""
+    longest_focal_px: float = 750.0
+    """Such frames are shrunk, before this factor, where the camera's focal length is longer: a car
+    at some distance is as many pixels wide as with KITTI's cameras, which have up to 722."""
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M
     """Added to the height of LiDAR points; 0 is the letter of Kim et al. 2018, eq. 3."""
 
@@ -52,6 +55,7 @@ class InputConfig:
         if self.size is not None and not all(0 < side <= _LARGEST_PX for side in self.size):
             raise ValueError(f"input.size must be from 1 to {_LARGEST_PX} px, got {self.size}")
         check_range("input.scale", self.scale, 0.01, 4)
+        check_range("input.longest_focal_px", self.longest_focal_px, 1, 1e6)
         check_range("input.height_offset_m", self.height_offset_m, -100, 100)
 
 

@@ -29,6 +29,7 @@ from sightline.detection2d.placement import (
     lidar_image,
     padded,
     place,
+    scale_of,
     whole_strides,
 )
 from sightline.detection2d.targets import TargetConfig, make_targets
@@ -196,7 +197,8 @@ def _view(
     # The depth map of simulated frames is not needed, and takes as long to resize as the image.
     sample = draw_mirror(replace(sample, depth=None), config.view, rng)
     if config.crop_size is not None:
-        return scaled_crop(sample, config.crop_size, config.input.scale, config.view, rng)
+        scale = scale_of(sample, config.input)
+        return scaled_crop(sample, config.crop_size, scale, config.view, rng)
     if config.view.min_iou_crop:
         sample = min_iou_crop(sample, rng)
     return place(sample, config.input)[0]

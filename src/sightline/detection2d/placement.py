@@ -32,15 +32,20 @@ class Placement:
 def place(sample: CameraLidarSample, config: InputConfig) -> tuple[CameraLidarSample, Placement]:
     """The sample at the size at which a network sees it, before it is padded."""
     old_height, old_width = sample.image_size
-    height, width = config.size or (
-        max(round(side * config.scale), 1) for side in sample.image_size
-    )
+    scale = scale_of(sample, config)
+    height, width = config.size or (max(round(side * scale), 1) for side in sample.image_size)
     placement = Placement(
         image_size=sample.image_size, scale_x=width / old_width, scale_y=height / old_height
     )
     if (height, width) == sample.image_size:
         return sample, placement
     return resize(sample, height, width), placement
+
+
+def scale_of(sample: CameraLidarSample, config: InputConfig) -> float:
+    """Pixels of the input along a side for each of a frame that keeps its proportions."""
+    focal_px = float(sample.calibration.image_from_camera[1, 1])
+    return config.scale * min(config.longest_focal_px / max(focal_px, 1.0), 1.0)
 
 
 def camera_image(sample: CameraLidarSample) -> Float32[Tensor, "3 height width"]:
