@@ -221,7 +221,7 @@ def test_corrupted_data_can_be_given_to_the_other_commands(capsys, tmp_path):
     command_line = ["corrupt", str(PACKAGED_FRAMES), str(out), "--suite", "dgfn7", "--seed", "3"]
     command_line += ["--workers", "1", "--cases", "camera_blank", "lidar_blank"]
     status, said, _ = run(capsys, *command_line)
-    assert (status, said) == (0, f"{out}: 4 frames of suite dgfn7 written, 0 were there already\n")
+    assert (status, said) == (0, f"{out}: frames of suite dgfn7: 4 written, 0 there already\n")
     for case in ("camera_blank", "lidar_blank"):
         status, said, _ = run(capsys, "check", str(out / case))
         assert (status, said.splitlines()[-1]) == (0, "no problems")

@@ -35,13 +35,13 @@ def test_a_small_set_is_made_by_one_command(tmp_path: Path, capsys):
     size = ["--image-size", "310", "94", "--focal-px", "180"]
     status = cli.main(["simulate", str(tmp_path), "--frames", "1", "--workers", "1", *size])
     assert status == 0
-    assert "1 frames simulated, 0 were there already" in capsys.readouterr().out
+    assert "frames: 1 written, 0 there already" in capsys.readouterr().out
     assert read_image_size(tmp_path / "training/image_2/000000.png") == (94, 310)
 
 
 def test_what_is_not_given_is_as_the_settings_have_it(asked: list[dict], capsys):
     assert run() == 0
-    assert capsys.readouterr().out == "street: 3 frames simulated, 1 were there already\n"
+    assert capsys.readouterr().out == "street: frames: 3 written, 1 there already\n"
     chosen = SimulatedSet()
     assert asked == [
         {

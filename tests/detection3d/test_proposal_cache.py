@@ -101,7 +101,7 @@ def test_a_stopped_job_is_finished_and_a_finished_one_left_alone(weights, cache,
     kept = (cache / "000000.safetensors").read_bytes()
     (cache / "000001.safetensors").unlink()
     assert run(weights, cache) == 0
-    assert "1 frames written, 1 were there already" in capsys.readouterr().out
+    assert "frames: 1 written, 1 there already" in capsys.readouterr().out
     assert (cache / "000000.safetensors").read_bytes() == kept
     assert (cache / "000001.safetensors").is_file()
 

@@ -56,7 +56,4 @@ def corrupt(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    print(
-        f"{out}: {result.written} frames of suite {suite} written, {result.skipped} were there "
-        "already"
-    )
+    print(f"{out}: frames of suite {suite}: {result}")

@@ -105,9 +105,5 @@ def _run(
     taken = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
     tell_engine(engine, next(iter(taken), None), device)
     result = perceive(data, out, perceiver=perceiver, **job)
-    number = result.written + result.skipped
     answers = ", ".join(f"{task} {count}" for task, count in result.answered.items())
-    print(
-        f"{out / LINES_NAME}: {result.written} frames written, {result.skipped} were there "
-        f"already; answers to {number} frames: {answers}"
-    )
+    print(f"{out / LINES_NAME}: frames: {result}; answers to them: {answers}")

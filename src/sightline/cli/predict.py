@@ -124,5 +124,4 @@ def _run(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    what = task.outputs[0].name
-    print(f"{out}: {what} of {result.written} frames written, {result.skipped} were there already")
+    print(f"{out}: {task.outputs[0].name} of frames: {result}")

@@ -53,6 +53,4 @@ def proposals(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    print(
-        f"{out}: proposals of {result.written} frames written, {result.skipped} were there already"
-    )
+    print(f"{out}: proposals of frames: {result}")

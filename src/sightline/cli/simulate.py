@@ -80,4 +80,4 @@ def _run(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    print(f"{out}: {result.written} frames simulated, {result.skipped} were there already")
+    print(f"{out}: frames: {result}")

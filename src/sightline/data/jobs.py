@@ -28,6 +28,10 @@ class JobResult:
     skipped: int
     """Pieces whose files were there already."""
 
+    def __str__(self) -> str:
+        """For people."""
+        return f"{self.written} written, {self.skipped} there already"
+
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Work(Protocol):

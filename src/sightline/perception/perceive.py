@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.atomic import atomic_write_text
-from sightline.data.jobs import Claim, check_workers, claim_folders, data_name, run_job, shard
+from sightline.data.jobs import (
+    Claim,
+    JobResult,
+    check_workers,
+    claim_folders,
+    data_name,
+    run_job,
+    shard,
+)
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.inference.predict import (
@@ -32,12 +40,9 @@ _LINES_FOLDER = "lines"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class PerceiveResult:
-    """What a job did."""
+class PerceiveResult(JobResult):
+    """What a job did, and said."""
 
-    written: int
-    skipped: int
-    """Frames whose files were there already."""
     answered: Mapping[str, int]
     """By task: how many of these frames it had an answer to."""
 
