@@ -81,3 +81,17 @@ def test_on_simulated_streets_the_sky_is_found_and_little_else():
         found = scene_ranges(dataclasses.replace(sample, depth=None)).ranges_m[:horizon] > 1000
         assert np.mean(found == is_sky) > 0.85
         assert np.mean(found & ~is_sky) < 0.02
+
+
+@pytest.mark.parametrize("lidar_height_m", [1.73, 3.46])
+def test_a_road_that_nothing_was_measured_of_lies_as_deep_as_the_sensors_stand_high(lidar_height_m):
+    image = torch.zeros(3, *SIZE, dtype=torch.uint8)
+    sample = sample_of(
+        points=None, depth=None, image=image, calibration=kitti_like_calibration(), image_size=SIZE
+    )
+    ranges = scene_ranges(dataclasses.replace(sample, lidar_height_m=lidar_height_m))
+    focal_px, center = kitti_like_calibration().image_from_camera[1, 1:3].tolist()
+    column = round(float(kitti_like_calibration().image_from_camera[0, 2]))
+    drop = (300 - int(center)) / focal_px
+    assert ranges.source == "flat road"
+    assert ranges.ranges_m[300, column] == pytest.approx(lidar_height_m / drop, rel=0.03)

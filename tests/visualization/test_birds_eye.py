@@ -26,6 +26,12 @@ def test_a_point_is_drawn_at_its_place():
     assert columns.mean() == pytest.approx(270, abs=1)
 
 
+def test_a_cloud_looks_the_same_however_high_the_lidar_is_mounted():
+    points = torch.rand(500, 4, generator=torch.Generator().manual_seed(0)) * 30
+    higher = points - torch.tensor([0.0, 0.0, 2.0, 0.0])
+    assert (draw_birds_eye(higher, view=VIEW) == draw_birds_eye(points, view=VIEW)).all()
+
+
 def test_the_front_of_a_box_is_drawn_stronger_and_leads_on():
     box = Boxes3D(torch.tensor([[30.0, 0.0, 0.0, 6.0, 2.0, 1.5, 0.0]]))
     picture = draw_birds_eye(None, box, ["Car"], view=VIEW).astype(int)

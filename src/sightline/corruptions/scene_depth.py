@@ -118,8 +118,8 @@ def _flat_road(sample: CameraLidarSample, horizon: int) -> Float32[np.ndarray, "
     height, width = sample.image_size
     focal_px = float(sample.calibration.image_from_camera[1, 1])
     rows_below = np.maximum(np.arange(height) - horizon, 0)
-    camera_height_m = KITTI_LIDAR_HEIGHT_M  # less some centimetres
-    depth_m = focal_px * camera_height_m / np.maximum(rows_below, 1e-3)
+    height_m = KITTI_LIDAR_HEIGHT_M + sample.higher_than_kitti_m  # the LiDAR's, near the camera's
+    depth_m = focal_px * height_m / np.maximum(rows_below, 1e-3)
     column = np.minimum(depth_m, _NEVER_M).astype(np.float32)
     return np.repeat(column[:, None], width, axis=1)
 

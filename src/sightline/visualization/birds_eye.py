@@ -10,7 +10,6 @@ from torch import Tensor
 
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.projection import unproject_pixels
 from sightline.visualization.canvas import put_lines, put_points, put_polygon
 from sightline.visualization.colors import RGB, class_color
@@ -23,6 +22,8 @@ _RING_TEXT: RGB = (150, 156, 166)
 _EGO: RGB = (235, 235, 235)
 _RING_STEP_M = 10
 _EGO_SIZE_M = (4.0, 1.8)
+_ROAD_SHARE = 0.05  # of the points lies lower than what is drawn as the road
+_BRIGHTEST_M = 2.5  # above it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +173,9 @@ def _put_cloud(
     inside = ((pixels > -1) & (pixels < np.array(canvas.shape[1::-1]))).all(axis=1)
     xyz, pixels = xyz[inside], pixels[inside]
     order = np.argsort(xyz[:, 2], kind="stable")
-    height_share = np.clip((xyz[order, 2] + KITTI_LIDAR_HEIGHT_M) / 2.5, 0, 1)
+    z = xyz[order, 2]
+    road_m = z[int(_ROAD_SHARE * len(z))] if len(z) else 0.0
+    height_share = np.clip((z - road_m) / _BRIGHTEST_M, 0, 1)
     low, high = np.array([70.0, 78.0, 92.0]), np.array([232.0, 236.0, 240.0])
     colors = np.rint(low + height_share[:, None] * (high - low)).astype(np.uint8)
     put_points(canvas, pixels[order], colors, diameter_px=1.7)
