@@ -174,6 +174,13 @@ def test_the_report_is_json_and_a_table_of_80_columns(street):
     assert "…" not in capture.get()
 
 
+def test_results_without_any_detection_are_told_not_shown_as_an_empty_table(street, capsys):
+    for path in street.results_dir.iterdir():
+        path.write_text("")
+    Console(width=80).print(evaluate_calibration(street).table())
+    assert "nothing was found in any frame" in capsys.readouterr().out
+
+
 def test_scores_that_are_no_probabilities_are_refused(tmp_path):
     folders = write_frames(tmp_path, random_street(1, 3))
     data = ScoredFrames(results_dir=folders[0], labels_dir=folders[1])

@@ -120,6 +120,8 @@ class CalibrationReport:
 
         title = f"calibration by {self.metric}, {self.difficulty}, {self.frames:,} frames, percent"
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        if not self.entries:
+            table.caption = "nothing was found in any frame, so there is nothing to calibrate"
         for name in ("class", "scores"):
             table.add_column(name, no_wrap=True)
         for name in ("D-ECE", "LaECE", "LaECE0", "oLRP", "Loc", "FP", "FN", "boxes"):
