@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from benchmarks.sheet_file import write_sheet
 from sightline.corruptions.suites import SUITES
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.detection2d.answer_picture import sure_detections
+from sightline.detection2d.answer_picture import DRAWN_SCORE
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import Detections2D
@@ -68,7 +68,7 @@ def _row(
     answer = predictor(sample)
     assert answer.camera_gate is not None, "it has gates"
     assert answer.lidar_gate is not None, "it has gates"
-    found = sure_detections(answer.detections)
+    found = answer.detections.surer_than(DRAWN_SCORE)
     cells = [
         titled_cell(
             name,

@@ -10,6 +10,7 @@ import json
 import statistics
 import time
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import jsonargparse
@@ -37,9 +38,9 @@ def main(repeats: int = 10, suites: tuple[str, ...] = ("dgfn7", "all")) -> None:
     # Without true depth, as recordings are: weather must find distances in the sweep.
     sample = replace(sample_of(simulate_frame(SimulationConfig(seed=7), 0)), depth=None)
     assert sample.points is not None, "a simulated sample has a sweep"
-    results: list[dict[str, object]] = []
+    results: list[dict[str, Any]] = []
     for suite in map(find_suite, suites):
-        rows: dict[str, dict[str, object]] = {}
+        rows: dict[str, dict[str, Any]] = {}
         for case in suite.cases:
             case.corrupt(sample, repeats)
             times = [_milliseconds(case, sample, seed) for seed in range(repeats)]

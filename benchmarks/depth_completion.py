@@ -24,6 +24,7 @@ from sightline.data.open import open_dataset
 from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.export_graph import example_inputs
+from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.predictor import DepthPredictor
@@ -34,7 +35,7 @@ from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 SIZE = (352, 1216)
-_METHODS = ("linear", "classical", "adaptive")
+_METHODS: tuple[Method, ...] = ("linear", "classical", "adaptive")
 _PAPER = "depth-shiftconv (untrained)"
 _NETWORKS = (_PAPER, "depth-best", "depth-fast-cpu")
 
@@ -84,8 +85,9 @@ def _measure(
     sparse = sparse[-SIZE[0] :, : SIZE[1]].contiguous()
     image = sample.image[:, -SIZE[0] :, : SIZE[1]].contiguous()
     row: dict[str, Any] = {"method": name, "engine": engine}
-    if name in _METHODS:
-        latency = measure_latency(lambda: complete_depth(sparse, name), repeats=repeats)
+    method = next((each for each in _METHODS if each == name), None)
+    if method is not None:
+        latency = measure_latency(lambda: complete_depth(sparse, method), repeats=repeats)
         return row | latency.to_json()
     with tempfile.TemporaryDirectory() as folder:
         weights = _untrained(Path(folder)) if name == _PAPER else name

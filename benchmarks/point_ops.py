@@ -234,7 +234,7 @@ def pool_by_numpy(scene: Scene, rng: np.random.Generator) -> ndarray:
     cloud, features = scene.points[0].numpy(), scene.features[0].numpy()
     pooled = np.zeros((PROPOSALS, POOLED, FEATURES), np.float32)
     for k, (x, y, z, length, width, height, yaw) in enumerate(scene.proposals[0].tolist()):
-        dx, dy, dz = (cloud - np.float32((x, y, z))).T
+        dx, dy, dz = (cloud - np.array((x, y, z), np.float32)).T
         along, across = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
         is_inside = np.abs(along) <= length / 2 + MARGIN_M
         is_inside &= np.abs(across) <= width / 2 + MARGIN_M

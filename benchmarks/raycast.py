@@ -36,7 +36,7 @@ from sightline.simulation.simulator import calibration_of, lidar_of, simulate_st
 from sightline.simulation.surfaces import Rays
 
 _LIFT = np.float32(0.999)  # of the way to a surface, where rays around it start
-_SUN = np.float32((0.48, 0.36, 0.8))
+_SUN = np.array((0.48, 0.36, 0.8), np.float32)
 _STAGES = ("search tree", "camera", "around", "shadow")
 
 
@@ -104,7 +104,8 @@ class Embreex:
 
     def shade(self, rays: Rays) -> ndarray:
         """Rays one by one."""
-        return self._scene.run(*rays, query="OCCLUDED") >= 0
+        first: ndarray = self._scene.run(*rays, query="OCCLUDED")
+        return first >= 0
 
 
 PEERS: dict[str, type[Peer]] = {"sightline": Ours, "embreex": Embreex}

@@ -19,6 +19,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import jsonargparse
@@ -53,7 +54,7 @@ def main(scenes: int = 50, repeats: int = 15, exact_scenes: int = 10) -> None:
     ):  # in turns, so that all meet the same disturbances; the first warms up
         for name, method in methods.items():
             times[name].append(milliseconds(method, pairs))
-    results = []
+    results: list[dict[str, Any]] = []
     for name, method in methods.items():
         low, median, high = statistics.quantiles(times[name][1:], n=4)
         error = max(largest_error(method, *pair) for pair in pairs[:exact_scenes])
@@ -109,7 +110,8 @@ def largest_error(method: Method, proposals: ndarray, cars: ndarray) -> float:
 
 def distances(a: ndarray, b: ndarray) -> ndarray:
     """Between all centres."""
-    return np.hypot(a[:, None, 0] - b[:, 0], a[:, None, 1] - b[:, 1])
+    between: ndarray = np.hypot(a[:, None, 0] - b[:, 0], a[:, None, 1] - b[:, 1])
+    return between
 
 
 def by_sightline(proposals: ndarray, cars: ndarray) -> ndarray:
@@ -133,20 +135,22 @@ def polygons(boxes: ndarray) -> ndarray:
     cos, sin = np.cos(boxes[:, 4, None]), np.sin(boxes[:, 4, None])
     x = boxes[:, 0, None] + cos * along - sin * across
     y = boxes[:, 1, None] + sin * along + cos * across
-    return shapely.polygons(np.stack((x, y), axis=-1))
+    outlines: ndarray = shapely.polygons(np.stack((x, y), axis=-1))
+    return outlines
 
 
 def over_union(shared: ndarray, a: ndarray, b: ndarray) -> ndarray:
     """IoU from shared areas."""
     areas_a, areas_b = a[:, 2] * a[:, 3], b[:, 2] * b[:, 3]
-    return shared / (areas_a[:, None] + areas_b - shared)
+    iou: ndarray = shared / (areas_a[:, None] + areas_b - shared)
+    return iou
 
 
 def by_opencv(proposals: ndarray, cars: ndarray) -> ndarray:
     """A loop over the pairs that may overlap."""
     radii_a, radii_b = (np.hypot(boxes[:, 2], boxes[:, 3]) / 2 for boxes in (proposals, cars))
     near = np.argwhere(distances(proposals, cars) < radii_a[:, None] + radii_b)
-    return opencv_loop(proposals, cars, near.tolist())
+    return opencv_loop(proposals, cars, [(i, j) for i, j in near.tolist()])
 
 
 def by_opencv_unfiltered(proposals: ndarray, cars: ndarray) -> ndarray:

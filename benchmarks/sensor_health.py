@@ -36,14 +36,14 @@ from benchmarks.sensor_health_scores import (
 from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import CLEAN, Case, find_suite
 from sightline.data.jobs import claim_folder, shard
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.evaluation.auroc import auroc_of_values
 from sightline.health.limits import SHIPPED, HealthLimits, read_limits
 from sightline.health.monitor import HealthMonitor
 from sightline.structures.health import ALARM_SCORE, Health
 
-_PARTS = frozenset({"image", "points", "objects"})
+_PARTS: frozenset[Part] = frozenset({"image", "points", "objects"})
 _TIMED = 10  # frames
 Scores = dict[str, Health]
 
@@ -88,7 +88,8 @@ def main(
     cv2.setNumThreads(1)
     monitor = HealthMonitor(read_limits(limits))
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=_PARTS)
-    places = np.unique(np.linspace(0, len(dataset) - 1, min(frames, len(dataset))).astype(int))
+    spread = np.linspace(0, len(dataset) - 1, min(frames, len(dataset)))
+    places: list[int] = np.unique(spread.astype(int)).tolist()
     known = find_suite(suite)
     chosen = [case for case in known.select(cases or known.case_names) if case.name != CLEAN]
     setting: dict[str, object] = {

@@ -62,7 +62,7 @@ class ScoreJob:
         for case in self.cases:
             found = case.corrupt(sample, self.seed)
             if found.camera_mask.any() or found.lidar_mask.any():  # else it was left alone
-                looked_at = {*case.corruption.sensors}
+                looked_at: set[str] = {*case.corruption.sensors}
                 if is_misalignment(case):
                     looked_at.add("alignment")
                 broken[case.name] = _look_at(found.sample, looked_at)

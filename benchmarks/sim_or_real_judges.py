@@ -28,7 +28,8 @@ class PointJudge(nn.Module):
     def forward(self, cars: Float[Tensor, "batch num_points fields"]) -> Float[Tensor, " batch"]:
         """Above 0 where a car seems real."""
         each = self.each(cars)
-        return self.all(torch.cat((each.amax(dim=1), each.mean(dim=1)), dim=1))[:, 0]
+        logits: Tensor = self.all(torch.cat((each.amax(dim=1), each.mean(dim=1)), dim=1))
+        return logits[:, 0]
 
     @staticmethod
     def augmented(
@@ -60,7 +61,8 @@ class PatchJudge(nn.Module):
 
     def forward(self, patches: UInt8[Tensor, "batch 3 height width"]) -> Float[Tensor, " batch"]:
         """Above 0 where a patch seems real."""
-        return self.head(self.features(patches.float() / 128 - 1).mean(dim=(2, 3)))[:, 0]
+        logits: Tensor = self.head(self.features(patches.float() / 128 - 1).mean(dim=(2, 3)))
+        return logits[:, 0]
 
     @staticmethod
     def augmented(
@@ -88,12 +90,13 @@ def judge_by_network(
         logits = judge(judge.augmented(known[rows]))
         loss = F.binary_cross_entropy_with_logits(logits, is_real[rows].float())
         optimizer.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         schedule.step()
     judge.eval()
     with torch.no_grad():
-        return judge(asked) > 0
+        of_asked: Tensor = judge(asked)
+    return of_asked > 0
 
 
 def judge_by_features(
@@ -112,7 +115,7 @@ def judge_by_features(
         logits = known @ weights[1:] + weights[0]
         value = F.binary_cross_entropy_with_logits(logits, is_real.float())
         value = value + _RIDGE * weights[1:].square().sum()
-        value.backward()
+        value.backward()  # type: ignore[no-untyped-call]
         return value
 
     optimizer.step(loss)  # type: ignore[no-untyped-call]

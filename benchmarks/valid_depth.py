@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from benchmarks.machine import describe_machine
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.depth_completion.postprocess import TRUSTED_SHARE
 from sightline.depth_completion.predictor import Completer, choose_completer
@@ -52,7 +52,7 @@ def main(
         engine: What runs the networks.
     """
     torch.set_num_threads(1)
-    parts = {"image", "points"} | (set() if truth == "rings" else {"depth"})
+    parts: set[Part] = {"image", "points"} if truth == "rings" else {"image", "points", "depth"}
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     chosen = range(0, len(dataset), every)[:max_frames]
     completers = [choose_completer(method=method) for method in methods]
@@ -63,9 +63,9 @@ def main(
         frame = split_rings(dataset[index], truth=truth)
         for count in beams:
             for completer in completers:
-                for share, (columns, kept) in _pixels(frame, completer, count).items():
-                    found.setdefault((completer.name, count, share), []).append(columns)
-                    of_image.setdefault((completer.name, count, share), []).append(kept)
+                for share, (pixels, kept_share) in _pixels(frame, completer, count).items():
+                    found.setdefault((completer.name, count, share), []).append(pixels)
+                    of_image.setdefault((completer.name, count, share), []).append(kept_share)
     print(f"{len(chosen)} frames of {data}, truth: {truth}; RMSE / MAE / median in mm")
     print(f"{'method':<16}{'beams':>6}{'limit':>7}{'kept':>8}{'of image':>10}", end="")
     print(f"{'kept pixels':>24}{'others':>24}")
