@@ -19,5 +19,5 @@ def tell_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
         return
     hint = "--engine torch for PyTorch" if taken != "torch" else ""
     if taken == "torch" and not has_openvino():
-        hint = 'for openvino, two to three times as fast: pip install "sightline[export]"'
+        hint = 'for openvino, mostly two to three times as fast: pip install "sightline[export]"'
     print(f"sightline: engine {taken}{f' ({hint})' if hint else ''}", file=sys.stderr)

@@ -15,9 +15,9 @@ _NEEDED: Final = ("openvino", "onnx", "onnxscript")
 def choose_engine(choice: EngineChoice, device: str = "cpu") -> EngineName:
     """The engine that a choice means.
 
-    `auto` is OpenVINO where the extra `export` is installed, two to three times as fast as PyTorch
-    on a CPU, and PyTorch elsewhere and on other devices; or what the environment variable
-    SIGHTLINE_ENGINE names, where it is set.
+    `auto` is OpenVINO where the extra `export` is installed, on one core of a CPU mostly two to
+    three times as fast as PyTorch, and PyTorch elsewhere and on other devices; or what the
+    environment variable SIGHTLINE_ENGINE names, where it is set.
 
     Raises:
         ValueError: The variable names no engine.
