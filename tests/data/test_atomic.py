@@ -136,13 +136,13 @@ class FullDisk(io.FileIO):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("mode", ["wb", "xb"])  # aside; in place, where there are no hard links
-def test_a_file_that_is_created_on_a_full_disk_leaves_no_part(tmp_path, monkeypatch, mode):
+@pytest.mark.parametrize("full", ["wb", "xb"])  # aside; in place, where there are no hard links
+def test_a_file_that_is_created_on_a_full_disk_leaves_no_part(tmp_path, monkeypatch, full):
     def refuse(*_):
         raise OSError(errno.EPERM, "no hard links here")
 
-    def open_full(path, how):
-        return FullDisk(path, how) if how == mode else io.FileIO(path, how)
+    def open_full(path, mode):
+        return FullDisk(path, mode) if mode == full else io.FileIO(path, mode)
 
     monkeypatch.setattr(os, "link", refuse)
     monkeypatch.setattr(Path, "open", open_full)
