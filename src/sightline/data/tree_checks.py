@@ -37,6 +37,7 @@ from sightline.data.recording_tree import (
     IMAGES,
     LABELS,
     POINTS,
+    RecordingFiles,
     is_recording,
     list_recording,
     read_times,
@@ -219,7 +220,19 @@ def _recording_tree(folder: Path) -> Tree | None:
             ("depth", DEPTH),
         )
     ]
-    references = reference_images(frames)
+    checks = _recording_checks(files)
+    tree = _tree(folder, "frames", frames, expected, checks, remedy=_RECORDING_REMEDY)
+    if tree is None:
+        return None
+    misnamed = unpaired(folder, frames)
+    if misnamed is not None:  # instead of all files that are missing
+        tree = replace(tree, gaps=(misnamed,))
+    note = "; ".join(describe_recording(frames))
+    return replace(tree, summary=replace(tree.summary, note=note))
+
+
+def _recording_checks(files: RecordingFiles) -> list[Check]:
+    references = reference_images(files.frames)
     checks = [
         Check(
             subject=f"calibration {path.name}",
@@ -229,25 +242,11 @@ def _recording_tree(folder: Path) -> Tree | None:
     ]
     if files.times is not None:
         checks.append(Check(subject=files.times.name, run=partial(_check_times, files.times)))
-    checks += [
-        Check(
-            subject=f"frame {frame.sample_id}",
-            run=partial(
-                check_recording_frame,
-                frame,
-                reference=None if frame.calibration is None else references.get(frame.calibration),
-            ),
-        )
-        for frame in frames
-    ]
-    tree = _tree(folder, "frames", frames, expected, checks, remedy=_RECORDING_REMEDY)
-    if tree is None:
-        return None
-    misnamed = unpaired(folder, frames)
-    if misnamed is not None:  # instead of all files that are missing
-        tree = replace(tree, gaps=(misnamed,))
-    note = "; ".join(describe_recording(frames))
-    return replace(tree, summary=replace(tree.summary, note=note))
+    for frame in files.frames:
+        reference = None if frame.calibration is None else references.get(frame.calibration)
+        run = partial(check_recording_frame, frame, reference=reference)
+        checks.append(Check(subject=f"frame {frame.sample_id}", run=run))
+    return checks
 
 
 def _frame_checks(
