@@ -142,7 +142,15 @@ class BagMaker:
         )
         self.write(topic, message, time_ns)
 
-    def info(self, topic: str, time_ns: int, *, distortion=(0.0,) * 5, size=IMAGE.shape[:2]):
+    def info(
+        self,
+        topic: str,
+        time_ns: int,
+        *,
+        distortion=(0.0,) * 5,
+        size=IMAGE.shape[:2],
+        rectification=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    ):
         region = self.new(
             "sensor_msgs/msg/RegionOfInterest",
             x_offset=0,
@@ -160,7 +168,7 @@ class BagMaker:
             distortion_model="plumb_bob",
             d=np.array(distortion),
             k=CAMERA_MATRIX.ravel(),
-            r=np.eye(3).ravel(),
+            r=np.ravel(rectification),
             p=projection.ravel(),
             binning_x=0,
             binning_y=0,

@@ -1,10 +1,12 @@
 import errno
+import io
 import os
 from pathlib import Path
 
 import pytest
 
 from sightline.data.atomic import (
+    atomic_create_text,
     atomic_link,
     atomic_path,
     atomic_write_bytes,
@@ -125,6 +127,27 @@ def test_a_full_disk_is_told_with_the_final_place_of_a_file_within_another(tmp_p
         atomic_path(outer),
     ):
         raise OSError(errno.ENOSPC, "No space left on device")
+    assert names(tmp_path) == []
+
+
+class FullDisk(io.FileIO):
+    def write(self, content):
+        super().write(content[:2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("full", ["wb", "xb"])  # aside; in place, where there are no hard links
+def test_a_file_that_is_created_on_a_full_disk_leaves_no_part(tmp_path, monkeypatch, full):
+    def refuse(*_):
+        raise OSError(errno.EPERM, "no hard links here")
+
+    def open_full(path, mode):
+        return FullDisk(path, mode) if mode == full else io.FileIO(path, mode)
+
+    monkeypatch.setattr(os, "link", refuse)
+    monkeypatch.setattr(Path, "open", open_full)
+    with pytest.raises(ValueError, match=r"note cannot be written: no space left on device; make"):
+        atomic_create_text(tmp_path / "note", "text")
     assert names(tmp_path) == []
 
 

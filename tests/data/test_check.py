@@ -282,6 +282,21 @@ def test_an_image_of_another_size_than_its_depth_map_is_a_problem_with_both_size
     assert "is 12x40; " in line
 
 
+def test_a_simulated_trees_depth_maps_are_looked_at_beside_its_images(tree):
+    for name in ("000001", "000002", "000003"):
+        write_depth_png(tree / "depth" / f"{name}.png", depth_map())
+    assert lines(tree.parent) == []
+    assert str(summarize_tree(tree.parent)[0]).endswith("label_2 3, depth 3)")
+    (tree / "depth" / "000001.png").unlink()
+    write_depth_png(tree / "depth" / "000002.png", depth_map(size=(12, 41)))
+    (tree / "depth" / "000003.png").write_bytes(b"\x89PNG")
+    (tree / "image_2" / "000003.png").write_bytes(b"")
+    found = {problem.path.relative_to(tree): problem.problem for problem in check_tree(tree)}
+    assert found[Path("depth/000001.png")] == "is missing"
+    assert found[Path("depth/000002.png")].startswith("is 12x41 (height x width) but the image ")
+    assert {Path("depth/000003.png"), Path("image_2/000003.png")} < found.keys()
+
+
 def test_depth_maps_of_8_bits_and_truths_without_depth_are_problems(tmp_path):
     write_selection(tmp_path)
     sparse = next(tmp_path.rglob("velodyne_raw/*.png"))

@@ -21,7 +21,10 @@ def png(
         return struct.pack(">I", len(payload)) + kind + payload + struct.pack(">I", checksum)
 
     header = struct.pack(">IIBBBBB", width, height, bits, colour_type, 0, 0, 0)
-    chunks = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
+    chunks = chunk(b"IHDR", header)
+    if colour_type == 3:
+        chunks += chunk(b"PLTE", bytes(6))
+    chunks += chunk(b"IDAT", zlib.compress(data, 9)) + chunk(b"IEND", b"")
     return b"\x89PNG\r\n\x1a\n" + chunks
 
 
@@ -155,6 +158,13 @@ def test_the_smallest_files_that_encoders_make_are_still_pictures(tmp_path):
     ):
         cv2.imwrite(str(tmp_path / name), black, parameters)
         assert read_rgb(tmp_path / name).max() <= 1
+
+
+@pytest.mark.parametrize("bits", [1, 8])
+def test_a_palette_has_one_number_a_pixel_however_well_it_packs(tmp_path, bits):
+    black = bytes(400 * (1 + 3000 * bits // 8))  # a row begins with the number of its filter
+    (tmp_path / "0.png").write_bytes(png(400, 3000, data=black, bits=bits, colour_type=3))
+    assert read_rgb(tmp_path / "0.png").shape == (400, 3000, 3)
 
 
 @pytest.mark.parametrize("marker", [0x00, 0x02, 0xBF, 0xC3, 0xC9, 0xD9, 0xDA])

@@ -152,6 +152,7 @@ def test_scores_keep_all_digits_and_other_fields_as_many_as_asked_for(tmp_path):
     [
         ({"class_names": ("a car",)}, "line 1: class is 'a car', but it is one word: rename it"),
         ({"class_names": ("",)}, "line 1: class is '', but it is one word"),
+        ({"class_names": ("c" * 65,)}, "line 1: class is longer than 64 characters: name it"),
         ({"alpha": np.array([math.nan])}, "line 1: alpha is nan, not finite"),
         ({"occlusion": np.array([0.5])}, "line 1: occlusion is 0.5, not a whole number"),
     ],

@@ -39,6 +39,27 @@ def test_fields_are_found_by_name_and_what_is_not_finite_is_left_out(tmp_path):
     np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255.0), expected)
 
 
+@pytest.mark.parametrize("kind", ["(2,)f4", "S3", "c8"])
+def test_a_field_that_is_no_number_a_point_is_refused_by_name(tmp_path, kind):
+    np.save(tmp_path / "cloud.npy", np.zeros(3, [("x", "f4"), ("Y", kind), ("z", "f4")]))
+    with pytest.raises(FileError, match=r"cloud.npy: has the field Y of .*, expected one number"):
+        read_cloud(tmp_path / "cloud.npy")
+
+
+def test_what_float32_cannot_hold_is_left_out_like_other_marks_of_no_echo(tmp_path):
+    rows = np.zeros(2, [("x", "f8"), ("y", "f8"), ("z", "f8")])
+    rows["x"] = (3, np.finfo(np.float64).max)
+    np.save(tmp_path / "cloud.npy", rows)
+    assert read_cloud(tmp_path / "cloud.npy").tolist() == [[3, 0, 0, 0]]
+
+
+def test_an_archive_of_arrays_is_no_npy_file(tmp_path):
+    np.savez(tmp_path / "cloud", points=POINTS)
+    (tmp_path / "cloud.npz").rename(tmp_path / "cloud.npy")
+    with pytest.raises(FileError, match=r"cloud.npy: is no whole .npy file; export the cloud"):
+        read_cloud(tmp_path / "cloud.npy")
+
+
 def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(tmp_path):
     np.save(tmp_path / "cloud.npy", POINTS[:5, :3])
     assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()

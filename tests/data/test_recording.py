@@ -162,9 +162,14 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"camera_from_lidar": [[0] * 4] * 3}, "holds no rotation"),
         ({"max_intensity": "bright"}, "max_intensity is no positive number"),
         ({"lidar_height_m": 173}, "lidar_height_m is 173, expected the LiDAR's height above"),
+        ({"lidar_height_m": 10**400}, "lidar_height_m is 1000"),
+        ({"camera_matrix": [[10**400] * 3] * 3}, "camera_matrix is no matrix of 3x3 or 3x4"),
         ({"image_size": [375, 1242]}, "image_size is no {width: .., height: ..}"),
         ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
+        ({"image_size": {"width": True, "height": True}}, "no width and height in whole pixels"),
         ({"lens": [0.1]}, "lens is no"),
+        ({"lens": {"coefficients": "1234"}}, "lens has coefficients that are no list of numbers"),
+        ({"lens": {"coefficients": [10**400] * 4}}, "lens has coefficients that are no numbers"),
         (
             {"lens": {"coefficients": [0.1]}},
             "expected 4 or 5 finite numbers of the model plumb_bob",
@@ -259,6 +264,18 @@ def test_a_recording_without_a_calibration_is_known_as_one(tmp_path):
         open_dataset(tmp_path)
     (problem,) = check_tree(tmp_path)
     assert problem.problem == "holds images or points without a calibration"
+
+
+@pytest.mark.parametrize("content", [b"", b"no picture"])
+def test_a_damaged_first_image_is_told_of_once_and_keeps_no_other_from_being_read(
+    tmp_path, content
+):
+    write_recording(tmp_path, ("a", "b", "c"))
+    (tmp_path / "images" / "a.jpg").write_bytes(content)
+    (problem,) = check_tree(tmp_path)
+    assert problem.path == tmp_path / "images" / "a.jpg"
+    assert "neither a PNG nor a JPEG" in problem.problem
+    assert open_dataset(tmp_path)[1].image_size == IMAGE.shape[:2]
 
 
 def test_check_looks_at_depth_labels_and_times_too(tmp_path):

@@ -106,6 +106,14 @@ def test_an_image_of_half_the_size_has_the_means_of_its_pixels():
     assert (half.image.float() - blocks).abs().max() <= 0.5
 
 
+def test_an_image_of_fewer_rows_alone_has_their_means():
+    sample = sample_of()
+    image = torch.zeros_like(sample.image)
+    image[:, ::4] = 200
+    lower = resize(replace(sample, image=image), SIZE[0] // 4, SIZE[1])
+    assert set(lower.image.flatten().tolist()) == {50}
+
+
 def test_a_depth_of_twice_the_size_repeats_its_pixels():
     sample = sample_of()
     twice = resize(sample, 2 * SIZE[0], 2 * SIZE[1])

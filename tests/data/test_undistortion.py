@@ -43,3 +43,21 @@ def test_a_point_comes_to_lie_where_a_lens_without_distortion_shows_it(model):
 def test_coefficients_that_a_model_does_not_take_are_refused(model, lens, said):
     with pytest.raises(ValueError, match=said):
         undistort(np.zeros((4, 5, 3), np.uint8), CAMERA, lens, model=model)
+
+
+@pytest.mark.parametrize(
+    ("image", "camera", "said"),
+    [
+        (np.zeros((4, 5, 3)), CAMERA, r"the image is float64 of shape \(4, 5, 3\), expected uint8"),
+        (np.zeros((4, 5), np.uint8), CAMERA, r"the image is uint8 of shape \(4, 5\), expected"),
+        (
+            np.zeros((4, 5, 3), np.uint8),
+            CAMERA[:2],
+            r"camera_matrix is of shape \(2, 3\), expected",
+        ),
+        (np.zeros((4, 5, 3), np.uint8), CAMERA * np.nan, r"expected 3x3 finite numbers; give"),
+    ],
+)
+def test_what_is_no_picture_or_no_camera_is_refused_instead_of_giving_black(image, camera, said):
+    with pytest.raises(ValueError, match=said):
+        undistort(image, camera, LENSES["plumb_bob"])

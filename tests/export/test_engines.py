@@ -143,6 +143,23 @@ def test_a_file_that_an_engine_cannot_run_is_refused(openvino_file, onnx_file, t
         open_engine(tmp_path / "absent.onnx")
 
 
+def test_an_onnx_file_whose_graph_is_damaged_is_refused_by_onnx_runtime_too(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    image, answer = (
+        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in "ia"
+    )
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("None", "i", "a")], "g", [image], [answer]
+    )
+    model = onnx.helper.make_model(graph)
+    onnx.helper.set_model_props(model, METADATA.to_properties())
+    onnx.save(model, tmp_path / "model.onnx")
+    with pytest.raises(
+        ValueError, match=r"onnxruntime cannot read .*model.onnx: .* export it again"
+    ):
+        open_engine(tmp_path / "model.onnx", "onnxruntime")
+
+
 def test_an_openvino_file_without_its_weights_is_refused(openvino_file, tmp_path):
     path = tmp_path / "toy.xml"
     path.write_bytes(openvino_file.read_bytes())

@@ -44,6 +44,17 @@ def test_a_network_is_exported_once(exported):
     assert len(list(cache_folder().iterdir())) == 1
 
 
+def test_a_network_is_exported_once_where_kept_files_may_not_be_touched(exported, monkeypatch):
+    def refuse(*_):
+        raise PermissionError
+
+    graph = graph_of()
+    onnx_file_of(graph)
+    monkeypatch.setattr(os, "utime", refuse)
+    assert onnx_file_of(graph) == b"file 1"
+    assert len(exported) == 1
+
+
 @pytest.mark.usefixtures("exported")
 def test_whatever_the_file_is_made_from_makes_another_file(monkeypatch):
     torch.manual_seed(0)

@@ -99,3 +99,8 @@ def test_real_engines_agree_at_two_sizes_and_the_table_tells_so(onnx_file, openv
         console.print(report.table())
     for text in ("difference to PyTorch, mm", "onnxruntime", "openvino", "16x24", "e_point_m"):
         assert text in capture.get()
+
+
+def test_outputs_that_hold_nothing_are_the_same():
+    nothing = FixedEngine("torch", boxes=[])
+    assert check_parity(nothing, [nothing], CASES).is_within(0.0)

@@ -46,6 +46,12 @@ def test_where_no_road_is_seen_nothing_is_told():
     assert drive_height_m([POINTS[:0]]) is None
 
 
+@pytest.mark.parametrize("z", [np.inf, -np.inf, np.nan, 1e30])
+def test_points_that_are_none_do_not_hide_the_road(z):
+    odd = np.float32([(10, 25, z, 0), (29.5, 0.5, z, 0)])  # where there is no other point
+    assert road_height_m(np.concatenate((POINTS, odd))) == road_height_m(POINTS)
+
+
 def test_a_drive_tells_the_median_of_its_sweeps():
     sweeps = [POINTS - np.float32([0, 0, up_m, 0]) for up_m in (0.0, 0.1, 2.0)]
     assert drive_height_m([*sweeps, POINTS[:0]]) == road_height_m(sweeps[1])

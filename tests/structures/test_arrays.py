@@ -90,6 +90,29 @@ def test_what_is_no_cloud_in_metres_is_refused(points, max_intensity, said):
         sweep_points(points, max_intensity)
 
 
+def test_points_that_float32_cannot_hold_are_left_out_as_those_that_are_not_finite():
+    points = np.float64([[3, 1, 0, 1], [np.finfo(np.float64).max, 1, 0, 1]])  # a mark of no echo
+    assert sweep_points(points).tolist() == [[3, 1, 0, 1]]
+
+
+def test_negative_intensities_are_not_blamed_on_their_scale():
+    with pytest.raises(ValueError, match=r"intensities from -1 to 0, .*; write them from 0 on"):
+        sweep_points(np.float32([[3, 1, 0, -1], [4, 1, 0, 0]]))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"image_size": (0, 1242)}, "image_size is 0x1242; give height and width in pixels"),
+        ({"lidar_height_m": 1730.0}, "lidar_height_m is 1730, expected 0.1 to 10; give .* metres"),
+        ({"lidar_height_m": float("nan")}, "lidar_height_m is nan, expected"),
+    ],
+)
+def test_sizes_and_heights_that_no_sensor_has_are_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        CameraLidarSample.from_arrays(CALIBRATION, **{"image_size": (375, 1242), **given})
+
+
 def test_the_share_of_points_in_the_image_is_one_where_sweeps_are_cut_to_it():
     assert share_in_image(SAMPLE.points, CALIBRATION, SAMPLE.image_size) > 0.99
     assert share_in_image(SAMPLE.points[:0], CALIBRATION, SAMPLE.image_size) == 0

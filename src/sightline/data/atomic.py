@@ -33,16 +33,21 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     check_replaceable(target)
-    with folder_beside(target) as aside:
-        try:
-            yield aside / target.name
-            # Only now: a file of the old content must survive everything up to here.
-            (aside / target.name).replace(target)
-        except OSError as error:
-            fault = disk_fault(error, target)
-            if fault is None:
-                raise
-            raise fault from error
+    with folder_beside(target) as aside, _naming_disk_faults(target):
+        yield aside / target.name
+        # Only now: a file of the old content must survive everything up to here.
+        (aside / target.name).replace(target)
+
+
+@contextmanager
+def _naming_disk_faults(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        fault = disk_fault(error, target)
+        if fault is None:
+            raise
+        raise fault from error
 
 
 def disk_fault(error: OSError, target: Path) -> ValueError | None:
@@ -133,7 +138,7 @@ def atomic_create_text(path: Path | str, text: str) -> bool:
     """
     target = Path(os.path.realpath(path))
     check_replaceable(target)
-    with folder_beside(target) as aside:
+    with folder_beside(target) as aside, _naming_disk_faults(target):
         (aside / target.name).write_bytes(text.encode())
         try:
             os.link(aside / target.name, target)
@@ -149,8 +154,13 @@ def atomic_create_text(path: Path | str, text: str) -> bool:
 def _create_exclusively(target: Path, text: str) -> bool:
     """The same on a disk without hard links (exFAT, say): for a moment the file is there empty."""
     try:
-        with target.open("xb") as file:
-            file.write(text.encode())
+        file = target.open("xb")
     except FileExistsError:
         return False
+    try:
+        with file:
+            file.write(text.encode())
+    except BaseException:
+        target.unlink(missing_ok=True)  # a part of it would stand for the whole
+        raise
     return True

@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 from torch import Tensor
 
+from sightline.data.kitti_labels import NO_ALPHA
 from sightline.data.rings import NUM_RINGS, ring_numbers
 from sightline.data.view import is_in_view
 from sightline.geometry.boxes2d import Boxes2D
@@ -24,8 +25,6 @@ from sightline.geometry.transforms import wrap_angle
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
 
-_NO_ALPHA = -10.0  # KITTI's mark for an unknown observation angle
-
 
 def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
     """Which points KITTI's reduced sweeps would have kept; see `is_in_view`.
@@ -33,8 +32,10 @@ def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
     Raises:
         ValueError: The sample has no sweep.
     """
-    image_from_lidar = sample.calibration.image_from_lidar.double().numpy()
-    return torch.from_numpy(is_in_view(_sweep(sample).numpy(), image_from_lidar, sample.image_size))
+    image_from_lidar = sample.calibration.image_from_lidar.numpy()
+    return torch.from_numpy(
+        is_in_view(sweep_of(sample).numpy(), image_from_lidar, sample.image_size)
+    )
 
 
 def keep_rings(
@@ -45,7 +46,7 @@ def keep_rings(
     Raises:
         ValueError: The sample has no sweep.
     """
-    return replace(sample, points=_sweep(sample)[torch.isin(rings, torch.tensor(list(kept)))])
+    return replace(sample, points=sweep_of(sample)[torch.isin(rings, torch.tensor(list(kept)))])
 
 
 def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> CameraLidarSample:
@@ -63,9 +64,9 @@ def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> Ca
         raise ValueError(
             f"first must be at least 0 and below keep_every, which is {keep_every}; got {first}"
         )
-    in_view = replace(sample, points=_sweep(sample)[points_in_view(sample)])
+    in_view = replace(sample, points=sweep_of(sample)[points_in_view(sample)])
     try:
-        rings = torch.from_numpy(ring_numbers(_sweep(in_view).numpy()))
+        rings = torch.from_numpy(ring_numbers(sweep_of(in_view).numpy()))
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
     return keep_rings(in_view, rings, range(first, NUM_RINGS, keep_every))
@@ -77,13 +78,13 @@ def rotate_extrinsics(
     """The sample with a LiDAR that is turned in its mount while the calibration knows nothing.
 
     Points turn about the LiDAR's own x (roll), then y (pitch), then z (yaw), each
-    counter-clockwise seen from the axis' tip. Depth and labels stay: they are the truth that the
+    counter-clockwise seen from the axis's tip. Depth and labels stay: they are the truth that the
     points now miss.
 
     Raises:
         ValueError: The sample has no sweep.
     """
-    points = _sweep(sample).clone()
+    points = sweep_of(sample).clone()
     turned = points[:, :3].double() @ _rotation(yaw_deg, pitch_deg, roll_deg).T
     points[:, :3] = turned.float()
     return replace(sample, points=points)
@@ -113,7 +114,7 @@ def add_outliers(
     """
     if not 0 <= share <= 1:
         raise ValueError(f"share must be between 0 and 1, got {share}")
-    points = _sweep(sample).clone()
+    points = sweep_of(sample).clone()
     chosen = torch.from_numpy(
         rng.choice(len(points), size=round(share * len(points)), replace=False)
     )
@@ -238,7 +239,12 @@ def _saturate(
     return np.stack([cv2.addWeighted(plane, factor, grey, 1 - factor, 0) for plane in planes])
 
 
-def _sweep(sample: CameraLidarSample) -> Float32[Tensor, "num_points 4"]:
+def sweep_of(sample: CameraLidarSample) -> Float32[Tensor, "num_points 4"]:
+    """The points of a sample whose sweep is to be changed.
+
+    Raises:
+        ValueError: The sample has no sweep.
+    """
     if sample.points is None:
         raise ValueError(
             f"sample {sample.sample_id} has no sweep to change; give it points or leave out this "
@@ -292,7 +298,7 @@ def _mirrored_objects(objects: ObjectLabels, width: int) -> ObjectLabels:
     boxes3d[:, 6] = torch.where(objects.has_box3d, wrap_angle(-boxes3d[:, 6]), boxes3d[:, 6])
     # Bearings change their sign, and rotation_y becomes pi - rotation_y: so does their difference.
     alpha = torch.where(
-        objects.alpha == _NO_ALPHA, objects.alpha, wrap_angle(math.pi - objects.alpha)
+        objects.alpha == NO_ALPHA, objects.alpha, wrap_angle(math.pi - objects.alpha)
     )
     return replace(
         objects,

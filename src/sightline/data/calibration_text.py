@@ -14,9 +14,9 @@ from jaxtyping import Float64
 
 from sightline.data.plain_text import parse_numbers, read_text, shortened
 from sightline.data.problem import FileError
+from sightline.geometry.rotations import rotation_fault
 
 _LIMIT = 1e9  # no focal length, baseline or mounting comes near; products stay finite
-_ROTATION_TOLERANCE = 1e-3
 _LAST_ROW_TOLERANCE = 1e-9
 _REMEDY = "correct it or extract the calibration archive again"
 
@@ -220,11 +220,6 @@ def _rectified(
 
 
 def _check_rotation(rotation: Float64[np.ndarray, "3 3"], path: Path | str, name: str) -> None:
-    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise FileError(
-            path,
-            f"{name} holds no rotation: its rows are {error:.3g} off orthonormal and its "
-            f"determinant is {np.linalg.det(rotation):.3g}, expected 0 and 1",
-            _REMEDY,
-        )
+    fault = rotation_fault(rotation)
+    if fault is not None:
+        raise FileError(path, f"{name} holds no rotation: {fault}", _REMEDY)

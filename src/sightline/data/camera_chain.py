@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 
 from sightline.structures.sample import CameraLidarSample
 
@@ -85,7 +85,7 @@ def split_colors(
 
 def expose(
     image: UInt8[np.ndarray, "height width 3"],
-    gains: np.ndarray,
+    gains: Float64[np.ndarray, "3"],
     noise_levels: float,
     rng: np.random.Generator,
 ) -> UInt8[np.ndarray, "height width 3"]:

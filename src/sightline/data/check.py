@@ -8,7 +8,7 @@ from pathlib import Path
 from sightline.data.problem import Problem
 from sightline.data.progress import track
 from sightline.data.recording_tree import lacks_calibration
-from sightline.data.threads import check_workers, map_ahead
+from sightline.data.threads import check_threads, map_ahead
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 
 
@@ -43,7 +43,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
         ValueError: `num_workers` is out of range.
     """
     workers = (os.cpu_count() or 1) if num_workers is None else num_workers
-    check_workers(workers)
+    check_threads(workers)
     root = Path(root)
     trees = find_trees(root)
     if not trees:

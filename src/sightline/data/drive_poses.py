@@ -12,10 +12,10 @@ from jaxtyping import Float64
 from sightline.data.calibration_text import read_rigid_transform
 from sightline.data.plain_text import REMEDY, parse_numbers, read_text, shortened
 from sightline.data.problem import FileError
+from sightline.geometry.rotations import rotation_fault
 
 _EARTH_RADIUS_M = 6378137.0
 _OXTS_FIELDS = 30
-_ROTATION_TOLERANCE = 1e-3
 _TIME = re.compile(r"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)(\.\d+)?", re.ASCII)
 
 
@@ -38,13 +38,11 @@ def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
             )
         pose = np.eye(4)
         pose[:3] = np.reshape(parse_numbers(words, path, f"line {number}:"), (3, 4))
-        rotation = pose[:3, :3]
-        error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-        if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+        fault = rotation_fault(pose[:3, :3])
+        if fault is not None:
             raise FileError(
                 path,
-                f"line {number}: its left 3x3 part is no rotation, expected orthonormal rows and "
-                "determinant +1",
+                f"line {number}: its left 3x3 part is no rotation: {fault}",
                 "correct the line",
             )
         poses.append(pose)
@@ -91,7 +89,7 @@ def read_oxts_poses(
         imu_to_velodyne: `calib_imu_to_velo.txt`.
 
     Raises:
-        FileError: A file does not hold 30 numbers, or a latitude is none.
+        FileError: A file does not hold 30 numbers, or a latitude is not between -90 and 90 degrees.
     """
     lidar_from_imu = read_rigid_transform(imu_to_velodyne)
     imu_from_lidar = np.linalg.inv(lidar_from_imu)

@@ -13,7 +13,7 @@ _END_OF_NAME = 256  # no byte
 
 
 class Fault(ABC):
-    """Something wrong with a sensor, so and so much of it; `str` names it in tables.
+    """Something wrong with a sensor, and how much of it; `str` names it in tables.
 
     A fault is a frozen dataclass of plain numbers: `dataclasses.asdict` records it.
     """
@@ -85,7 +85,7 @@ class FalseEchoes(Fault):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FewerRings(Fault):
-    """A LiDAR that has only every so manyth of its rings."""
+    """A LiDAR of fewer beams: every `keep_every`th ring from ring `first` on."""
 
     keep_every: int
     first: int = 0
@@ -98,7 +98,7 @@ class FewerRings(Fault):
             )
 
     def __str__(self) -> str:
-        """The share of the rings."""
+        """The share of the rings; which of them begins is not told."""
         return f"1 ring of {self.keep_every}"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
@@ -112,7 +112,7 @@ class NoCamera(Fault):
     """A camera that delivers nothing."""
 
     def __str__(self) -> str:
-        """What there is to say."""
+        """Its name."""
         return "no camera"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:

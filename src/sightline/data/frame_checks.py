@@ -36,8 +36,11 @@ Content = TypeVar("Content")
 def check_object_frame(frame: ObjectFrame) -> list[Problem]:
     """Checks one frame of the object tree; parts that are absent are not spoken of."""
     problems: list[Problem] = []
+    size = _image_size(frame.image, problems)
     depth_m = read_or_note(read_depth_png, frame.depth, problems)
-    size = depth_m.shape if depth_m is not None else _image_size(frame.image, problems)
+    if depth_m is not None and frame.depth is not None:
+        problems += _check_size(depth_m, frame.depth, size, frame.image)
+        size = size or depth_m.shape
     matrices = read_or_note(read_object_matrices, frame.calibration, problems)
     if matrices is not None and frame.calibration is not None:
         problems += check_matrices(matrices, size, frame.calibration)
@@ -60,15 +63,7 @@ def check_depth_frame(frame: DepthFrame) -> list[Problem]:
         depth_m = read_or_note(read_depth_png, path, problems)
         if depth_m is None or path is None:
             continue
-        if size is not None and depth_m.shape != size:
-            problems.append(
-                Problem(
-                    path=path,
-                    problem=f"is {depth_m.shape[0]}x{depth_m.shape[1]} (height x width) but the "
-                    f"image {frame.image} is {size[0]}x{size[1]}",
-                    remedy="extract both again, or crop them alike",
-                )
-            )
+        problems += _check_size(depth_m, path, size, frame.image)
         if path == frame.truth and not depth_m.any():
             problems.append(Problem(path=path, problem="holds no depth", remedy="extract it again"))
     if frame.camera is None:
@@ -107,6 +102,25 @@ def read_or_note(
 def _image_size(path: Path | None, problems: list[Problem]) -> tuple[int, int] | None:
     image = read_or_note(read_rgb, path, problems)
     return None if image is None else (image.shape[0], image.shape[1])
+
+
+def _check_size(
+    depth_m: Float32[np.ndarray, "height width"],
+    path: Path,
+    size: tuple[int, int] | None,
+    image: Path | None,
+) -> list[Problem]:
+    """That a depth map is of another size than its image, where there is one."""
+    if size is None or depth_m.shape == size:
+        return []
+    return [
+        Problem(
+            path=path,
+            problem=f"is {depth_m.shape[0]}x{depth_m.shape[1]} (height x width) but the image "
+            f"{image} is {size[0]}x{size[1]}",
+            remedy="extract both again, or crop them alike",
+        )
+    ]
 
 
 def _check_points(points: Float32[np.ndarray, "num_points 4"], path: Path) -> list[Problem]:

@@ -26,7 +26,8 @@ _MAX_SCANNED_PIXELS = 16 * MAX_PIXELS
 _PNG_BYTES_PER_BYTE = 1032
 _JPEG_PIXELS_PER_BYTE = 2048
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # by colour type; 3 is a palette of RGB
+_PNG_PALETTE = 3  # colour type of a palette of RGB
+_PNG_CHANNELS = {0: 1, 2: 3, _PNG_PALETTE: 3, 4: 2, 6: 4}  # by colour type
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_SCAN = b"\xff\xda"
 # Start-of-frame markers, which hold the size, of the kinds that cameras write: Huffman-coded,
@@ -48,6 +49,8 @@ class ImageHeader:
     bits_per_channel: int
     channels: int
     """1 grey, 2 grey and opacity, 3 colour (or a palette of colours), 4 colour and opacity."""
+    bits_per_pixel: int
+    """As the file holds them: with a palette, those of the colour's number."""
 
 
 def read_image_size(path: Path | str) -> tuple[int, int]:
@@ -101,7 +104,7 @@ def _least_bytes(header: ImageHeader) -> int:
     height, width = header.size
     if header.file_format == "jpeg":
         return height * width // _JPEG_PIXELS_PER_BYTE
-    return height * (width * header.channels * header.bits_per_channel // 8) // _PNG_BYTES_PER_BYTE
+    return height * (width * header.bits_per_pixel // 8) // _PNG_BYTES_PER_BYTE
 
 
 def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> None:
@@ -153,11 +156,13 @@ def _parse(content: bytes) -> ImageHeader | None:
         kind, width, height, bits, colour_type = struct.unpack_from(">4sIIBB", content, 12)
         if kind != b"IHDR" or colour_type not in _PNG_CHANNELS:
             return None
+        channels = _PNG_CHANNELS[colour_type]
         return ImageHeader(
             file_format="png",
             size=(height, width),
             bits_per_channel=bits,
-            channels=_PNG_CHANNELS[colour_type],
+            channels=channels,
+            bits_per_pixel=bits if colour_type == _PNG_PALETTE else bits * channels,
         )
     return _parse_jpeg(content) if content.startswith(_JPEG_START) else None
 
@@ -173,7 +178,11 @@ def _parse_jpeg(content: bytes) -> ImageHeader | None:
         if marker in _JPEG_FRAMES:
             bits, height, width, channels = struct.unpack_from(">BHHB", content, position + 4)
             return ImageHeader(
-                file_format="jpeg", size=(height, width), bits_per_channel=bits, channels=channels
+                file_format="jpeg",
+                size=(height, width),
+                bits_per_channel=bits,
+                channels=channels,
+                bits_per_pixel=bits * channels,
             )
         if marker not in _JPEG_TABLES:
             return None

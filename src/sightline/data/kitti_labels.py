@@ -33,10 +33,12 @@ FIELDS = (
 )
 """What stands on a line, in its order; labels end before the score."""
 
+UNKNOWN = -1.0
+"""Written for a truncation or an occlusion that is unknown."""
 NO_ALPHA = -10.0
 """Written for an observation angle that is unknown."""
-NO_LOCATION = -1000.0
-"""Written for each coordinate of an object without a 3D part."""
+NO_SIZE, NO_LOCATION, NO_ROTATION = -1.0, -1000.0, -10.0
+"""Written for each size, each coordinate and the rotation_y of an object without a 3D part."""
 
 MAX_LABEL_BYTES = 2**24
 """No label or result file is longer: more than 100,000 objects in one frame."""
@@ -46,15 +48,15 @@ _RESULT_FIELDS = 16
 _OCCLUSION = 1  # columns of the numbers of a line
 _LOCATION = slice(10, 13)
 _PLACEHOLDERS = {
-    "truncation": -1.0,
+    "truncation": UNKNOWN,
     "alpha": NO_ALPHA,
-    "height": -1.0,
-    "width": -1.0,
-    "length": -1.0,
+    "height": NO_SIZE,
+    "width": NO_SIZE,
+    "length": NO_SIZE,
     "x": NO_LOCATION,
     "y": NO_LOCATION,
     "z": NO_LOCATION,
-    "rotation_y": NO_ALPHA,
+    "rotation_y": NO_ROTATION,
 }
 
 
@@ -201,8 +203,8 @@ def write_objects(path: Path, objects: KittiObjects, *, decimals: int | None = 2
             ties, and ties change the evaluation.
 
     Raises:
-        ValueError: If a class name is empty or has white space, an occlusion is no whole number
-            or a number is not finite: no reader would understand the file.
+        ValueError: A class name is empty, absurdly long or has white space, an occlusion is no
+            whole number, or a number is not finite: no reader would understand the file.
     """
     columns = [objects.truncation, objects.occlusion, objects.alpha, objects.boxes2d]
     columns += [objects.dimensions_hwl, objects.locations, objects.rotation_y]
@@ -289,6 +291,8 @@ def _format_line(
     """One line of the file; raises ValueError, to be completed with the place, if it cannot be."""
     if class_name.encode().split() != [class_name.encode()]:
         raise ValueError(f"class is {class_name!r}, but it is one word: rename it")
+    if len(class_name) > _MAX_NAME:
+        raise ValueError(f"class is longer than {_MAX_NAME} characters: name it in a word")
     no_box3d = all(value == NO_LOCATION for value in values[_LOCATION])
     words = [class_name]
     for field, value in zip(FIELDS[1:], values, strict=False):

@@ -4,13 +4,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
+from sightline.data.kitti_labels import NO_LOCATION, NO_ROTATION, NO_SIZE, KittiObjects
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D, boxes3d_from_kitti, kitti_from_boxes3d
 from sightline.geometry.calibration import Calibration
 from sightline.structures.labels import ObjectLabels
-
-_NO_SIZE, _NO_ROTATION = -1.0, -10.0  # KITTI's placeholders where there is no 3D part
 
 
 def labels_from_kitti(objects: KittiObjects, calibration: Calibration) -> ObjectLabels:
@@ -50,9 +48,9 @@ def kitti_from_labels(labels: ObjectLabels, calibration: Calibration) -> KittiOb
         occlusion=labels.occlusion.double().numpy(),
         alpha=labels.alpha.numpy(),
         boxes2d=labels.boxes2d.tensor.double().numpy(),
-        dimensions_hwl=torch.where(has_box3d[:, None], dimensions_hwl, _NO_SIZE).numpy(),
+        dimensions_hwl=torch.where(has_box3d[:, None], dimensions_hwl, NO_SIZE).numpy(),
         locations=torch.where(has_box3d[:, None], locations, NO_LOCATION).numpy(),
-        rotation_y=torch.where(has_box3d, rotation_y, _NO_ROTATION).numpy(),
+        rotation_y=torch.where(has_box3d, rotation_y, NO_ROTATION).numpy(),
     )
 
 

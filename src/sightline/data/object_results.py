@@ -5,7 +5,14 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
+from sightline.data.kitti_labels import (
+    NO_ALPHA,
+    NO_LOCATION,
+    NO_ROTATION,
+    NO_SIZE,
+    UNKNOWN,
+    KittiObjects,
+)
 from sightline.data.object_labels import labels_from_kitti
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
@@ -13,8 +20,6 @@ from sightline.geometry.calibration import Calibration
 from sightline.geometry.image_boxes import kitti_corners, project_boxes
 from sightline.geometry.transforms import wrap_angle
 from sightline.structures.predictions import Detections2D, Detections3D
-
-_UNKNOWN = -1.0  # truncation and occlusion of results, and the size of what has no 3D part
 
 
 def kitti_from_detections(
@@ -61,9 +66,9 @@ def kitti_from_detections2d(found: Detections2D, image_size: tuple[int, int]) ->
         found,
         boxes.area() > 0,
         boxes2d=boxes.tensor,
-        dimensions_hwl=torch.full((count, 3), _UNKNOWN),
+        dimensions_hwl=torch.full((count, 3), NO_SIZE),
         locations=torch.full((count, 3), NO_LOCATION),
-        rotation_y=torch.full((count,), NO_ALPHA),
+        rotation_y=torch.full((count,), NO_ROTATION),
         alpha=torch.full((count,), NO_ALPHA),
     )
 
@@ -97,7 +102,7 @@ def _results(
     found: Detections2D | Detections3D, is_shown: Tensor, **columns: Tensor
 ) -> KittiObjects:
     kept = is_shown.nonzero()[:, 0]
-    unknown = torch.full((len(found.scores),), _UNKNOWN)
+    unknown = torch.full((len(found.scores),), UNKNOWN)
     columns |= {"truncation": unknown, "occlusion": unknown, "scores": found.scores.detach().cpu()}
     arrays = {name: column[kept].double().numpy() for name, column in columns.items()}
     names = tuple(found.class_names[index] for index in kept.tolist())

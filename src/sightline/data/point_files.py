@@ -41,7 +41,7 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
 
     Raises:
         FileError: The file cannot be read or is cut short, lacks a coordinate, is not in metres, or
-            more than one intensity in a hundred lies outside [0, max_intensity].
+            an intensity is negative, or more than one in a hundred above max_intensity.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".bin":
@@ -59,14 +59,14 @@ def checked_cloud(
     """The points that an echo made, with reflectances in [0, 1].
 
     Raises:
-        FileError: Points are not in metres, or intensities lie outside [0, max_intensity]; names
-            `source`, a file or a topic.
+        FileError: Points are not in metres, or intensities are not on this scale (`cloud_fault`);
+            names `source`, a file or a topic.
     """
     points = echoes(points)
     fault = cloud_fault(points, max_intensity)
     if fault is not None:
         problem, remedy = fault
-        raise FileError(source, f"holds {problem}", f"{remedy} (import: --max-intensity)")
+        raise FileError(source, f"holds {problem}", remedy)
     points[:, 3] = reflectances(points[:, 3], max_intensity)
     return points
 
@@ -75,7 +75,8 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
     """x, y, z and intensity (else 0) of a structured array.
 
     Raises:
-        FileError: It lacks a coordinate; names `source`.
+        FileError: It lacks a coordinate, or a field holds something else than one number a point;
+            names `source`.
     """
     names = fields.dtype.names or ()
     by_lower = {name.lower(): name for name in names}
@@ -86,19 +87,27 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
             f"has the fields {', '.join(names) or 'none'}, and lacks {', '.join(lacking)}",
             _REMEDY,
         )
+    intensity = [name for name in INTENSITY_NAMES if name in by_lower][:1]
     points = np.zeros((fields.size, 4), np.float32)
-    for column, name in enumerate(("x", "y", "z")):
-        points[:, column] = fields[by_lower[name]].ravel()
-    intensity = next((by_lower[name] for name in INTENSITY_NAMES if name in by_lower), None)
-    if intensity is not None:
-        points[:, 3] = fields[intensity].ravel()
+    for column, name in enumerate(("x", "y", "z", *intensity)):
+        values = fields[by_lower[name]]
+        if values.shape != fields.shape or values.dtype.kind not in "fiu":
+            raise FileError(
+                source,
+                f"has the field {by_lower[name]} of {fields.dtype[by_lower[name]]}, expected one "
+                "number a point",
+                _REMEDY,
+            )
+        with np.errstate(over="ignore"):  # becomes infinite, and is left out
+            points[:, column] = values.ravel()
     return points
 
 
 def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
     try:
-        array = np.load(io.BytesIO(content), allow_pickle=False)
+        # Not `np.load`, which takes archives of arrays, too.
+        array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
     except Exception as error:
         raise FileError(path, "is no whole .npy file", _REMEDY) from error
     if array.dtype.names:

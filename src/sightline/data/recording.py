@@ -27,7 +27,7 @@ from sightline.data.recording_checks import (
     size_misfit,
     view_of_recording,
 )
-from sightline.data.recording_tree import describe_unpaired, list_recording, read_times
+from sightline.data.recording_tree import list_recording, read_times, unpaired
 from sightline.data.sample_list import read_sample_list
 from sightline.data.undistortion import undistort
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
@@ -92,9 +92,9 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         view = view_of_recording(first_whole(self._frames))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=3)
-        unpaired = describe_unpaired(self._frames)
-        if unpaired is not None and {"image", "points"} <= self.parts:
-            warnings.warn(f"{self.folder} {unpaired}", stacklevel=3)
+        misnamed = unpaired(self.folder, self._frames)
+        if misnamed is not None and {"image", "points"} <= self.parts:
+            warnings.warn(str(misnamed), stacklevel=3)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -141,9 +141,9 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 timestamp_s=self._time_of(frame.sample_id),
                 lidar_height_m=self._height(said) if points is not None else None,
             )
+        except FileError:
+            raise
         except ValueError as error:
-            if isinstance(error, FileError):
-                raise
             raise FileError(self.folder, str(error), _REMEDY) from error
 
     def _calibration(self, path: Path) -> tuple[RecordingCalibration, Calibration]:

@@ -10,10 +10,12 @@ import yaml
 from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.image_header import MAX_PIXELS
 from sightline.data.plain_text import read_text
 from sightline.data.problem import FileError
 from sightline.data.undistortion import LensModel, check_lens
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
+from sightline.geometry.rotations import rotation_fault
 
 _KEYS: Final = (
     "camera_matrix",
@@ -57,9 +59,9 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
     """
     try:
         said = yaml.safe_load(read_text(path))
+    except FileError:
+        raise
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        if isinstance(error, FileError):
-            raise
         raise FileError(path, "is neither YAML nor JSON", _REMEDY) from error
     if not isinstance(said, dict):
         raise FileError(path, "holds no names with values", _REMEDY)
@@ -105,9 +107,18 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
     return text
 
 
-def _matrices(said: Mapping[str, object]) -> CalibrationMatrices:
-    camera = _matrix(said, "camera_matrix", ((3, 3), (3, 4)))
-    rigid = _matrix(said, "camera_from_lidar", ((4, 4), (3, 4)))
+def checked_matrices(
+    camera: Float64[np.ndarray, "3 columns"], rigid: Float64[np.ndarray, "rows 4"]
+) -> CalibrationMatrices:
+    """The matrices of a recording, as a file of it may hold them.
+
+    Args:
+        camera: camera_matrix, 3x3 or 3x4 [px].
+        rigid: camera_from_lidar, 4x4 or 3x4 [m].
+
+    Raises:
+        ValueError: One cannot be what it is called; the rest of a sentence about their source.
+    """
     if np.abs(camera[2, :3] - (0, 0, 1)).max() > 1e-9:
         hint = ": it is probably transposed" if not camera[:2, 2].any() else ""
         raise ValueError(
@@ -120,15 +131,19 @@ def _matrices(said: Mapping[str, object]) -> CalibrationMatrices:
         raise ValueError(
             f"camera_from_lidar has the last row {rigid[3].tolist()}, expected 0 0 0 1{hint}"
         )
-    error = np.abs(rigid[:3, :3] @ rigid[:3, :3].T - np.eye(3)).max()
-    if error > 1e-3 or np.linalg.det(rigid[:3, :3]) < 0:
-        raise ValueError(
-            f"camera_from_lidar holds no rotation: its rows are {error:.3g} off orthonormal and "
-            f"its determinant is {np.linalg.det(rigid[:3, :3]):.3g}, expected 0 and 1"
-        )
+    fault = rotation_fault(rigid[:3, :3])
+    if fault is not None:
+        raise ValueError(f"camera_from_lidar holds no rotation: {fault}")
     return CalibrationMatrices(
         image_from_camera=np.pad(camera, ((0, 0), (0, 4 - camera.shape[1]))),
         camera_from_lidar=np.vstack((rigid[:3], (0.0, 0.0, 0.0, 1.0))),
+    )
+
+
+def _matrices(said: Mapping[str, object]) -> CalibrationMatrices:
+    return checked_matrices(
+        _matrix(said, "camera_matrix", ((3, 3), (3, 4))),
+        _matrix(said, "camera_from_lidar", ((4, 4), (3, 4))),
     )
 
 
@@ -140,7 +155,7 @@ def _matrix(
         raise ValueError(f"lacks {name}, expected a matrix of {expected}")
     try:
         matrix = np.array(said[name], dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape not in shapes:
         raise ValueError(f"{name} is no matrix of {expected} numbers")
@@ -155,7 +170,7 @@ def _image_size(said: object) -> tuple[int, int] | None:
     if not isinstance(said, dict) or set(said) != {"width", "height"}:
         raise ValueError("image_size is no {width: .., height: ..}")
     height, width = said["height"], said["width"]
-    if not (isinstance(height, int) and isinstance(width, int) and min(height, width) > 0):
+    if not all(type(each) is int and 0 < each <= MAX_PIXELS for each in (height, width)):
         raise ValueError("image_size is no width and height in whole pixels")
     return height, width
 
@@ -170,9 +185,11 @@ def _lens(said: object) -> Lens | None:
         "undistort",
     }:
         raise ValueError("lens is no {model: .., coefficients: [..], undistort: true}")
+    if not isinstance(said["coefficients"], list):
+        raise ValueError("lens has coefficients that are no list of numbers")
     try:
         coefficients = tuple(float(value) for value in said["coefficients"])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError("lens has coefficients that are no numbers") from None
     model = said.get("model", "plumb_bob")
     if model not in get_args(LensModel):
@@ -195,13 +212,16 @@ def _lens(said: object) -> Lens | None:
 def _lidar_height(said: object) -> float | None:
     if said is None:
         return None
-    height_m = float(said) if isinstance(said, int | float) else 0.0
-    if not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M or isinstance(said, bool):
+    if (
+        isinstance(said, bool)
+        or not isinstance(said, int | float)
+        or not MIN_LIDAR_HEIGHT_M <= said <= MAX_LIDAR_HEIGHT_M
+    ):
         raise ValueError(
             f"lidar_height_m is {str(said)[:40]}, expected the LiDAR's height above the road, "
             f"{MIN_LIDAR_HEIGHT_M:g} to {MAX_LIDAR_HEIGHT_M:g} m"
         )
-    return height_m
+    return float(said)
 
 
 def _max_intensity(said: object) -> float:

@@ -21,12 +21,11 @@ from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.view import is_in_view
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.mount import mount_doubt, resolution_doubt
+from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.road_height import drive_height_m
 
 _REMEDY = "correct the calibration file; docs/recordings.md says how"
 _TELL_HEIGHT = 5  # clouds, spread over a recording
-_LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -69,7 +68,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
     share = float(shown.mean())
     problem = _doubt(said, size)
-    if problem is None and share < _LEAST_SHARE:
+    if problem is None and share < LEAST_SHARE_IN_IMAGE:
         problem = (
             f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
             f"into the image of {size[0]}x{size[1]} (height x width)"
@@ -191,7 +190,9 @@ def size_misfit(
     """
     expected, source = said.image_size, "the calibration says"
     if expected is None and reference is not None:
-        expected, source = read_image_size(reference), f"{reference.name}, of the same calibration"
+        # Whoever reads the reference is told where it is damaged.
+        expected = read_or_note(read_image_size, reference, [])
+        source = f"{reference.name}, of the same calibration"
     if expected is None or expected == size:
         return None
     return Problem(

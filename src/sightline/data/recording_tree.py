@@ -9,7 +9,7 @@ from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.object_tree import ObjectFrame, list_files
 from sightline.data.plain_text import parse_numbers, read_text
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.problem import FileError
+from sightline.data.problem import FileError, Problem
 
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
 CALIBRATIONS: Final = "calibration"
@@ -41,8 +41,8 @@ def lacks_calibration(folder: Path) -> bool:
     return _has_sensor(folder) and not is_recording(folder)
 
 
-def describe_unpaired(frames: Sequence[ObjectFrame]) -> str | None:
-    """That no image has a cloud of its name, in the rest of a sentence; None where one has.
+def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
+    """That no image of a recording's frames has a cloud of its name; None where one has.
 
     Of frames of one sensor alone nothing is said.
     """
@@ -50,9 +50,11 @@ def describe_unpaired(frames: Sequence[ObjectFrame]) -> str | None:
     clouds = [frame.sample_id for frame in frames if frame.points]
     if not images or not clouds or set(images) & set(clouds):
         return None
-    return (
-        f"has no image and cloud of one name: images are called {images[0]} .., clouds "
-        f"{clouds[0]} ..; give the files of a frame one name"
+    return Problem(
+        path=folder,
+        problem=f"has no image and cloud of one name: images are called {images[0]} .., clouds "
+        f"{clouds[0]} ..",
+        remedy="give the files of a frame one name",
     )
 
 
@@ -90,7 +92,7 @@ def read_times(path: Path) -> dict[str, float]:
     """Reads the lines "NAME SECONDS" of a times.txt.
 
     Raises:
-        FileError: A line is none.
+        FileError: A line is no name and time.
     """
     times = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):

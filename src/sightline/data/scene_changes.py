@@ -34,7 +34,8 @@ def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSam
     scale = (width / old_width, height / old_height)
     image, objects = sample.image, sample.objects
     if image is not None:
-        how = cv2.INTER_AREA if width < old_width else cv2.INTER_CUBIC
+        has_fewer = height * width < old_height * old_width
+        how = cv2.INTER_AREA if has_fewer else cv2.INTER_CUBIC
         pixels = cv2.resize(
             image.permute(1, 2, 0).cpu().numpy(), (width, height), interpolation=how
         )

@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
+from sightline.data.augmentation import sweep_of
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.transforms import yaw_rotation
 from sightline.ops.points_in_boxes import first_box_of_points
@@ -113,12 +114,7 @@ def add_range_noise(
     """
     if not 0 <= deviation_m < math.inf:
         raise ValueError(f"deviation_m must be finite and not negative, got {deviation_m}")
-    if sample.points is None:
-        raise ValueError(
-            f"sample {sample.sample_id} has no sweep to change; give it points or leave out this "
-            "step"
-        )
-    points = sample.points.clone()
+    points = sweep_of(sample).clone()
     rays = points[:, :3].double()
     range_m = rays.norm(dim=1)
     error_m = deviation_m * torch.from_numpy(rng.normal(size=len(points)))

@@ -21,11 +21,11 @@ def map_ahead(
     Raises:
         ValueError: `workers` is not 1 to `MAX_WORKERS`.
     """
-    check_workers(workers)
+    check_threads(workers)
     return _map_ahead(function, iter(items), workers)
 
 
-def check_workers(workers: int) -> None:
+def check_threads(workers: int) -> None:
     """Refuses a number of threads that is not 1 to `MAX_WORKERS`.
 
     Raises:

@@ -37,10 +37,11 @@ from sightline.data.recording_tree import (
     IMAGES,
     LABELS,
     POINTS,
-    describe_unpaired,
+    RecordingFiles,
     is_recording,
     list_recording,
     read_times,
+    unpaired,
 )
 
 _REMEDY = "extract the archive again"
@@ -109,7 +110,7 @@ class _ExpectedPart:
 
 
 def find_trees(root: Path) -> list[Tree]:
-    """All trees of KITTI's formats in a folder, in a fixed order; empty where there is none."""
+    """All recordings and KITTI's trees in a folder, in a fixed order; empty where there is none."""
     object_trees = [_object_tree(root / split) for split in ("training", "testing")]
     drive_splits: tuple[DriveSplit, ...] = ("train", "val")
     selections: tuple[SelectedSplit, ...] = (
@@ -134,9 +135,10 @@ def _object_tree(folder: Path) -> Tree | None:
     suffixes: dict[Part, str] = {"image": ".png", "points": ".bin", "calibration": ".txt"}
     if folder.name != "testing":
         suffixes["objects"] = ".txt"
-    if (folder / "depth").is_dir() and not (folder / "image_2").is_dir():
-        suffixes = {"depth": ".png", **suffixes}  # simulated without the camera
-        del suffixes["image"]
+    if (folder / "depth").is_dir():  # of a simulation, which may have left the camera out
+        suffixes["depth"] = ".png"
+        if not (folder / "image_2").is_dir():
+            del suffixes["image"]
     # Some keep only the sweeps cut to the image's view; where both are, both are looked at.
     reduced = (folder / "velodyne_reduced").is_dir()
     velodyne: Velodyne = (
@@ -218,7 +220,19 @@ def _recording_tree(folder: Path) -> Tree | None:
             ("depth", DEPTH),
         )
     ]
-    references = reference_images(frames)
+    checks = _recording_checks(files)
+    tree = _tree(folder, "frames", frames, expected, checks, remedy=_RECORDING_REMEDY)
+    if tree is None:
+        return None
+    misnamed = unpaired(folder, frames)
+    if misnamed is not None:  # instead of all files that are missing
+        tree = replace(tree, gaps=(misnamed,))
+    note = "; ".join(describe_recording(frames))
+    return replace(tree, summary=replace(tree.summary, note=note))
+
+
+def _recording_checks(files: RecordingFiles) -> list[Check]:
+    references = reference_images(files.frames)
     checks = [
         Check(
             subject=f"calibration {path.name}",
@@ -228,26 +242,11 @@ def _recording_tree(folder: Path) -> Tree | None:
     ]
     if files.times is not None:
         checks.append(Check(subject=files.times.name, run=partial(_check_times, files.times)))
-    checks += [
-        Check(
-            subject=f"frame {frame.sample_id}",
-            run=partial(
-                check_recording_frame,
-                frame,
-                reference=None if frame.calibration is None else references.get(frame.calibration),
-            ),
-        )
-        for frame in frames
-    ]
-    tree = _tree(folder, "frames", frames, expected, checks, remedy=_RECORDING_REMEDY)
-    if tree is None:
-        return None
-    unpaired = describe_unpaired(frames)
-    if unpaired is not None:  # instead of all files that are missing
-        problem, _, remedy = unpaired.partition("; ")
-        tree = replace(tree, gaps=(Problem(path=folder, problem=problem, remedy=remedy),))
-    note = "; ".join(describe_recording(frames))
-    return replace(tree, summary=replace(tree.summary, note=note))
+    for frame in files.frames:
+        reference = None if frame.calibration is None else references.get(frame.calibration)
+        run = partial(check_recording_frame, frame, reference=reference)
+        checks.append(Check(subject=f"frame {frame.sample_id}", run=run))
+    return checks
 
 
 def _frame_checks(

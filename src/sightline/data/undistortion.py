@@ -22,7 +22,7 @@ _Row = tuple[float, ...]
 
 
 def undistort(
-    image: UInt8[np.ndarray, "height width 3"],
+    image: np.ndarray,
     camera_matrix: Sequence[Sequence[SupportsFloat]] | np.ndarray,
     distortion: Sequence[SupportsFloat] | np.ndarray,
     *,
@@ -40,17 +40,29 @@ def undistort(
         ((60, 80, 3), True)
 
     Args:
-        image: RGB, as the camera gave it.
+        image: Height, width, 3; RGB of 8 bits, as the camera gave it.
         camera_matrix: 3x3 [px], of the distorted picture and of the result.
         distortion: k1, k2, p1, p2 (, k3 (, k4, k5, k6 ..)), or k1 to k4 of a fisheye lens.
         model: Which of them.
 
     Raises:
-        ValueError: The model takes another number of coefficients, or they are not finite.
+        ValueError: The image or the matrix is something else, the model takes another number of
+            coefficients, or they are not finite.
     """
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(
+            f"the image is {image.dtype} of shape {image.shape}, expected uint8 of height, width, "
+            "3; convert it to RGB of 8 bits"
+        )
+    camera = np.asarray(camera_matrix, dtype=np.float64)
+    if camera.shape not in ((3, 3), (3, 4)) or not np.isfinite(camera).all():
+        raise ValueError(
+            f"camera_matrix is of shape {camera.shape}, expected 3x3 finite numbers; give [[fx, 0, "
+            "cx], [0, fy, cy], [0, 0, 1]] in pixels"
+        )
     coefficients = tuple(map(float, np.array(distortion, dtype=np.float64).ravel()))
     check_lens(model, coefficients)
-    rows = tuple(tuple(float(value) for value in row) for row in np.asarray(camera_matrix)[:3, :3])
+    rows = tuple(map(tuple, camera[:, :3].tolist()))
     columns_px, rows_px = _maps(rows, coefficients, model, (image.shape[0], image.shape[1]))
     straight = cv2.remap(image, columns_px, rows_px, cv2.INTER_LINEAR)
     return straight.astype(np.uint8, copy=False)

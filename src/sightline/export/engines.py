@@ -171,9 +171,14 @@ class OnnxRuntimeEngine:
         options.log_severity_level = 3  # errors; it warns of choices that are its own
         options.inter_op_num_threads = 1
         options.intra_op_num_threads = threads or 0  # 0: its default
-        self._session = onnxruntime.InferenceSession(
-            str(path), options, providers=["CPUExecutionProvider"]
-        )
+        try:
+            self._session = onnxruntime.InferenceSession(
+                str(path), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # its own classes have no base in common
+            raise ValueError(
+                f"onnxruntime cannot read {path}: the file is damaged; export it again"
+            ) from error
         self.input_names = tuple(entry.name for entry in self._session.get_inputs())
         self._output_names = tuple(entry.name for entry in self._session.get_outputs())
 

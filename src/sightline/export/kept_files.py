@@ -68,7 +68,8 @@ def _kept(graph: ExportGraph, export: Callable[[], bytes]) -> bytes:
         content = path.read_bytes()
         digest, onnx = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
         if hashlib.sha256(onnx).digest() == digest:  # else it is damaged, and made anew
-            os.utime(path)
+            with suppress(OSError):  # a folder that is read-only keeps its files all the same
+                os.utime(path)
             return onnx
     onnx = export()
     with suppress(OSError, ValueError):  # no room, or a folder that is read-only: it goes without

@@ -142,7 +142,12 @@ def boxes3d_from_kitti(
 def kitti_from_boxes3d(
     boxes: Boxes3D, camera_from_lidar: Float[Tensor, "4 4"]
 ) -> tuple[Float[Tensor, "num_boxes 3"], Float[Tensor, "num_boxes 3"], Float[Tensor, " num_boxes"]]:
-    """The columns of a KITTI label: (h, w, l), bottom centres in the camera frame, rotation_y."""
+    """The columns of a KITTI label: the inverse of `boxes3d_from_kitti`.
+
+    Returns:
+        Height, width, length [m]; bottom centres in the rectified camera frame [m]; rotation_y
+        [rad], in [-pi, pi).
+    """
     bottom_centers = transform_points(camera_from_lidar, boxes.centers)
     bottom_centers[:, 1] += boxes.sizes[:, 2] / 2
     return boxes.sizes.flip(-1), bottom_centers, yaw_from_kitti_rotation(boxes.yaws)

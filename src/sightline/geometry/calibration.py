@@ -12,11 +12,12 @@ from jaxtyping import Float64, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.mount import mount_doubt
+from sightline.geometry.rotations import ROTATION_TOLERANCE
 
 Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
 """Numbers of any type in rows, as users have them."""
 
-_ROTATION_TOLERANCE = 1e-3
+_THIRD_ROW_TOLERANCE = 1e-6  # of a camera matrix that was calculated in float32
 
 
 @jaxtyped(typechecker=beartype)
@@ -59,7 +60,7 @@ class Calibration:
             )
         rotation = self.camera_from_lidar[..., :3, :3]
         error = rotation @ rotation.transpose(-1, -2) - torch.eye(3).to(rotation)
-        if (error.abs() > _ROTATION_TOLERANCE).any() or (torch.linalg.det(rotation) < 0).any():
+        if (error.abs() > ROTATION_TOLERANCE).any() or (torch.linalg.det(rotation) < 0).any():
             raise ValueError(
                 "camera_from_lidar (R0_rect @ Tr_velo_to_cam) does not hold a rotation; expected "
                 "orthonormal rows and determinant +1"
@@ -100,12 +101,12 @@ class Calibration:
 
         Raises:
             ValueError: A matrix is of another shape, not finite or cannot be what it is called, or
-                there is lens distortion.
+                the lens distorts.
         """
         _refuse_distortion(distortion)
         camera = _numbers(camera_matrix, "camera_matrix", ((3, 3), (3, 4)))
         rigid = _numbers(camera_from_lidar, "camera_from_lidar", ((4, 4), (3, 4)))
-        if np.abs(camera[2, :3] - (0, 0, 1)).max() > _ROTATION_TOLERANCE:
+        if np.abs(camera[2, :3] - (0, 0, 1)).max() > _THIRD_ROW_TOLERANCE:
             hint = "; it is probably transposed" if not camera[:2, 2].any() else ""
             raise ValueError(
                 f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
@@ -177,7 +178,7 @@ def _numbers(
         numbers = np.empty(0)
     if numbers.shape not in shapes:
         expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
-        got = "x".join(map(str, numbers.shape)) if numbers.size else "something else"
+        got = "x".join(map(str, numbers.shape)) if numbers.ndim > 1 else "something else"
         raise ValueError(f"{name} is {got}, expected a matrix of {expected} numbers")
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} holds NaN or infinite values; calibrate again")
@@ -188,7 +189,10 @@ def _refuse_distortion(distortion: Sequence[SupportsFloat] | np.ndarray | Tensor
     if distortion is None:
         return
     plain = distortion.detach().cpu().numpy() if isinstance(distortion, Tensor) else distortion
-    coefficients = np.ravel(np.asarray(plain, dtype=np.float64))
+    try:
+        coefficients = np.ravel(np.asarray(plain, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise ValueError("distortion is no row of numbers; give the lens' coefficients") from error
     if coefficients.any():
         shown = ", ".join(f"{value:.4g}" for value in coefficients)
         raise ValueError(

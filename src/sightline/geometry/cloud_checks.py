@@ -18,7 +18,7 @@ _BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed man
 def rows_of(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None:
     """Numbers in rows of three or more, the rows of an organised cloud in order; else None.
 
-    None as well for a cloud that is written column by column, 4 x num_points.
+    None as well for more than 64 points that are written column by column, 4 x num_points.
     """
     is_cloud = array.ndim >= 2 and 3 <= array.shape[-1] <= _MAX_COLUMNS
     if not is_cloud or array.dtype.kind not in "fiu":
@@ -30,20 +30,21 @@ def rows_of(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None
 def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_echoes 4"]:
     """The points that an echo made.
 
-    Where none came back, drivers write values that are not finite, or the sensor's own place.
+    Where none came back, drivers write values that are not finite, the largest that there are, or
+    the sensor's own place.
     """
-    made: Float[np.ndarray, "num_echoes 4"] = points[
-        np.isfinite(points).all(axis=1) & points[:, :3].any(axis=1)
-    ]
+    with np.errstate(over="ignore"):  # what float32, a sweep's type, cannot hold becomes infinite
+        is_finite = np.isfinite(points.astype(np.float32)).all(axis=1)
+    made: Float[np.ndarray, "num_echoes 4"] = points[is_finite & points[:, :3].any(axis=1)]
     return made
 
 
 def cloud_fault(
     points: Float[np.ndarray, "num_points 4"], max_intensity: float
 ) -> tuple[str, str] | None:
-    """Why finite points are no cloud in metres with intensities up to max_intensity.
+    """Why finite points are no cloud in metres with intensities from 0 to max_intensity.
 
-    One point in a hundred may be brighter, as retroreflectors are.
+    One point in a hundred may be brighter, as retroreflectors are; none may be darker than 0.
 
     Returns:
         The problem, as the rest of a sentence, and the remedy; None where there is no fault.
@@ -63,7 +64,12 @@ def cloud_fault(
             f"intensities from {intensities.min():.4g} to {intensities.max():.4g}, expected 0 to "
             f"{max_intensity:.6g}"
         )
-        return problem, "set max_intensity to what stands for a reflectance of 1, often 255"
+        if intensities.min() < 0:
+            return problem, "write them from 0 on, or leave them out"
+        return problem, (
+            "set max_intensity (of an import: --max-intensity) to what stands for a reflectance of "
+            "1, often 255"
+        )
     return None
 
 

@@ -14,6 +14,9 @@ MAX_OFFSET_M: Final = 20.0
 MAX_RANGE_M: Final = 300.0
 """Beyond every LiDAR on the road; a sweep in millimetres is far beyond."""
 
+LEAST_SHARE_IN_IMAGE: Final = 0.01
+"""Of a sweep's points, where camera and LiDAR look the same way."""
+
 _MAX_TILT_DEG = 20.0  # of the camera's vertical against the LiDAR's
 _MAX_ASIDE_DEG = 60.0  # of the view against the LiDAR's x axis
 _SWAPPED_DEG = 15.0  # off axes that are only swapped
@@ -81,7 +84,7 @@ def resolution_doubt(
         image_size: Height, width [px].
 
     Returns:
-        The rest of a sentence that begins with the matrix' name.
+        The rest of a sentence that begins with the matrix's name.
     """
     calibrated = 2 * camera_matrix[1::-1, 2] + 1  # height, width
     if (calibrated <= 0).any():

@@ -10,7 +10,7 @@ from sightline.geometry.calibration import Calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.transforms import rigid_inverse, transform_points
 
-# Gated fusion, Eq. 1-3: what each channel of a DHI image takes as its far end.
+# Kim et al. 2018, Eq. 1-3: what each channel of a DHI image takes as its far end.
 _DHI_RANGE_M = 80.0
 _DHI_HEIGHT_M = 6.0
 _DHI_REFLECTANCE = 0.7

@@ -26,7 +26,7 @@ def road_height_m(points: Float[np.ndarray, "num_points fields"]) -> float | Non
     are reweighted (Tukey's biweight) from where most of them lie.
 
     Args:
-        points: x, y, z first [m], LiDAR frame with z up; some other rows may be anything.
+        points: x, y, z first [m], LiDAR frame with z up; what is not finite is passed over.
     """
     lowest = _lowest_of_cells(points[:, :3].astype(np.float64))
     if len(lowest) < _LEAST_CELLS:
@@ -58,7 +58,8 @@ def _lowest_of_cells(
     xyz: Float64[np.ndarray, "num_points 3"],
 ) -> Float64[np.ndarray, "num_cells 3"]:
     away_m = np.hypot(xyz[:, 0], xyz[:, 1])
-    near = xyz[(away_m > _FROM_M) & (away_m < _TO_M) & (xyz[:, 2] > -2 * _HIGHEST_M)]
+    is_level = np.abs(xyz[:, 2]) < 2 * _HIGHEST_M  # of what is far above or below none is road
+    near = xyz[(away_m > _FROM_M) & (away_m < _TO_M) & is_level]
     cells = np.floor(near[:, :2] / _CELL_M)
     order = np.lexsort((near[:, 2], cells[:, 1], cells[:, 0]))
     is_first = np.ones(len(order), dtype=bool)

@@ -51,16 +51,17 @@ def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]
         What was written, for a person.
 
     Raises:
-        ValueError: `out` cannot be written to.
+        ValueError: `out` cannot be written to, or the embedded frames are damaged.
     """
-    frames = PACKAGED_FRAMES
-    problems = list(check_tree(frames))
+    problems = list(check_tree(PACKAGED_FRAMES))
     if problems:
-        raise ValueError(f"the embedded frames are damaged: {problems[0]}")
-    shown = [made for part in parts if (made := part(frames, out)) is not None]
+        raise ValueError(
+            f"the embedded frames are damaged ({problems[0]}); install sightline again"
+        )
+    shown = [made for part in parts if (made := part(PACKAGED_FRAMES, out)) is not None]
     report = out / "report.html"
     atomic_write_text(report, _report(shown))
-    files = [("frames", frames), *(file for part in shown for file in part.files)]
+    files = [("frames", PACKAGED_FRAMES), *(file for part in shown for file in part.files)]
     lines = [part.result for part in shown]
     return "\n".join(lines + [f"{what:<10}{path}" for what, path in [*files, ("report", report)]])
 

@@ -39,7 +39,7 @@ def predict(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
-    """Answers every sample of a KITTI object tree, depth tree or raw drive, and writes files.
+    """Answers every sample of a recording or of one of KITTI's trees, and writes files.
 
     A file appears whole or not at all, and samples whose files are there are skipped, so a job
     that was stopped goes on where it was: run it again. Each folder's sightline.json says what made

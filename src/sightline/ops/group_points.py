@@ -11,7 +11,8 @@ from sightline.ops.gather_kernel import add_to_rows
 from sightline.ops.point_checks import require_features
 from sightline.ops.spare_memory import rows_to_fill
 
-_KERNEL_DTYPES = (torch.float32, torch.float64)
+KERNEL_DTYPES = (torch.float32, torch.float64)
+"""Of the features that `gather_kernel` takes; others are left to PyTorch."""
 
 
 def group_points(
@@ -37,7 +38,7 @@ def _group_points(features: Tensor, index: Tensor) -> Tensor:
     rows = flat_rows(index, features.shape[1])
     shape = (*index.shape, features.shape[2])
     source = features.flatten(0, 1)
-    if not (features.is_cpu and features.dtype in _KERNEL_DTYPES):
+    if not (features.is_cpu and features.dtype in KERNEL_DTYPES):
         return source[rows].reshape(shape)
     out = torch.from_numpy(rows_to_fill(rows.numel(), source.shape[1], source.numpy().dtype))
     return torch.index_select(source, 0, rows, out=out).reshape(shape)
@@ -53,7 +54,7 @@ def _group_points_backward(by_grouped: Tensor, index: Tensor, num_points: int) -
     channels = by_grouped.shape[-1]
     rows, flat = flat_rows(index, num_points), by_grouped.flatten(0, -2)
     total = by_grouped.new_zeros((index.shape[0] * num_points, channels))
-    if flat.is_cpu and flat.dtype in _KERNEL_DTYPES:
+    if flat.is_cpu and flat.dtype in KERNEL_DTYPES:
         add_to_rows(flat.contiguous().numpy(), rows.numpy(), total.numpy())
     else:
         total.index_add_(0, rows, flat)

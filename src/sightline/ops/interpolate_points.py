@@ -6,11 +6,10 @@ from torch import Tensor, library
 from torch.autograd.function import BackwardCFunction
 
 from sightline.ops.gather_kernel import add_weighted_to_rows, weighted_sums
-from sightline.ops.group_points import flat_rows, gather_rows
+from sightline.ops.group_points import KERNEL_DTYPES, flat_rows, gather_rows
 from sightline.ops.point_checks import require_features
 from sightline.ops.three_nearest import ThreeNearest
 
-_KERNEL_DTYPES = (torch.float32, torch.float64)
 _LEAST_SQUARE_M2 = 1e-10  # a query on a point takes, all but for 1e-8 or so, that point's features
 
 
@@ -45,7 +44,7 @@ def _interpolate_points(features: Tensor, index: Tensor, weights: Tensor) -> Ten
     batch, num_queries, _ = index.shape
     rows = flat_rows(index, features.shape[1]).reshape(-1, 3)
     source, flat_weights = features.flatten(0, 1), weights.reshape(-1, 3)
-    if features.is_cpu and features.dtype in _KERNEL_DTYPES:
+    if features.is_cpu and features.dtype in KERNEL_DTYPES:
         sums = features.new_empty((rows.shape[0], features.shape[2]))
         weighted_sums(
             source.contiguous().numpy(),
@@ -72,7 +71,7 @@ def _interpolate_points_backward(
     rows, flat = flat_rows(index, num_points).reshape(-1, 3), by_sums.flatten(0, 1)
     flat_weights = weights.reshape(-1, 3)
     total = by_sums.new_zeros((batch * num_points, channels))
-    if flat.is_cpu and flat.dtype in _KERNEL_DTYPES:
+    if flat.is_cpu and flat.dtype in KERNEL_DTYPES:
         add_weighted_to_rows(
             flat.contiguous().numpy(),
             rows.numpy(),

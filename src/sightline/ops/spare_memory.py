@@ -14,9 +14,8 @@ from numpy import ndarray
 
 _LEAST_BYTES: Final = 2**22  # what is smaller comes from memory that the process has
 _MOST_BYTES: Final = 2**28
-_MOST_TIMES: Final = (
-    4  # a block so much larger stays: whoever keeps the result would hold all of it
-)
+# A block so much larger stays: whoever keeps the result would hold all of it.
+_MOST_TIMES: Final = 4
 _spare: Final[deque[Shaped[ndarray, " num_bytes"]]] = deque(maxlen=1)
 
 

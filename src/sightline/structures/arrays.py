@@ -9,10 +9,8 @@ from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault, echoes, reflectances, rows_of
-from sightline.geometry.mount import mount_doubt, resolution_doubt
+from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
-
-_LEAST_SHARE = 0.01  # of the points that an image shows, where both look the same way
 
 
 def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
@@ -53,8 +51,8 @@ def sweep_points(
         max_intensity: What stands for a reflectance of 1.
 
     Raises:
-        ValueError: There are fewer than three columns, most points lie beyond 300 m, or more than
-            one intensity in a hundred outside [0, max_intensity].
+        ValueError: There are fewer than three columns, most points lie beyond 300 m, an intensity
+            is negative, or more than one in a hundred lies above max_intensity.
     """
     plain = points.detach().cpu().numpy() if isinstance(points, Tensor) else np.asarray(points)
     rows = rows_of(plain)
@@ -85,7 +83,7 @@ def warn_of_view(
     if scale is not None:
         warnings.warn(f"camera_matrix {scale}", stacklevel=3)
     share = share_in_image(points, calibration, image_size)
-    if len(points) and share < _LEAST_SHARE:
+    if len(points) and share < LEAST_SHARE_IN_IMAGE:
         doubt = mount_doubt(calibration.camera_from_lidar.numpy())
         cause = (
             f"camera_from_lidar {doubt}"

@@ -12,7 +12,11 @@ from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.road_height import road_height_m
+from sightline.geometry.road_height import (
+    MAX_LIDAR_HEIGHT_M,
+    MIN_LIDAR_HEIGHT_M,
+    road_height_m,
+)
 from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 
@@ -117,31 +121,46 @@ class CameraLidarSample:
 
         Raises:
             ValueError: An array is of another shape or type, there is neither image nor image_size,
-                the image is of another size, intensities lie above max_intensity, or the points
-                are hardly in metres.
+                the image is of another size, intensities do not lie from 0 to max_intensity, the
+                points are hardly in metres, or no LiDAR sits so high.
         """
         planes = None if image is None else image_planes(image)
-        size = None if image_size is None else (index(image_size[0]), index(image_size[1]))
-        if planes is not None:
-            seen = (planes.shape[1], planes.shape[2])
-            if size not in (None, seen):
-                raise ValueError(
-                    f"the image is {seen[0]}x{seen[1]} (height x width), but image_size says "
-                    f"{size[0]}x{size[1]}; give image_size only where there is no image"
-                )
-            size = seen
-        if size is None:
-            raise ValueError("a sample without an image needs image_size: give height and width")
+        size = _size_of(planes, image_size)
+        height_m = lidar_height_m
+        if height_m is not None and not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M:
+            raise ValueError(
+                f"lidar_height_m is {height_m:g}, expected {MIN_LIDAR_HEIGHT_M:g} to "
+                f"{MAX_LIDAR_HEIGHT_M:g}; give the LiDAR's height above the road in metres"
+            )
         sweep = None if points is None else sweep_points(points, max_intensity)
         if sweep is not None:
             warn_of_view(sweep, calibration, size)
-            if lidar_height_m is None:
-                lidar_height_m = road_height_m(sweep.numpy())
+            if height_m is None:
+                height_m = road_height_m(sweep.numpy())
         return cls(
             sample_id=sample_id,
             calibration=calibration,
             image_size=size,
             image=planes,
             points=sweep,
-            lidar_height_m=lidar_height_m,
+            lidar_height_m=height_m,
         )
+
+
+def _size_of(
+    image: UInt8[Tensor, "3 height width"] | None, image_size: Sequence[SupportsIndex] | None
+) -> tuple[int, int]:
+    """Height and width [px] of the image, or, where there is none, those that are given."""
+    if image_size is None and image is None:
+        raise ValueError("a sample without an image needs image_size: give height and width")
+    seen = None if image is None else (image.shape[1], image.shape[2])
+    size = seen if image_size is None else (index(image_size[0]), index(image_size[1]))
+    assert size is not None, "one of them is given"
+    if min(size) < 1:
+        raise ValueError(f"image_size is {size[0]}x{size[1]}; give height and width in pixels")
+    if seen is not None and size != seen:
+        raise ValueError(
+            f"the image is {seen[0]}x{seen[1]} (height x width), but image_size says "
+            f"{size[0]}x{size[1]}; give image_size only where there is no image"
+        )
+    return size

@@ -178,6 +178,20 @@ def no_such_lens(bag):
     bag.cloud("/points", 10**9)
 
 
+def no_rectification(bag):
+    bag.info("/front/camera_info", 10**9, rectification=np.zeros((3, 3)))
+    bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    bag.image("/front/image_rect", 10**9)
+    bag.cloud("/points", 10**9)
+
+
+def not_rectified_by_its_name(bag):
+    bag.info("/front/camera_info", 10**9, distortion=(0.1,) * 5)
+    bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    bag.image("/front/image_direct", 10**9)
+    bag.cloud("/points", 10**9)
+
+
 @pytest.mark.parametrize(
     ("fill", "said"),
     [
@@ -191,6 +205,8 @@ def no_such_lens(bag):
         (in_millimetres, r"topic /points: .* probably in millimetres; write them in metres"),
         (not_finite, r"/tf_static: the transform of lidar in camera_optical holds NaN or infinite"),
         (no_such_lens, r"/front/camera_info: the lens has 8 coefficients .* --calibration"),
+        (no_rectification, r"by topic /front/camera_info camera_from_lidar holds no rotation"),
+        (not_rectified_by_its_name, r"/front/camera_info tells of a lens that distorts"),
     ],
 )
 def test_a_bag_that_cannot_be_used_is_one_line_with_topic_and_remedy(tmp_path, capsys, fill, said):

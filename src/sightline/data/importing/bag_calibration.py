@@ -5,11 +5,10 @@ from typing import Any, Final, cast, get_args
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.importing.bag import TRANSFORMS, Bag
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.frames import Rigid, find_transform, rigid_from_quaternion
-from sightline.data.recording_calibration import Lens, RecordingCalibration
+from sightline.data.recording_calibration import Lens, RecordingCalibration, checked_matrices
 from sightline.data.undistortion import LensModel, check_lens
 
 _FILE: Final = "give a calibration file by --calibration (docs/recordings.md has an example)"
@@ -28,19 +27,21 @@ def calibration_of_bag(bag: Bag, topics: ChosenTopics, *, undistort: bool) -> Re
 
     Raises:
         ValueError: There is no CameraInfo, or no way from the LiDAR's frame to the camera's by TF;
-            or the lens distorts and nobody asked to straighten the images.
+            or what they say is no calibration; or the lens distorts and nobody asked to straighten
+            the images.
     """
     if topics.info is None:
         raise ValueError(f"{bag.path} has no CameraInfo of {topics.camera.name}; {_FILE}")
     info = _first(bag, topics.info.name)
     image_from_camera, rectified_from_camera = _projection(info, topics)
     lens = None if topics.is_rectified else _lens(info, topics, undistort=undistort)
-    camera_from_lidar = _camera_from_lidar(bag, topics)
+    camera_from_lidar = rectified_from_camera @ _camera_from_lidar(bag, topics)
+    try:
+        matrices = checked_matrices(image_from_camera, camera_from_lidar)
+    except ValueError as error:
+        raise ValueError(f"by topic {_info_name(topics)} {error}; {_FILE}") from error
     return RecordingCalibration(
-        matrices=CalibrationMatrices(
-            image_from_camera=image_from_camera,
-            camera_from_lidar=rectified_from_camera @ camera_from_lidar,
-        ),
+        matrices=matrices,
         # Makeshift publishers fill in the matrix alone.
         image_size=(int(info.height), int(info.width)) if info.height and info.width else None,
         lens=lens,

@@ -17,7 +17,8 @@ class ChosenTopics:
     @property
     def is_rectified(self) -> bool:
         """Whether the images are straight already, by ROS' names: image_rect, image_rect_color."""
-        return "rect" in _picture_name(self.camera.name)
+        words = _picture_name(self.camera.name).split("_")
+        return any(word.startswith("rect") for word in words)  # image_direct is none
 
 
 def choose_topics(

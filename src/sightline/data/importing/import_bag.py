@@ -78,9 +78,10 @@ def import_bag(
         else:
             given = read_recording_calibration(calibration)
         pairs = _pair(bag, topics, max_gap_s, clock)
-        intensity = max_intensity or given.max_intensity
-        if intensity == 1 and max_intensity is None:
-            intensity = _guess_intensity(bag, topics, pairs)
+        intensity = max_intensity
+        if intensity is None:
+            said = given.max_intensity
+            intensity = said if said != 1 else _guess_intensity(bag, topics, pairs)
         new_from_old, angle_deg = turn_ahead(given.matrices.camera_from_lidar)
         written = replace(turned(given, new_from_old), max_intensity=1.0)
         settings = {
@@ -101,21 +102,26 @@ def import_bag(
         pending = [number for number, name in enumerate(names) if name not in present]
         frames = _Frames(out, topics, written, intensity, new_from_old)
         frames.write(bag, {names[number]: pairs.positions[number] for number in pending})
-    notes = [
-        f"camera {topics.camera}, LiDAR {topics.lidar}, calibration "
-        f"{calibration or topics.info}; intensities of 0 to {intensity:g}",
-        pairs.note,
-    ]
-    if angle_deg:
-        notes.append(
-            f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x "
-            "axis: clouds are turned, so that x points where it looks"
-        )
     return ImportReport(
         out=out,
         written=len(pending),
         skipped=len(names) - len(pending),
-        notes=(*notes, *describe_view(out)),
+        notes=(
+            f"camera {topics.camera}, LiDAR {topics.lidar}, calibration "
+            f"{calibration or topics.info}; intensities of 0 to {intensity:g}",
+            pairs.note,
+            *_describe_turn(angle_deg),
+            *describe_view(out),
+        ),
+    )
+
+
+def _describe_turn(angle_deg: float) -> tuple[str, ...]:
+    if not angle_deg:
+        return ()
+    return (
+        f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x axis: "
+        "clouds are turned, so that x points where it looks",
     )
 
 

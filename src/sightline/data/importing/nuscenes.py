@@ -190,9 +190,9 @@ class _Reader:
         path = self._tables.folder / f"{name}.json"
         try:
             rows = json.loads(read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY))
+        except FileError:
+            raise
         except (ValueError, RecursionError) as error:
-            if isinstance(error, FileError):
-                raise
             raise FileError(path, "is no JSON", _REMEDY) from error
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
             raise FileError(path, "is no table: expected a list of rows", _REMEDY)

@@ -11,7 +11,14 @@ from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes import Annotation
 from sightline.data.kitti_boxes import ImageBox, box_corners, project_box
-from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
+from sightline.data.kitti_labels import (
+    NO_ALPHA,
+    NO_LOCATION,
+    NO_ROTATION,
+    NO_SIZE,
+    UNKNOWN,
+    KittiObjects,
+)
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 
 _CLASSES: Final = {
@@ -42,7 +49,7 @@ def kitti_from_annotations(
 
     2D boxes are those of the 3D box's edges within the image, as KITTI has them. Buses and trailers
     are trucks, motorcycles are cycles; a cycle without a rider is Misc. What no LiDAR point fell
-    on, and what nobody could be asked to find, is a DontCare region.
+    on, so that nobody can be asked to find it, is a DontCare region.
 
     Args:
         annotations: In the world's frame.
@@ -77,13 +84,13 @@ def kitti_from_annotations(
             known[index][1] if is_cared else _DONT_CARE
             for index, is_cared in zip(kept, cared.tolist(), strict=True)
         ),
-        truncation=np.where(cared, truncation, -1.0),
-        occlusion=np.where(cared, np.array(occlusion, dtype=np.float64), -1.0),
+        truncation=np.where(cared, truncation, UNKNOWN),
+        occlusion=np.where(cared, np.array(occlusion, dtype=np.float64), UNKNOWN),
         alpha=np.where(cared, alpha, NO_ALPHA),
         boxes2d=np.array([seen[index].box for index in kept]).reshape(-1, 4),
-        dimensions_hwl=np.where(cared[:, None], dimensions[kept], -1.0),
+        dimensions_hwl=np.where(cared[:, None], dimensions[kept], NO_SIZE),
         locations=np.where(cared[:, None], locations[kept], NO_LOCATION),
-        rotation_y=np.where(cared, rotations[kept], NO_ALPHA),
+        rotation_y=np.where(cared, rotations[kept], NO_ROTATION),
     )
 
 

@@ -1,0 +1,21 @@
+"""Whether a matrix is a rotation. Without PyTorch, for checks that start at once."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+ROTATION_TOLERANCE: Final = 1e-3
+"""What entries of a rotation times its transpose may be off those of the identity, at most."""
+
+
+def rotation_fault(matrix: Float64[np.ndarray, "3 3"]) -> str | None:
+    """Why a matrix is no rotation, in a clause about it; None where it is one."""
+    error = np.abs(matrix @ matrix.T - np.eye(3)).max()
+    determinant = np.linalg.det(matrix)
+    if error <= ROTATION_TOLERANCE and determinant > 0:
+        return None
+    return (
+        f"its rows are {error:.3g} off orthonormal and its determinant is {determinant:.3g}, "
+        "expected 0 and 1"
+    )
