@@ -4,6 +4,7 @@ import contextlib
 import multiprocessing
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -22,7 +23,7 @@ one_blas_thread = partial(threadpool_limits, limits=1, user_api="blas")
 small to share, and waiting helpers take the cores from the other workers."""
 
 _PATIENCE_S: Final = 5.0
-"""What a worker may take for the piece that it is at when the job is stopped."""
+"""What workers may take for the pieces that they are at when the job is stopped."""
 
 
 def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
@@ -96,8 +97,9 @@ class _Pool:
         for channel in self._processes:
             with contextlib.suppress(OSError):  # it has ended already
                 channel.send(None)
+        deadline_s = time.monotonic() + _PATIENCE_S  # one for all, however many are slow
         for process in self._processes.values():
-            process.join(_PATIENCE_S)
+            process.join(max(deadline_s - time.monotonic(), 0))
             process.terminate()
 
     def _hand_out(self, channel: Connection, waiting: Iterator[int]) -> None:
