@@ -1,0 +1,215 @@
+"""What each stage of 3D detectors gives: `python -m benchmarks.detection3d_stages DATA OUT`.
+
+Each network answers all frames with its first stage alone and with its second applied once, twice
+and so on, as often as it was made for. The first stage is scored as a finder of proposals, too:
+recall with at most 100 and 300 of a frame. Result files stay in OUT, those that are there are
+taken as they are. Prints a table of cars, then one line of JSON with all classes.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import jsonargparse
+import torch
+
+from benchmarks.machine import describe_machine
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import open_dataset
+from sightline.data.progress import track
+from sightline.data.weights import fill_network
+from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.files import write_results
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.network_task import NETWORK_TASK
+from sightline.detection3d.predictor import network_sweep
+from sightline.detection3d.runners import StageRunners
+from sightline.detection3d.stages import Sweep
+from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.evaluation.kitti_object_proposals import evaluate_proposals
+from sightline.evaluation.kitti_object_rules import LOOSE, STRICT
+from sightline.export.names import EngineName
+from sightline.inference.network import LoadedNetwork, load_network
+from sightline.structures.predictions import Detections3D
+from sightline.structures.sample import CameraLidarSample
+
+_COUNTS: Final = (100, 300)  # proposals of a frame
+_LEAST_HEAT: Final = 0.01  # of a proposal, where as many as that are asked for
+_OVERLAPS: Final = {"strict": STRICT, "loose": LOOSE}  # 0.7 and 0.5 for cars
+
+
+def main(
+    data: Path,
+    out: Path,
+    weights: tuple[str, ...] = ("detection3d-best", "detection3d-fast-cpu"),
+    sample_list: str = "val",
+    velodyne: Velodyne = "velodyne_reduced",
+    bootstrap: int = 1000,
+    engine: EngineName = "openvino",
+) -> None:
+    """Scores the stages of each network.
+
+    Args:
+        data: KITTI object tree with labels.
+        out: Folder for the result files; another one for other frames or networks.
+        weights: Names of weights that come with Sightline, or files.
+        sample_list: Which frames.
+        velodyne: Folder of the sweeps.
+        bootstrap: Resamples of the frames.
+        engine: What runs the networks.
+    """
+    torch.set_num_threads(1)
+    labels = data / "training" / "label_2"
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts={"points"})
+    samples = [dataset[index] for index in track(range(len(dataset)), description="frames")]
+    names = out / "frames.txt"
+    names.parent.mkdir(parents=True, exist_ok=True)
+    names.write_text("".join(f"{sample.sample_id}\n" for sample in samples))
+    rows: list[dict[str, Any]] = []
+    for name in weights:
+        loaded = load_network(NETWORK_TASK, name)
+        proposed = out / loaded.name / "proposals"
+        _propose(loaded, samples, proposed, engine)
+        recalls = {
+            str(count): evaluate_proposals(
+                proposed, labels, sample_list=names, max_proposals=count
+            ).to_json()["entries"]
+            for count in _COUNTS
+        }
+        for passes, variant in _variants(loaded):
+            results = out / loaded.name / f"refined-{passes}"
+            _detect(variant, samples, results, engine)
+            scores = {
+                overlaps: _without_curves(
+                    evaluate_objects(
+                        results, labels, sample_list=names, overlaps=limits, bootstrap=bootstrap
+                    ).to_json()["entries"]
+                )
+                for overlaps, limits in _OVERLAPS.items()
+            }
+            rows.append({"weights": loaded.name, "passes": passes, **scores})
+            _print_cars(rows[-1])
+        rows.append({"weights": loaded.name, "recall": recalls})
+        _print_recalls(rows[-1])
+    setting = {"frames": len(samples), "sample_list": sample_list, "velodyne": velodyne}
+    print(json.dumps({"machine": describe_machine(), **setting, "results": rows}))
+
+
+def _variants(
+    loaded: LoadedNetwork[Detector3D],
+) -> Iterator[tuple[int, LoadedNetwork[Detector3D]]]:
+    """The network with its second stage applied never, once, .. as often as it was made for."""
+    config = loaded.network.config
+    yield 0, _changed(loaded, replace(config, refinement=None, regions=None))
+    if config.regions is None:
+        if config.refinement is not None:
+            yield 1, loaded
+        return
+    for passes in range(1, config.regions.passes + 1):
+        regions = replace(config.regions, passes=passes)
+        yield passes, _changed(loaded, replace(config, regions=regions))
+
+
+def _changed(
+    loaded: LoadedNetwork[Detector3D], config: Detection3DConfig
+) -> LoadedNetwork[Detector3D]:
+    """The network with other settings that leave the weights of its stages as they are."""
+    network = Detector3D(config)
+    kept = {name: loaded.weights.tensors[name] for name in network.state_dict()}
+    fill_network(network, kept)
+    frozen = network.eval().requires_grad_(requires_grad=False)
+    return replace(loaded, network=frozen)
+
+
+def _detect(
+    loaded: LoadedNetwork[Detector3D],
+    samples: Sequence[CameraLidarSample],
+    results: Path,
+    engine: EngineName,
+) -> None:
+    runners = StageRunners(loaded, engine=engine, threads=1)
+
+    def answer(sweep: Sweep) -> Detections3D:
+        return runners.refine(sweep, runners.propose(sweep))
+
+    _write_answers(answer, loaded, samples, results)
+
+
+def _propose(
+    loaded: LoadedNetwork[Detector3D],
+    samples: Sequence[CameraLidarSample],
+    results: Path,
+    engine: EngineName,
+) -> None:
+    """Writes as many proposals as are counted, whatever number the network makes in use."""
+    config, most = loaded.network.config, max(_COUNTS)
+    many = replace(
+        config,
+        proposals=replace(config.proposals, num_proposals=most),
+        centers=replace(config.centers, max_boxes=most, min_heat=_LEAST_HEAT),
+        refinement=None,
+        regions=None,
+    )
+    runners = StageRunners(_changed(loaded, many), engine=engine, threads=1)
+
+    def answer(sweep: Sweep) -> Detections3D:
+        return runners.proposals(runners.propose(sweep))
+
+    _write_answers(answer, loaded, samples, results)
+
+
+def _write_answers(
+    answer: Callable[[Sweep], Detections3D],
+    loaded: LoadedNetwork[Detector3D],
+    samples: Sequence[CameraLidarSample],
+    results: Path,
+) -> None:
+    """Writes those of the result files that are not there."""
+    results.mkdir(parents=True, exist_ok=True)
+    settings = loaded.network.config.input
+    for sample in track(samples, description=f"{loaded.name}, {results.name}"):
+        path = results / f"{sample.sample_id}.txt"
+        if not path.exists():
+            write_results(path, sample, answer(network_sweep(sample, settings)))
+
+
+def _without_curves(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those of space and of the view from above, without their curves."""
+    curves = ("precision", "thresholds", "tp", "fp", "fn")
+    return [
+        {key: value for key, value in entry.items() if key not in curves}
+        for entry in entries
+        if entry["metric"] != "bbox"
+    ]
+
+
+def _print_cars(row: dict[str, Any]) -> None:
+    print(f"{row['weights']}, refined {row['passes']} times")
+    for overlaps in _OVERLAPS:
+        for metric in ("3d", "bev"):
+            of_cars = [
+                entry
+                for entry in row[overlaps]
+                if entry["class"] == "Car" and entry["metric"] == metric
+            ]
+            columns = (
+                f"{key} " + " / ".join(f"{entry[key]:5.1f}" for entry in of_cars)
+                for key in ("AP_all_points", "AP_R40", "AP_R11")
+            )
+            print(f"  {metric:<4}{overlaps:<7}{'   '.join(columns)}")
+
+
+def _print_recalls(row: dict[str, Any]) -> None:
+    for count, entries in row["recall"].items():
+        told = (
+            f"{entry['iou']}: {entry['recall']:.1f}"
+            for entry in entries
+            if (entry["class"], entry["metric"], entry["difficulty"]) == ("Car", "3d", "moderate")
+        )
+        print(f"  recall of moderate cars with {count} proposals, at 3D IoU {', '.join(told)}")
+
+
+if __name__ == "__main__":
+    jsonargparse.auto_cli(main)
