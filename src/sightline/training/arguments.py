@@ -1,5 +1,6 @@
 """What the training commands know of their arguments before PyTorch is there."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,6 +117,36 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
             resolved.append(argument)
         expected = not expected and argument in ("--config", "-c")
     return resolved, name
+
+
+def nulls_as_configs(arguments: Sequence[str]) -> list[str]:
+    """The arguments with each `--SETTING null` as a configuration of that setting alone.
+
+    jsonargparse 4.53 takes nulls in configurations, but refuses them as flags of settings within
+    settings (`--model.init_args.network.regions null`).
+    """
+    changed: list[str] = []
+    for argument in arguments:
+        previous = changed[-1] if changed else ""
+        option, _, value = argument.partition("=")
+        if _is_inner_setting(option) and value == "null":
+            changed.append(_config_of_null(option))
+        elif _is_inner_setting(previous) and "=" not in previous and argument == "null":
+            changed[-1] = _config_of_null(previous)
+        else:
+            changed.append(argument)
+    return changed
+
+
+def _is_inner_setting(flag: str) -> bool:
+    return flag.startswith(("--model.", "--data."))
+
+
+def _config_of_null(flag: str) -> str:
+    setting: object = None
+    for key in reversed(flag.removeprefix("--").split(".")):
+        setting = {key: setting}
+    return f"--config={json.dumps(setting)}"
 
 
 def _find_recipe(name: str, recipes: Path) -> Path:

@@ -4,7 +4,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from sightline.training.arguments import Subcommand, asks_for_help, help_text, resolve_recipes
+from sightline.training.arguments import (
+    Subcommand,
+    asks_for_help,
+    help_text,
+    nulls_as_configs,
+    resolve_recipes,
+)
 from sightline.training.interruption import ending_like_ctrl_c
 
 
@@ -36,5 +42,5 @@ def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path
     from sightline.training.lightning_cli import run_lightning
 
     with ending_like_ctrl_c():
-        run_lightning(subcommand, resolved, Path("runs") / name)
+        run_lightning(subcommand, nulls_as_configs(resolved), Path("runs") / name)
     return 0
