@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import jsonargparse
 import torch
@@ -76,44 +76,71 @@ def main(
     names = out / "frames.txt"
     names.parent.mkdir(parents=True, exist_ok=True)
     names.write_text("".join(f"{sample.sample_id}\n" for sample in samples))
+    scene = _Scene(samples, labels, names, bootstrap, engine)
     rows: list[dict[str, Any]] = []
-    curves: dict[str, PrecisionRecall] = {}
-    for name in weights:
+    for number, name in enumerate(weights):
         loaded = load_network(NETWORK_TASK, name)
-        proposed = out / loaded.name / "proposals"
-        _propose(loaded, samples, proposed, engine)
-        recalls = {
-            str(count): evaluate_proposals(
-                proposed, labels, sample_list=names, max_proposals=count
-            ).to_json()["entries"]
-            for count in _COUNTS
-        }
-        for passes, variant in _variants(loaded):
-            results = out / loaded.name / f"refined-{passes}"
-            _detect(variant, samples, results, engine)
-            reports = {
-                overlaps: evaluate_objects(
-                    results, labels, sample_list=names, overlaps=limits, bootstrap=bootstrap
-                )
-                for overlaps, limits in _OVERLAPS.items()
-            }
-            scores = {
-                overlaps: _without_curves(report.to_json()["entries"])
-                for overlaps, report in reports.items()
-            }
-            rows.append({"weights": loaded.name, "passes": passes, **scores})
-            if name == weights[0]:
-                times = f"refined {passes} times" if passes else "stage 1 alone"
-                curves[times] = _moderate_cars(reports["strict"])
-            _print_cars(rows[-1])
-        rows.append({"weights": loaded.name, "recall": recalls})
-        _print_recalls(rows[-1])
-    if picture is not None:
-        shown = dict(itertools.islice(curves.items(), _MOST_CURVES))
-        write_rgb(picture, draw_precision_recall("Car, 3D IoU 0.7, moderate", shown))
+        answers = _score_answers(loaded, scene, out / loaded.name)
+        rows += (row for row, _ in answers)
+        rows.append(_score_proposals(loaded, scene, out / loaded.name / "proposals"))
+        if picture is not None and number == 0:
+            curves = dict(itertools.islice((curve for _, curve in answers), _MOST_CURVES))
+            write_rgb(picture, draw_precision_recall("Car, 3D IoU 0.7, moderate", curves))
     setting = {"frames": len(samples), "sample_list": sample_list, "velodyne": velodyne}
     told = {"machine": describe_machine(), **setting, "results": rows}
     (out / "scores.json").write_text(json.dumps(told))
+
+
+class _Scene(NamedTuple):
+    """What networks are scored on, and how."""
+
+    samples: Sequence[CameraLidarSample]
+    labels: Path
+    names: Path
+    bootstrap: int
+    engine: EngineName
+
+
+def _score_answers(
+    loaded: LoadedNetwork[Detector3D], scene: _Scene, out: Path
+) -> list[tuple[dict[str, Any], tuple[str, PrecisionRecall]]]:
+    """For each number of passes its scores and the curve of moderate cars, with its name."""
+    scored = []
+    for passes, variant in _variants(loaded):
+        results = out / f"refined-{passes}"
+        _detect(variant, scene, results)
+        reports = {
+            overlaps: evaluate_objects(
+                results,
+                scene.labels,
+                sample_list=scene.names,
+                overlaps=limits,
+                bootstrap=scene.bootstrap,
+            )
+            for overlaps, limits in _OVERLAPS.items()
+        }
+        row: dict[str, Any] = {"weights": loaded.name, "passes": passes}
+        row |= {
+            overlaps: _without_curves(report.to_json()["entries"])
+            for overlaps, report in reports.items()
+        }
+        _print_cars(row)
+        name = f"refined {passes} times" if passes else "stage 1 alone"
+        scored.append((row, (name, _moderate_cars(reports["strict"]))))
+    return scored
+
+
+def _score_proposals(loaded: LoadedNetwork[Detector3D], scene: _Scene, out: Path) -> dict[str, Any]:
+    _propose(loaded, scene, out)
+    recalls = {
+        str(count): evaluate_proposals(
+            out, scene.labels, sample_list=scene.names, max_proposals=count
+        ).to_json()["entries"]
+        for count in _COUNTS
+    }
+    row = {"weights": loaded.name, "recall": recalls}
+    _print_recalls(row)
+    return row
 
 
 def _variants(
@@ -142,26 +169,16 @@ def _changed(
     return replace(loaded, network=frozen)
 
 
-def _detect(
-    loaded: LoadedNetwork[Detector3D],
-    samples: Sequence[CameraLidarSample],
-    results: Path,
-    engine: EngineName,
-) -> None:
-    runners = StageRunners(loaded, engine=engine, threads=1)
+def _detect(loaded: LoadedNetwork[Detector3D], scene: _Scene, results: Path) -> None:
+    runners = StageRunners(loaded, engine=scene.engine, threads=1)
 
     def answer(sweep: Sweep) -> Detections3D:
         return runners.refine(sweep, runners.propose(sweep))
 
-    _write_answers(answer, loaded, samples, results)
+    _write_answers(answer, loaded, scene.samples, results)
 
 
-def _propose(
-    loaded: LoadedNetwork[Detector3D],
-    samples: Sequence[CameraLidarSample],
-    results: Path,
-    engine: EngineName,
-) -> None:
+def _propose(loaded: LoadedNetwork[Detector3D], scene: _Scene, results: Path) -> None:
     """Writes as many proposals as are counted, whatever number the network makes in use."""
     config, most = loaded.network.config, max(_COUNTS)
     many = replace(
@@ -171,12 +188,12 @@ def _propose(
         refinement=None,
         regions=None,
     )
-    runners = StageRunners(_changed(loaded, many), engine=engine, threads=1)
+    runners = StageRunners(_changed(loaded, many), engine=scene.engine, threads=1)
 
     def answer(sweep: Sweep) -> Detections3D:
         return runners.proposals(runners.propose(sweep))
 
-    _write_answers(answer, loaded, samples, results)
+    _write_answers(answer, loaded, scene.samples, results)
 
 
 def _write_answers(
