@@ -3,9 +3,11 @@ from pathlib import Path
 import pytest
 
 from sightline.training.sources import SourceConfig, find_velodyne, open_source
+from tests.data import recordings, trees
 from tests.training import toy
 
 PARTS = {"image", "points"}
+LABEL = "{} 0 0 0 10 10 20 20 1.5 1.6 3.9 0 1.7 20 0\n"
 
 
 @pytest.fixture
@@ -64,6 +66,54 @@ def test_one_frame_cannot_be_divided(tmp_path):
     root = toy.write_frames(tmp_path, count=1)
     with pytest.raises(ValueError, match="holds 1 frames, too few to train and to validate on"):
         frames(root, "train")
+
+
+def write_label(root, number, *class_names):
+    path = root / "training" / "label_2" / f"{number:06}.txt"
+    path.write_text("".join(LABEL.format(name) for name in class_names))
+
+
+def showing(root, *class_names, parts=frozenset({"points", "objects"}), sample_list=None):
+    source = SourceConfig(path=Path(), sample_list=sample_list, with_classes=class_names)
+    return open_source(source, root, parts, divides=False)
+
+
+def test_frames_can_be_chosen_by_the_classes_that_they_show(tree):
+    for number in range(12):
+        write_label(tree, number, "Car")
+    write_label(tree, 3, "Car", "Cyclist")
+    write_label(tree, 5)
+    write_label(tree, 7, "Pedestrian", "Pedestrian")
+    chosen = showing(tree, "Cyclist", "Pedestrian")
+    assert chosen.sample_ids == ("000003", "000007")
+    assert chosen[0].objects.class_names == ("Car", "Cyclist")
+    write_list(tree, "few", (5, 7, 11))
+    assert showing(tree, "Pedestrian", sample_list="few").sample_ids == ("000007",)
+    assert showing(tree, "Car", sample_list="few").sample_ids == ("000011",)
+
+
+def test_classes_that_no_frame_shows_are_refused(tree):
+    write_label(tree, 2, "Car", "Van")
+    with pytest.raises(
+        ValueError, match=r"no frame of .*tree has .* Bike; its labels have Car, .*Van"
+    ):
+        showing(tree, "Bike")
+    with pytest.raises(ValueError, match="its labels have none"):
+        showing(tree, "Car", parts=PARTS)
+
+
+def test_a_recordings_labels_choose_as_well(tmp_path):
+    root = recordings.write_recording(tmp_path / "own")
+    (root / "labels").mkdir()
+    (root / "labels" / "a.txt").write_text("")
+    (root / "labels" / "b.txt").write_text(LABEL.format("Cyclist"))
+    assert showing(root, "Cyclist").sample_ids == ("b",)
+
+
+def test_data_without_labels_cannot_be_chosen_by_class(tmp_path):
+    drive = trees.write_drive(tmp_path / "drive")
+    with pytest.raises(ValueError, match="no labels to look for Car in; leave out with_classes"):
+        showing(drive, "Car", parts=PARTS)
 
 
 def test_sweeps_are_found_whole_or_cut_to_the_image(tree):

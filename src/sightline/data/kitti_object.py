@@ -96,6 +96,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         """Number of frames."""
         return len(self._frames)
 
+    def label_file(self, index: int) -> Path | None:
+        """Where the frame's labels are; None without labels, or where samples leave them out."""
+        return self._frames[index].objects
+
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a frame.
 

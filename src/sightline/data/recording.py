@@ -105,6 +105,10 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         """Number of frames."""
         return len(self._frames)
 
+    def label_file(self, index: int) -> Path | None:
+        """Where the frame's labels are; None without labels, or where samples leave them out."""
+        return self._frames[index].objects if "objects" in self.parts else None
+
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a frame.
 

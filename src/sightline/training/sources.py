@@ -5,8 +5,12 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
+from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import Part, Velodyne, list_files
-from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.open import NamedSubset, SampleDataset, open_dataset
+from sightline.data.plain_text import shortened
+from sightline.data.recording import RecordingDataset
 from sightline.data.sample_list import read_sample_list
 
 _SPLITS = ("training", "testing")
@@ -28,6 +32,10 @@ class SourceConfig:
     """Folder of the sweeps in an object tree. None: velodyne, or else velodyne_reduced."""
     repeat: int = 1
     """How often each frame comes in an epoch: the weight of this source beside others."""
+
+    with_classes: tuple[str, ...] = ()
+    """Only frames whose labels have an object of one of these classes, as KITTI's files call them:
+    a source of its own, repeated, brings rare ones more often. (): all."""
 
     def __post_init__(self) -> None:
         """Checks the range."""
@@ -70,7 +78,30 @@ def open_source(
                 f"{path} holds {len(everything)} frames, too few to train and to validate on; take "
                 "more, or set the sample_list of the sources to null"
             )
-    return open_dataset(path, sample_list=frames, velodyne=velodyne, parts=parts)
+    dataset = open_dataset(path, sample_list=frames, velodyne=velodyne, parts=parts)
+    return _frames_with(dataset, source.with_classes, path) if source.with_classes else dataset
+
+
+def _frames_with(dataset: SampleDataset, class_names: Collection[str], path: Path) -> SampleDataset:
+    """The frames that have an object of the classes."""
+    if not isinstance(dataset, (KittiObjectDataset, RecordingDataset)):
+        raise ValueError(
+            f"{path} has no labels to look for {', '.join(class_names)} in; leave out with_classes"
+        )
+    shown: set[str] = set()
+    kept = []
+    for index, sample_id in enumerate(dataset.sample_ids):
+        labels = dataset.label_file(index)
+        names = set() if labels is None else set(read_labels(labels).class_names)
+        shown |= names
+        if not names.isdisjoint(class_names):
+            kept.append(sample_id)
+    if not kept:
+        raise ValueError(
+            f"no frame of {path} has an object of with_classes {', '.join(class_names)}; its "
+            f"labels have {shortened(', '.join(sorted(shown))) or 'none'}"
+        )
+    return NamedSubset(dataset, kept)
 
 
 def find_velodyne(path: Path) -> Velodyne:
