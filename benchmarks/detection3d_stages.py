@@ -41,6 +41,7 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.precision_recall import draw_precision_recall
 
 _COUNTS: Final = (100, 300)  # proposals of a frame
+_FEW_PASSES: Final = {0: "stage 1 alone", 1: "refined once", 2: "refined twice"}
 _MOST_CURVES: Final = 4  # in one chart
 _LEAST_HEAT: Final = 0.01  # of a proposal, where as many as that are asked for
 _OVERLAPS: Final = {"strict": STRICT, "loose": LOOSE}  # 0.7 and 0.5 for cars
@@ -125,7 +126,7 @@ def _score_answers(
             for overlaps, report in reports.items()
         }
         _print_cars(row)
-        name = f"refined {passes} times" if passes else "stage 1 alone"
+        name = _FEW_PASSES.get(passes, f"refined {passes} times")
         scored.append((row, (name, _moderate_cars(reports["strict"]))))
     return scored
 
