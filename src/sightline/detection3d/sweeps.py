@@ -10,6 +10,7 @@ from torch import Tensor
 from sightline.data.augmentation import points_in_view
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sweep_checks import check_finite_points
 
 
 def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSample:
@@ -24,13 +25,7 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
             f"sample {sample.sample_id} has no sweep, so nothing can be detected; give data with "
             "velodyne files"
         )
-    is_finite = points.isfinite().all(dim=1)
-    if not is_finite.all():
-        raise ValueError(
-            f"the sweep of sample {sample.sample_id} holds {int((~is_finite).sum())} points with "
-            f"NaN or infinite values, the first is point {int(is_finite.int().argmin())} of "
-            f"{len(points)} (from 0); leave them out"
-        )
+    check_finite_points(sample)
     return replace(sample, points=points[points_in_view(sample)]) if config.in_view else sample
 
 
