@@ -25,6 +25,11 @@ class Design(Protocol):
         """Height and width of images must be multiples of it."""
         ...
 
+    @property
+    def smallest_px(self) -> int:
+        """Height and width of images must be at least that."""
+        ...
+
     def prepare(self) -> CompactInput | VggInput:
         """What makes planes of images."""
         ...
@@ -57,6 +62,7 @@ class DgfnDesign:
     config: DgfnConfig
     width: float
     stride: int = 1
+    smallest_px: int = VggStream.smallest_px
 
     def prepare(self) -> VggInput:
         """See `VggInput`."""
@@ -100,6 +106,7 @@ class CompactDesign:
     config: CompactConfig
     width: float
     stride: int = 32
+    smallest_px: int = 32
 
     def prepare(self) -> CompactInput:
         """See `CompactInput`."""
