@@ -1,4 +1,4 @@
-"""SSD's matching of priors and its multi-task loss: Liu et al. 2016, sections 2.2 and 2.3."""
+"""SSD's matching of priors and its multi-task loss: Liu et al. 2016, section 2.2."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
