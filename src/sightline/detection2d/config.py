@@ -59,8 +59,9 @@ class InputConfig:
     scale: float = 1.0
     """Factor on the sides of frames that keep their proportions."""
     longest_focal_px: float = 750.0
-    """Such frames are shrunk, before this factor, where the camera's focal length is longer: a car
-    at some distance is as many pixels wide as with KITTI's cameras, which have up to 722."""
+    """Frames that keep their proportions are shrunk first where the camera's focal length is longer
+    than this: a car is as many pixels wide as at the same distance from KITTI's cameras, whose
+    focal lengths are up to 722 px."""
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M
     """Added to the height of LiDAR points; 0 is the letter of Kim et al. 2018, eq. 3."""
 

@@ -57,7 +57,7 @@ class Design(Protocol):
 
 @dataclass(frozen=True)
 class DgfnDesign:
-    """Of the paper."""
+    """The paper's: VGG16's layers, and SSD's heads."""
 
     config: DgfnConfig
     width: float
@@ -101,7 +101,7 @@ class DgfnDesign:
 
 @dataclass(frozen=True)
 class CompactDesign:
-    """The light one."""
+    """The light one: residual streams, and heads without anchors."""
 
     config: CompactConfig
     width: float

@@ -38,7 +38,7 @@ def answer_picture(
 
     Args:
         title: Stands over the first picture.
-        sample: As the detector got it, with whatever it has.
+        sample: As the detector got it; image, sweep and labels may be missing.
         proposed: What the first stage proposes.
         found: What is made of it.
         width_px: Of the image.
