@@ -1,5 +1,8 @@
 """The compact detector: its parts, what it costs, and what it can learn."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -223,3 +226,16 @@ def test_frames_are_padded_to_the_stride_and_boxes_stay_where_they_were(tmp_path
 def test_settings_that_make_no_network_are_refused(settings, said):
     with pytest.raises(ValueError, match=said):
         Detection2DConfig(**settings)
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        ("Detection2DConfig(fusion='gate')", "fusion must be one of gated, ones, early"),
+        ("CompactConfig(lidar_pooling=3)", "compact.lidar_pooling must be one of 1, 2, 4, got 3"),
+    ],
+)
+def test_choices_that_there_are_not_are_refused_without_the_tests_type_checks(made, said):
+    code = f"from sightline.detection2d.config import *; {made}"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert f"ValueError: {said}" in ran.stderr

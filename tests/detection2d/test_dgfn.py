@@ -147,6 +147,21 @@ def test_a_missing_input_is_refused_by_name():
         tiny("ones")(image=images()[0])
 
 
+@pytest.mark.parametrize("fusion", ["gated", "late"])
+def test_images_of_different_sizes_are_refused(fusion):
+    network = tiny(fusion)
+    rows, columns = SIZE
+    with pytest.raises(ValueError, match=f"one size, got {rows} x {columns} and {rows} x 280"):
+        network._checked_size({"image": images()[0], "lidar": images(size=(rows, 280))[1]})
+
+
+def test_an_image_must_leave_something_of_the_last_map():
+    network = tiny("camera")
+    network(image=torch.zeros(1, 3, 257, 257))
+    with pytest.raises(ValueError, match="must be at least 257 px, got 257 x 256"):
+        network(image=torch.zeros(1, 3, 257, 256))
+
+
 @pytest.mark.parametrize(
     ("settings", "said"),
     [

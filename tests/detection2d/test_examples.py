@@ -289,6 +289,10 @@ def test_settings_that_do_not_belong_together_are_refused(settings, said):
         ExampleConfig(**settings)
 
 
-def test_a_sample_without_labels_is_refused(sample):
+def test_a_sample_without_labels_or_with_points_that_are_not_finite_is_refused(sample):
     with pytest.raises(ValueError, match="000000 has no labels"):
         example(replace(sample, objects=None), CROPS)
+    points = sample.points.clone()
+    points[0, 3] = torch.inf
+    with pytest.raises(ValueError, match="000000 holds 1 points with NaN or infinite"):
+        example(replace(sample, points=points), CROPS)

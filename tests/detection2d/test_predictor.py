@@ -78,6 +78,15 @@ def test_a_sensor_that_is_missing_is_one_that_delivers_nothing(predictor):
         predictor(replace(sample, image=None, points=None))
 
 
+@pytest.mark.parametrize("column", [0, 3])  # a place; the reflectance, which was let through
+def test_a_point_that_is_not_finite_is_refused_and_does_not_blind_the_network(predictor, column):
+    sample = painted_frame(2)
+    points = sample.points.clone()
+    points[7, column] = torch.nan
+    with pytest.raises(ValueError, match=r"000002 holds 1 points with NaN .* is point 7 of"):
+        predictor(replace(sample, points=points))
+
+
 @pytest.mark.parametrize(("fusion", "part", "other"), [("camera", "image", "points"),
                                                        ("lidar", "points", "image")])  # fmt: skip
 def test_a_network_of_one_sensor_asks_for_that_one_only(tmp_path, fusion, part, other):

@@ -10,6 +10,8 @@ from sightline.detection3d.augmentation import SceneChangeConfig
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.examples import DetectionExamples, ExampleConfig
 from sightline.detection3d.targets import TargetConfig, make_truth
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.structures.batch import concatenate
 from tests.detection3d.frames import NAMES, SWEEP, simulated_frames
 
@@ -66,6 +68,39 @@ def test_the_height_offset_moves_points_and_boxes_alike(frames):
     high = replace(config, input=replace(SWEEP, height_offset_m=0.25))
     plain, raised = (example(frames[0], each) for each in (config, high))
     torch.testing.assert_close(raised.truths[0].boxes[:, 2], plain.truths[0].boxes[:, 2] + 0.25)
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_a_higher_lidar_is_learned_from_and_scored_as_it_is_detected_in(frames, training):
+    sample, calibration = frames[0], frames[0].calibration
+    exact = (sample.points * 1024).round() / 1024  # so that no digit is lost on the way
+    old_from_new = torch.eye(4, dtype=torch.float64)
+    old_from_new[2, 3] = 0.5
+    boxes = sample.objects.boxes3d.tensor
+    higher = replace(
+        sample,
+        points=exact - exact.new_tensor([0, 0, 0.5, 0]),
+        objects=replace(
+            sample.objects, boxes3d=Boxes3D(boxes - boxes.new_tensor([0, 0, 0.5, 0, 0, 0, 0]))
+        ),
+        calibration=replace(
+            calibration, camera_from_lidar=calibration.camera_from_lidar @ old_from_new
+        ),
+        lidar_height_m=KITTI_LIDAR_HEIGHT_M + 0.5,
+    )
+    settings = replace(SETTINGS, changes=None)
+    wanted, given = (
+        example(each, settings, training=training)
+        for each in (replace(sample, points=exact), higher)
+    )
+    torch.testing.assert_close(given.points[0], wanted.points[0])
+    torch.testing.assert_close(given.truths[0].boxes, wanted.truths[0].boxes)
+    if not training:
+        frame, as_kitti = given.frames[0], wanted.frames[0]
+        np.testing.assert_allclose(frame.objects.locations, as_kitti.objects.locations, atol=1e-6)
+        torch.testing.assert_close(
+            frame.calibration.camera_from_lidar, calibration.camera_from_lidar
+        )
 
 
 def truth_of(sample, points, **settings):

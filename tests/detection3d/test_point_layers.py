@@ -1,5 +1,7 @@
 """Layers of point networks against loops, and what must not matter to them."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch.nn.functional import linear
@@ -10,6 +12,7 @@ from sightline.detection3d.config import (
     NeighbourhoodConfig,
     PointBackboneConfig,
 )
+from sightline.detection3d.groupings import find_groupings, named_grouping
 from sightline.detection3d.point_layers import (
     FeaturePropagation,
     Neighbourhood,
@@ -59,6 +62,16 @@ def test_a_level_has_farthest_points_and_all_scales_side_by_side():
     for k, scale in enumerate(layer.scales):
         part = level.features[..., 4 * k : 4 * k + 4]
         torch.testing.assert_close(part, scale(cloud, features, level.points))
+
+
+def test_each_of_more_than_ten_scales_gets_its_own_neighbours():
+    radii = [0.5 + 0.25 * k for k in range(12)]
+    scales = tuple(replace(SCALE, radius_m=radius_m) for radius_m in radii)
+    level = SetAbstraction(0, AbstractionConfig(num_centers=16, scales=scales), batch_norm=False)
+    cloud = street(2, 120)
+    found, _ = find_groupings(cloud, [level])
+    for named, own in zip(named_grouping(found, 0).neighbours, level.find(cloud)[1], strict=True):
+        assert torch.equal(named, own)
 
 
 def test_finer_points_get_what_lies_between_and_keep_what_they_have():

@@ -31,7 +31,9 @@ def labels():
 
 
 def points():
-    inside = [[5.0 * k, 0.1, 0.1, 0.5] for k, count in enumerate(NUM_POINTS) for _ in range(count)]
+    inside = [
+        [5.0 * k, 0.1, 0.1, n / 9] for k, count in enumerate(NUM_POINTS) for n in range(count)
+    ]
     return torch.tensor([*inside, [99.0, 99.0, 0.0, 0.0]])
 
 
@@ -43,6 +45,13 @@ def test_few_points_and_alike_classes_are_ignored_for_their_class_and_dontcare_f
     assert scene.ignored_classes.tolist() == [
         [False, True], [False, True], [True, False], [True, True],
     ]  # fmt: skip
+
+
+def test_a_point_that_fills_up_a_sparse_sweep_several_times_counts_once():
+    config = TargetConfig(min_points=5)
+    once = make_truth(labels(), points(), ("Car",), SEEN, config)
+    repeated = make_truth(labels(), points().repeat(3, 1), ("Car",), SEEN, config)
+    assert repeated.boxes[:, 0].tolist() == once.boxes[:, 0].tolist() == [0]
 
 
 def test_names_and_points_that_shall_not_be_ignored_are_not():

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import torch
 import torch.nn.functional as F
@@ -11,9 +11,12 @@ from torch import Tensor
 
 from sightline.detection2d.aligned_assignment import Assignment, AssignmentConfig, assign_places
 from sightline.detection2d.aligned_head import decode_distances
-from sightline.detection2d.config import CLASSES, check_range
+from sightline.detection2d.config import CLASSES, check_choice, check_range
 from sightline.detection2d.readings import HeadReading
 from sightline.detection2d.targets import DetectionTargets, covered_shares
+
+Classification = Literal["quality_focal", "varifocal"]
+"""Which loss teaches scores to predict the IoU."""
 
 _FOCUS = 2.0  # the exponents of both focal losses, as published
 _VARIFOCAL_NEGATIVES = 0.75
@@ -25,7 +28,7 @@ class AlignedLossConfig:
 
     assignment: AssignmentConfig = AssignmentConfig()  # noqa: RUF009 - frozen
     """How cells are assigned to objects."""
-    classification: Literal["quality_focal", "varifocal"] = "quality_focal"
+    classification: Classification = "quality_focal"
     """quality_focal: Li et al. 2020, eq. 2; varifocal: Zhang et al. 2021, eq. 2."""
     ignored_share: float = 0.5
     """A cell whose box has at least this share of its area in an ignored region costs nothing
@@ -39,6 +42,7 @@ class AlignedLossConfig:
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
+        check_choice("aligned.classification", self.classification, get_args(Classification))
         check_range("aligned.ignored_share", self.ignored_share, 0, 1)
         for name in ("class_weight", "box_weight", "distribution_weight"):
             check_range(f"aligned.{name}", getattr(self, name), 0, 1e6)
@@ -111,7 +115,7 @@ def aligned_loss(
 def class_costs(
     logits: Float[Tensor, "*shape"],
     wanted: Float[Tensor, "*shape"],
-    kind: Literal["quality_focal", "varifocal"],
+    kind: Classification,
 ) -> Float[Tensor, "*shape"]:
     """Loss of each score against its target quality `wanted`, 0 where there is nothing."""
     entropy = F.binary_cross_entropy_with_logits(logits, wanted, reduction="none")

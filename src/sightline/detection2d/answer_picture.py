@@ -15,16 +15,16 @@ from sightline.visualization.colors import RGB, class_color
 from sightline.visualization.image import camera_picture, draw_boxes2d, sweep_picture
 from sightline.visualization.shares import lay_shares, put_share_legend
 
+DRAWN_SCORE: Final = 0.3
+"""What is less sure is not drawn."""
+LABELLED: Final[RGB] = (245, 245, 245)
 CAMERA_COLOR: Final[RGB] = class_color("Cyclist")
 LIDAR_COLOR: Final[RGB] = class_color("Pedestrian")
 
 Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
 """Which pixels of the camera and of the LiDAR a corruption may have changed."""
 
-_LABEL: RGB = (245, 245, 245)
 _OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
-DRAWN_SCORE: Final = 0.3
-"""What is less sure is not drawn."""
 
 
 def answer_row(
@@ -101,7 +101,7 @@ def _with_boxes(
     if sample.objects is not None:
         labels = sample.objects
         boxes = labels.boxes2d.resize(scale_x, scale_y)
-        image = draw_boxes2d(image, boxes, labels.class_names, color=_LABEL, tags=False)
+        image = draw_boxes2d(image, boxes, labels.class_names, color=LABELLED, tags=False)
     boxes = found.boxes.resize(scale_x, scale_y)
     return draw_boxes2d(image, boxes, found.class_names, scores=found.scores)
 

@@ -36,6 +36,7 @@ class DetectionBatch(FieldwiseBatch):
     """Share of each cell's pixels that the camera still delivers: 1 but where it was broken for
     training. NaN: unknown. To teach gates."""
     lidar_health: Float32[Tensor, "batch 1 rows columns"] | None = None
-    """Share of each cell's points that the LiDAR still delivers; NaN where it has none at best."""
+    """Share of each cell's points that the LiDAR still delivers; NaN where even a sound sweep has
+    none."""
     frames: tuple[FrameTruth, ...] | None = None
     """For scoring."""

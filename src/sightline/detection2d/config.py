@@ -1,8 +1,9 @@
 """Settings of the 2D detectors. The defaults are the system of Kim et al. 2018 as we read it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, SupportsFloat
+from typing import Final, Literal, SupportsFloat, get_args
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
@@ -13,6 +14,9 @@ Fusion = Literal["gated", "ones", "early", "late", "camera", "lidar"]
 """How the sensors meet. `gated`: feature maps weighted by learned gates; `ones`: the same network
 with all weights 1; `early`: one network on the channels of both; `late`: one detector a sensor,
 their boxes suppressed together; `camera`, `lidar`: one sensor alone."""
+
+LidarPooling = Literal[1, 2, 4]
+"""Side [px] of the blocks that a LiDAR's image may be reduced to the maxima of."""
 
 _LARGEST_WIDTH = 8.0
 _LARGEST_PX = 8192
@@ -31,6 +35,16 @@ def check_range(
         raise ValueError(f"{name} must be from {lowest} to {highest}, got {value}")
 
 
+def check_choice(name: str, value: object, choices: Sequence[object]) -> None:
+    """Refuses a setting that is none of its choices.
+
+    Raises:
+        ValueError: It is none.
+    """
+    if value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {value!r}")
+
+
 def scaled(channels: int, width: float) -> int:
     """Channels of a layer in a network of another width: at least one."""
     return max(round(channels * width), 1)
@@ -45,8 +59,9 @@ class InputConfig:
     scale: float = 1.0
     """Factor on the sides of frames that keep their proportions."""
     longest_focal_px: float = 750.0
-    """Such frames are shrunk, before this factor, where the camera's focal length is longer: a car
-    at some distance is as many pixels wide as with KITTI's cameras, which have up to 722."""
+    """Frames that keep their proportions are shrunk first where the camera's focal length is longer
+    than this: a car is as many pixels wide as at the same distance from KITTI's cameras, whose
+    focal lengths are up to 722 px."""
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M
     """Added to the height of LiDAR points; 0 is the letter of Kim et al. 2018, eq. 3."""
 
@@ -122,7 +137,7 @@ class CompactConfig:
     """Also the one stream of early fusion."""
     lidar: StreamConfig = StreamConfig(channels=(16, 24, 32, 64, 96), blocks=(0, 1, 1, 1))
     """Smaller, as it has less to distinguish."""
-    lidar_pooling: Literal[1, 2, 4] = 2
+    lidar_pooling: LidarPooling = 2
     """The LiDAR's image, most of which is empty, is reduced to the maxima of so many pixels
     squared first. Not in early fusion."""
     gate_groups: int = 1
@@ -138,7 +153,8 @@ class CompactConfig:
     other. It costs nothing afterwards."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and that groups divide channels."""
+        """Checks the ranges."""
+        check_choice("compact.lidar_pooling", self.lidar_pooling, get_args(LidarPooling))
         for name, highest in (("gate_groups", 64), ("head_channels", 4096), ("bins", 256)):
             check_range(f"compact.{name}", getattr(self, name), 1, highest)
         check_range("compact.head_convs", self.head_convs, 0, 64)
@@ -149,7 +165,7 @@ class PostprocessConfig:
     """How boxes become detections."""
 
     min_score: float = 0.01
-    """Boxes of a lower score are left out."""
+    """Boxes of this score or a lower one are left out."""
     nms_iou: float = 0.45
     """Of two boxes of a class that overlap more, the one of the higher score stays."""
     max_detections: int = 200
@@ -180,7 +196,8 @@ class Detection2DConfig:
     """How its boxes become detections."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Checks the ranges, and that one design is named."""
+        check_choice("fusion", self.fusion, get_args(Fusion))
         if not 0 < self.width <= _LARGEST_WIDTH:
             raise ValueError(f"width must be in (0, {_LARGEST_WIDTH}], got {self.width}")
         if (self.dgfn is None) == (self.compact is None):

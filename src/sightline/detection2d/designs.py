@@ -25,6 +25,11 @@ class Design(Protocol):
         """Height and width of images must be multiples of it."""
         ...
 
+    @property
+    def smallest_px(self) -> int:
+        """Height and width of images must be at least that."""
+        ...
+
     def prepare(self) -> CompactInput | VggInput:
         """What makes planes of images."""
         ...
@@ -52,11 +57,12 @@ class Design(Protocol):
 
 @dataclass(frozen=True)
 class DgfnDesign:
-    """Of the paper."""
+    """The paper's: VGG16's layers, and SSD's heads."""
 
     config: DgfnConfig
     width: float
     stride: int = 1
+    smallest_px: int = VggStream.smallest_px
 
     def prepare(self) -> VggInput:
         """See `VggInput`."""
@@ -95,11 +101,12 @@ class DgfnDesign:
 
 @dataclass(frozen=True)
 class CompactDesign:
-    """The light one."""
+    """The light one: residual streams, and heads without anchors."""
 
     config: CompactConfig
     width: float
     stride: int = 32
+    smallest_px: int = 32
 
     def prepare(self) -> CompactInput:
         """See `CompactInput`."""

@@ -34,6 +34,7 @@ from sightline.detection2d.placement import (
 )
 from sightline.detection2d.targets import TargetConfig, make_targets
 from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sweep_checks import check_finite_points
 from sightline.training.data import SamplePreparation
 
 _SOUND = CaseDrawing(probabilities={CLEAN: 1.0})
@@ -62,8 +63,8 @@ class ExampleConfig:
     health: bool = False
     """Whether training examples say which parts of the sensors' images their case has broken."""
     fault_share: float = 0.5
-    """Share of the training examples that get one of the further faults as well. Of those, health
-    tells of a camera that is gone alone."""
+    """Share of the training examples that get one of the further faults as well. Of these faults,
+    health tells only of a camera that is gone."""
     targets: TargetConfig = TargetConfig()  # noqa: RUF009
     """What training asks the network to find."""
 
@@ -110,12 +111,17 @@ class DetectionExamples(SamplePreparation):
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DetectionBatch:
-        """See `training_example` and `scoring_example`."""
+        """See `training_example` and `scoring_example`.
+
+        Raises:
+            ValueError: The sample has no labels, or points that are not finite.
+        """
         if sample.objects is None:
             raise ValueError(
                 f"sample {sample.sample_id} has no labels to train on or to score against; give "
                 "data with label_2"
             )
+        check_finite_points(sample)
         if training:
             return training_example(sample, self.settings, self.faults, rng)
         return scoring_example(sample, self.settings)

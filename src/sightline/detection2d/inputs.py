@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-_RGB_MEANS = (0.48235, 0.45882, 0.40784)  # of ImageNet, as VGG16 was trained with
+_RGB_MEANS = (0.48235, 0.45882, 0.40784)  # ImageNet's, about which VGG16 was trained
 
 
 class CompactInput(nn.Module):

@@ -1,5 +1,6 @@
 """The detectors' networks: streams of the sensors, their fusion, heads."""
 
+from collections.abc import Sequence
 from typing import Protocol, cast
 
 import torch
@@ -29,6 +30,7 @@ class Detector(nn.Module):
         self.config = config
         design = design_of(config)
         self.stride = design.stride
+        self.smallest_px = design.smallest_px
         self.prepare = design.prepare()
         planes = {"camera": self.prepare.camera_planes, "lidar": self.prepare.lidar_planes}
         if config.fusion == "early":
@@ -63,7 +65,8 @@ class Detector(nn.Module):
             lidar: Depth, height and intensity in [0, 1], as `lidar_image` makes them.
 
         Raises:
-            ValueError: An image that the network needs is not given, or has another size.
+            ValueError: An image that the network needs is not given, the images are of different
+                sizes, or their size does not suit the network.
         """
         readings = self.read(image, lidar)
         decoded = [
@@ -118,13 +121,29 @@ class Detector(nn.Module):
                 f"{', '.join(given)}; {', '.join(missing)} is missing"
             )
         sizes = [planes.shape[-2:] for planes in given.values() if planes is not None]
+        if not torch.compiler.is_compiling():  # of which sizes may be symbols
+            self._check_sizes(sizes)
         height, width = sizes[0]
-        if not torch.compiler.is_compiling() and (height % self.stride or width % self.stride):
+        return height, width
+
+    def _check_sizes(self, sizes: Sequence[torch.Size]) -> None:
+        height, width = sizes[0]
+        if any(size != sizes[0] for size in sizes):
+            raise ValueError(
+                "all images must be of one size, got "
+                f"{' and '.join(f'{rows} x {columns}' for rows, columns in sizes)} (height x "
+                "width); make them of the same frame"
+            )
+        if height % self.stride or width % self.stride:
             raise ValueError(
                 f"height and width must be multiples of {self.stride}, got {height} x {width}; "
                 "pad the inputs"
             )
-        return height, width
+        if min(height, width) < self.smallest_px:
+            raise ValueError(
+                f"height and width must be at least {self.smallest_px} px, got {height} x {width}; "
+                "enlarge the frames (network.input.size)"
+            )
 
     def _planes(self, given: dict[str, Image | None]) -> dict[str, Tensor]:
         """What each stream sees."""

@@ -6,17 +6,14 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from sightline.detection2d.answer_picture import DRAWN_SCORE, LABELLED
 from sightline.detection2d.batch import DetectionBatch
 from sightline.detection2d.config import CLASSES, PostprocessConfig
 from sightline.detection2d.placement import Placement
 from sightline.detection2d.postprocess import to_detections
 from sightline.detection2d.readings import DetectorOutput
 from sightline.geometry.boxes2d import Boxes2D
-from sightline.visualization.colors import RGB
 from sightline.visualization.image import draw_boxes2d
-
-_LABEL: RGB = (245, 245, 245)
-_DRAWN_SCORE = 0.3  # what is less sure is not drawn
 
 
 def gate_picture(
@@ -39,17 +36,16 @@ def training_picture(
     size = (batch.image.shape[-2], batch.image.shape[-1])
     seen = Placement(image_size=size, scale_x=1.0, scale_y=1.0)
     found = to_detections(output.scores[0], output.boxes[0], seen, config)
-    is_sure = found.scores >= _DRAWN_SCORE
-    names = tuple(found.class_names[index] for index in is_sure.nonzero()[:, 0].tolist())
+    sure = found.surer_than(DRAWN_SCORE)
     truth = batch.targets[0]
     drawn = draw_boxes2d(
         _rgb(batch.image[0]),
         Boxes2D(truth.boxes),
         [CLASSES[index] for index in truth.class_indices.tolist()],
-        color=_LABEL,
+        color=LABELLED,
         tags=False,
     )
-    drawn = draw_boxes2d(drawn, found.boxes[is_sure], names, scores=found.scores[is_sure])
+    drawn = draw_boxes2d(drawn, sure.boxes, sure.class_names, scores=sure.scores)
     rows = [drawn, _rgb(batch.lidar[0])]
     gates = [gate[0] for gate in (output.camera_gate, output.lidar_gate) if gate is not None]
     greys = [np.repeat(gate_picture(gate, size)[..., None], 3, axis=2) for gate in gates]

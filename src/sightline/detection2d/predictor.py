@@ -26,6 +26,7 @@ from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sweep_checks import check_finite_points
 
 
 @jaxtyped(typechecker=beartype)
@@ -134,7 +135,8 @@ class DetectionPredictor:
         """Detects in a sample.
 
         Raises:
-            ValueError: The sample has nothing of what the network looks at.
+            ValueError: The sample has nothing of what the network looks at, or points that are not
+                finite.
         """
         if all(getattr(sample, part) is None for part in self.parts):
             needed = " nor ".join(
@@ -144,6 +146,7 @@ class DetectionPredictor:
                 f"sample {sample.sample_id} has no {needed}, so nothing can be detected; give "
                 "data with a sensor that the network takes"
             )
+        check_finite_points(sample)
         given, placement = place(sample, self._config.input)
         size = whole_strides(given.image_size, self._stride)
         images = {"image": camera_image(given), "lidar": lidar_image(given, self._config.input)}

@@ -1,4 +1,4 @@
-"""SSD's matching of priors and its multi-task loss: Liu et al. 2016, sections 2.2 and 2.3."""
+"""SSD's matching of priors and its multi-task loss: Liu et al. 2016, section 2.2."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class SsdLossConfig:
     match_iou: float = 0.5
     """A prior that overlaps an object so much is to find it."""
     negatives_per_positive: float = 3.0
-    """Of the priors that hold nothing, so many that are most mistaken count."""
+    """For each matched prior so many count that hold nothing: the most mistaken ones."""
     ignored_share: float = 0.5
     """A prior with so much of its area in an ignored region is no negative."""
     box_weight: float = 1.0
@@ -51,8 +51,8 @@ def match_priors(
 ) -> Int64[Tensor, " places"]:
     """The object that each prior shall find, -1 for none.
 
-    It is the one that it overlaps most, if the IoU is at least `match_iou`; and the prior that an
-    object overlaps most is that object's in any case, the last object's where several claim it.
+    That is the object that it overlaps most, if the IoU is at least `match_iou`. The prior that an
+    object overlaps most is that object's in any case; where several claim it, the last one's.
     """
     if not len(boxes):
         return torch.full((len(places),), _NOTHING, device=places.device)
@@ -67,7 +67,7 @@ def match_priors(
 def multibox_loss(
     reading: HeadReading, targets: Sequence[DetectionTargets], config: SsdLossConfig
 ) -> SsdLosses:
-    """Cross entropy of the classes and smooth L1 of the boxes' offsets, a matched prior each.
+    """Cross entropy of the classes, and smooth L1 of the offsets of matched priors.
 
     Both are summed over the batch and divided by the number of matched priors in it. Negatives are
     mined in each image: those with the highest loss, so many for each positive. An image without

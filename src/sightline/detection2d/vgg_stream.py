@@ -48,7 +48,7 @@ class VggStream(nn.Module):
     """
 
     smallest_px = 257
-    """Height and width that leave something of the last map."""
+    """Smallest height and width that leave something of the last map."""
 
     def __init__(
         self, in_channels: int, width: float, l2_norm_scale: float, *, batch_norm: bool = False

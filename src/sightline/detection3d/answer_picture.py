@@ -18,7 +18,7 @@ from sightline.visualization.image import camera_picture, draw_boxes3d
 PROPOSED: Final[RGB] = (150, 156, 166)
 LABELLED: Final[RGB] = (245, 245, 245)
 DRAWN_SCORE: Final = 0.3
-"""Detections of a lower score are not drawn."""
+"""Proposals and detections of a lower score are not drawn."""
 
 _FARTHEST_M = 60.0
 
@@ -33,11 +33,12 @@ def answer_picture(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Proposals (grey) over detections in the image, and all of them from above at the right.
 
-    Labels are white, detections of a score of 0.3 or more have the colours of their classes.
+    Labels are white, detections have the colours of their classes; both proposals and detections
+    are those of a score of 0.3 or more.
 
     Args:
         title: Stands over the first picture.
-        sample: As the detector got it, with whatever it has.
+        sample: As the detector got it; image, sweep and labels may be missing.
         proposed: What the first stage proposes.
         found: What is made of it.
         width_px: Of the image.

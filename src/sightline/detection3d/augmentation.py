@@ -18,6 +18,8 @@ from sightline.data.sweep_changes import (
 from sightline.detection3d.object_sampling import ObjectBank, ObjectSamplingConfig, paste_objects
 from sightline.structures.sample import CameraLidarSample
 
+_BEAMS = (64, 32, 16, 8)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SceneChangeConfig:
@@ -57,9 +59,6 @@ class SceneChangeConfig:
             raise ValueError(f"changes.beams must hold some of {_BEAMS}, got {self.beams}")
         if self.bank_frames < 1:
             raise ValueError(f"changes.bank_frames must be at least 1, got {self.bank_frames}")
-
-
-_BEAMS = (64, 32, 16, 8)
 
 
 def change_scene(

@@ -17,7 +17,9 @@ class FrameTruth:
     """The truth that a frame is scored by."""
 
     objects: KittiObjects
+    """In the camera frame."""
     calibration: Calibration
+    """Of a LiDAR frame as high as KITTI's, in which detections are told."""
     image_size: tuple[int, int]
     """Height, width [px]."""
 

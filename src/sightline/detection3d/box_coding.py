@@ -1,4 +1,4 @@
-"""Boxes by bins, as the first stage learns them: Shi et al. 2019 (PointRCNN), section 3.2.
+"""Boxes by bins, as the first stage learns them: Shi et al. 2019 (PointRCNN), section 3.1.
 
 A box is told from a point of it. The centre's offset along x and along y, and the heading, are each
 a bin and a residual within it: which bin is a choice among few, and the residual is small. The

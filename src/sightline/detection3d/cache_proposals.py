@@ -18,6 +18,7 @@ from sightline.detection3d.proposal_cache import (
     write_record,
 )
 from sightline.detection3d.runners import StageRunners
+from sightline.detection3d.sweeps import at_kitti_height
 from sightline.inference.network import load_network
 
 
@@ -96,7 +97,7 @@ class _FrameWork:
 
     def run(self) -> None:
         sample = self.dataset[self.index]
-        points = network_sweep(sample, self.stages.detector.config.input)
+        points = network_sweep(at_kitti_height(sample), self.stages.detector.config.input)
         proposed, training_proposed = self.stages.propose_both(points)
         features = proposed.features
         if features is None:  # of a sweep without points, or a stage that gives none

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.stages import Proposed, Run, Sweep, full_precision
+from sightline.detection3d.stages import Proposed, Run, SecondStage, Sweep, full_precision
 from sightline.detection3d.suppression import suppress_boxes
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D
@@ -52,9 +52,21 @@ def refine(
     Returns:
         The surest first, in the labels' frame.
     """
-    scores, second = proposed.scores, detector.second
-    for _ in range(0 if second is None else second.passes):
-        assert second is not None, "there are passes"
+    scores = proposed.scores
+    if detector.second is not None:
+        proposed, scores = _all_passes(detector.second, sweep, proposed, run)
+    config = detector.config
+    with full_precision(sweep):
+        kept = suppress_boxes(proposed.boxes, scores, config.suppression, labels=proposed.classes)
+    return as_detections(detector, proposed.boxes[kept], proposed.classes[kept], scores[kept])
+
+
+def _all_passes(
+    second: SecondStage, sweep: Sweep, proposed: Proposed, run: Run | None
+) -> tuple[Proposed, Float[Tensor, " num_boxes"]]:
+    """The refined boxes with the proposals' scores, where each pass starts; the last scores."""
+    scores = proposed.scores
+    for _ in range(second.passes):
         if not len(proposed.boxes):
             break
         with full_precision(sweep):
@@ -65,10 +77,7 @@ def refine(
             with full_precision(sweep):
                 boxes, scores = second.refine(output, regions)
         proposed = Proposed(boxes, classes, regions.scores, proposed.features)
-    config = detector.config
-    with full_precision(sweep):
-        kept = suppress_boxes(proposed.boxes, scores, config.suppression, labels=proposed.classes)
-    return as_detections(detector, proposed.boxes[kept], proposed.classes[kept], scores[kept])
+    return proposed, scores
 
 
 def as_detections(

@@ -13,7 +13,12 @@ from sightline.detection3d.batch import Detection3DBatch, FrameTruth
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.object_sampling import ObjectBank, fill_bank
 from sightline.detection3d.proposal_cache import read_record
-from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
+from sightline.detection3d.sweeps import (
+    at_kitti_height,
+    cut_to_view,
+    draw_points,
+    points_in_range,
+)
 from sightline.detection3d.targets import TargetConfig, make_truth
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
@@ -76,6 +81,8 @@ class DetectionExamples(SamplePreparation):
     ) -> Detection3DBatch:
         """A batch of one: a sweep, changed in training, with its truth.
 
+        As in use, the LiDAR frame is raised or lowered to the height of KITTI's.
+
         Raises:
             ValueError: The sample has no labels, no sweep or points that are not finite, or the
                 cache is of other data.
@@ -86,19 +93,21 @@ class DetectionExamples(SamplePreparation):
                 "data with label_2"
             )
         settings = self.settings
+        raised = at_kitti_height(sample)
+        assert raised.objects is not None, "checked above"
         frame = None
         if not training:
             frame = FrameTruth(
                 objects=kitti_from_labels(sample.objects, sample.calibration),
-                calibration=sample.calibration,
+                calibration=raised.calibration,
                 image_size=sample.image_size,
             )
         record = None
         if self.cache is not None:
             points, record = read_record(self.cache, sample, training=training)
-            objects = sample.objects
+            objects = raised.objects
         else:
-            shown = cut_to_view(replace(sample, image=None, depth=None), settings.input)
+            shown = cut_to_view(replace(raised, image=None, depth=None), settings.input)
             if training and settings.changes is not None:
                 shown = change_scene(shown, settings.changes, rng, self._bank)
             assert shown.points is not None, "checked when it was cut"

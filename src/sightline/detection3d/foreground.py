@@ -42,7 +42,7 @@ def point_targets(
     Args:
         points: LiDAR frame [m].
         boxes: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
-        box_classes: Numbers from 0.
+        box_classes: Numbers from 0, or IGNORED for boxes whose points count nowhere.
         ignored_margin_m: How far around boxes points are ignored.
 
     Raises:

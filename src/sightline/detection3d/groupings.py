@@ -27,5 +27,6 @@ def find_groupings(
 def named_grouping(found: Mapping[str, Tensor], number: int) -> Grouping:
     """The grouping of a level by its number, out of what `find_groupings` gave."""
     start = f"neighbours_{number}_"
-    scales = sorted(name for name in found if name.startswith(start))
+    names = (name for name in found if name.startswith(start))
+    scales = sorted(names, key=lambda name: int(name.removeprefix(start)))  # 10 after 9
     return Grouping(found[f"centers_{number}"], tuple(found[name] for name in scales))

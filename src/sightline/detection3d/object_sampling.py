@@ -52,7 +52,7 @@ class ObjectSamplingConfig:
     max_objects: int = 8
     """From 1 to so many are tried in a sweep; each attempt has one place."""
     min_points: int = 5
-    """Of an object in the bank, and after what hides it is taken into account."""
+    """Of an object in the bank, and of those that are still seen once it is pasted."""
     max_bearing_deg: float = 39.0
     """To either side of straight ahead: KITTI's camera sees so far."""
     clearance_m: float = 0.3

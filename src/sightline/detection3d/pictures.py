@@ -5,6 +5,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.predictions import Detections3D
@@ -14,10 +15,9 @@ from sightline.visualization.colors import RGB
 MIN_IOU = 0.5
 """3D IoU with an object from which a detection is drawn as right."""
 
-TRUTH: RGB = (245, 245, 245)
+TRUTH: RGB = LABELLED
 RIGHT: RGB = (20, 190, 140)
 WRONG: RGB = (226, 94, 20)
-_DRAWN_SCORE = 0.3  # what is less sure is not drawn
 
 
 def training_picture(
@@ -34,7 +34,7 @@ def training_picture(
     """
     view = BirdsEyeView()
     picture = draw_birds_eye(points, Boxes3D(truths), ("",) * len(truths), view=view, color=TRUTH)
-    sure = found.boxes.tensor[found.scores >= _DRAWN_SCORE]
+    sure = found.boxes.tensor[found.scores >= DRAWN_SCORE]
     is_right = torch.zeros(len(sure), dtype=torch.bool)
     if len(sure) and len(truths):
         is_right = pairwise_iou_3d(sure.double(), truths).amax(dim=1) >= MIN_IOU

@@ -9,7 +9,7 @@ from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClas
 HEAD_STRIDE: Final = 2
 """Cells of the features that a cell of the heads is long and wide."""
 _COARSEST_STRIDE: Final = 8  # of the backbone's last stage
-_SLACK: Final = 1e-6  # of a cell: ranges and cells are decimal fractions
+_SLACK: Final = 1e-6  # of a block of cells: lengths are decimal fractions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,8 +26,9 @@ def pillar_features(
     without layers before the scatter.
 
     A pillar holds the points from its lower borders up to, but without, its upper ones; so does the
-    grid. Computed in float64: the order of the points does not matter beyond its rounding, and on a
-    CPU the same points give the same bits. No gradient. The memory lies channels last.
+    grid, but for heights, of which both ends count. Computed in float64: the order of the points
+    does not matter beyond its rounding, and on a CPU the same points give the same bits. No
+    gradient. The memory lies channels last.
 
     Args:
         points: x, y, z [m], LiDAR frame; reflectance as the fourth field, if it is wanted.

@@ -20,9 +20,9 @@ class PillarTargetsConfig:
     heat_share: float = 0.28
     """Deviation of the heat around a centre, of the root of length times width."""
     told_length_share: float = 0.5
-    """Cells whose middle is within so much of the length, and of the width, tell the box."""
+    """A cell tells a box if its middle lies in this share of the length about the centre,"""
     told_width_share: float = 0.6
-    """See there."""
+    """and in this share of the width."""
     ignored_margin_m: float = 0.3
     """How far around ignored objects heat does not count."""
 

@@ -64,7 +64,7 @@ class PointProposals(nn.Module):
     def propose(
         self, output: ProposalNetworkOutput, sweeps: Sequence[Sweep], *, training: bool
     ) -> tuple[Proposed, ...]:
-        """The boxes that points tell, best first; see `choose_proposals`."""
+        """The boxes that points tell, the near ones best first, then the far ones."""
         config = self.training_proposals if training else self.proposals
         points = torch.stack([sweep[:, :3] for sweep in sweeps])
         with torch.no_grad():

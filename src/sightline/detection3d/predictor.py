@@ -26,7 +26,7 @@ from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
 _SEED: Final = 0  # of the points that are drawn: a sweep is always answered alike
-_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # what is seen of many points, if axes are as they should
+_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # of many points so many are seen where axes are right
 
 
 class Detection3DPredictor:

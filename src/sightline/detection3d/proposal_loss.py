@@ -65,7 +65,7 @@ def proposal_loss(
         points: LiDAR frame [m].
         boxes: x, y, z, length, width, height, yaw of the labelled objects (LiDAR frame, metres,
             radians); rows of zeros fill up frames with fewer.
-        box_classes: Their places among the network's classes.
+        box_classes: Their places among the network's classes, or IGNORED.
         network: The network's settings.
         config: Weights.
 
@@ -102,7 +102,9 @@ class BoxCodeLosses(NamedTuple):
 def box_code_loss(
     prediction: BoxPrediction, target: BoxCode, config: ProposalLossConfig = ProposalLossConfig()
 ) -> BoxCodeLosses:
-    """Cross entropy of the bins, smooth L1 of the true bins' residuals: PointRCNN, eq. 4.
+    """Cross entropy of the bins, smooth L1 of the true bins' residuals.
+
+    The regression loss of Shi et al. 2019 (PointRCNN), section 3.1, with a weight on the size.
 
     Over points on objects, which alone tell boxes. Without any all is 0, and so is the gradient.
 

@@ -57,7 +57,7 @@ class ProposalNetworkOutput(NamedTuple):
 
 
 class ProposalNetwork(nn.Module):
-    """Backbone and two heads: Shi et al. 2019 (PointRCNN), sections 3.1 and 3.2."""
+    """Backbone and two heads: Shi et al. 2019 (PointRCNN), section 3.1."""
 
     def __init__(self, config: ProposalNetworkConfig) -> None:
         super().__init__()

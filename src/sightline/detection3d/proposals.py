@@ -13,7 +13,7 @@ from sightline.ops.nms import nms_bev
 
 @dataclass(frozen=True, kw_only=True)
 class ProposalConfig:
-    """How boxes become proposals: Shi et al. 2019 (PointRCNN), section 3.2, at test time."""
+    """How boxes become proposals: Shi et al. 2019 (PointRCNN), section 3.1, at test time."""
 
     num_proposals: int = 100
     """Of a sweep, at most."""
@@ -43,7 +43,7 @@ class ProposalConfig:
 
 
 TRAINING_PROPOSALS = ProposalConfig(num_proposals=512, iou=0.85)
-"""As published for the second stage's training."""
+"""As its published code has it for the second stage's training; the paper keeps 300."""
 
 
 def choose_proposals(

@@ -26,7 +26,7 @@ class RefinementOutput(NamedTuple):
 class RefinementNetwork(nn.Module):
     """Set abstractions down to one vector for each region, and two heads.
 
-    After Shi et al. 2019 (PointRCNN), section 3.4, in its plainest form: the points come in the
+    After Shi et al. 2019 (PointRCNN), section 3.3, in its plainest form: the points come in the
     frame of the sweep, boxes are regressed as they are, the proposal itself is not seen.
     """
 

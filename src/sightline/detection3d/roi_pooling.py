@@ -13,7 +13,7 @@ from sightline.ops.roi_points import roi_points
 
 @dataclass(frozen=True, kw_only=True)
 class RoiPoolingConfig:
-    """How proposals are filled with points: Shi et al. 2019 (PointRCNN), section 3.3."""
+    """How proposals are filled with points: Shi et al. 2019 (PointRCNN), section 3.2."""
 
     margin_m: float = 1.0
     """How far every face of a proposal is moved outwards, so that its surroundings are seen."""

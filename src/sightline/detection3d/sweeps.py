@@ -9,7 +9,9 @@ from torch import Tensor
 
 from sightline.data.augmentation import points_in_view
 from sightline.detection3d.detector_config import SweepConfig
+from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sweep_checks import check_finite_points
 
 
 def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSample:
@@ -24,20 +26,14 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
             f"sample {sample.sample_id} has no sweep, so nothing can be detected; give data with "
             "velodyne files"
         )
-    is_finite = points.isfinite().all(dim=1)
-    if not is_finite.all():
-        raise ValueError(
-            f"the sweep of sample {sample.sample_id} holds {int((~is_finite).sum())} points with "
-            f"NaN or infinite values, the first is point {int(is_finite.int().argmin())} of "
-            f"{len(points)} (from 0); leave them out"
-        )
+    check_finite_points(sample)
     return replace(sample, points=points[points_in_view(sample)]) if config.in_view else sample
 
 
 def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
-    """The sample in a LiDAR frame as high above the road as KITTI's; boxes must be lowered again.
+    """The sample in a LiDAR frame as high above the road as KITTI's.
 
-    Objects stay as they are: what is detected in, not what is trained on, is moved.
+    What is detected in it must be lowered again.
     """
     rise_m = sample.higher_than_kitti_m
     if sample.points is None or not rise_m:
@@ -45,9 +41,15 @@ def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
     old_from_new = torch.eye(4, dtype=torch.float64)
     old_from_new[2, 3] = -rise_m
     camera_from_lidar = sample.calibration.camera_from_lidar @ old_from_new
+    objects = sample.objects
+    if objects is not None:
+        boxes = objects.boxes3d.tensor
+        raised = Boxes3D(boxes + boxes.new_tensor([0, 0, rise_m, 0, 0, 0, 0]))
+        objects = replace(objects, boxes3d=raised)
     return replace(
         sample,
         points=sample.points + sample.points.new_tensor([0, 0, rise_m, 0]),
+        objects=objects,
         calibration=replace(sample.calibration, camera_from_lidar=camera_from_lidar),
         lidar_height_m=None,
     )

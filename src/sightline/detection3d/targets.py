@@ -65,11 +65,12 @@ def make_truth(
     Objects of the detector's classes with enough points are to be found if their centre lies in the
     range that is seen; the rest of these are ignored for their own class, what looks like a class
     of ours for that class, and a DontCare with a 3D box for all. Labels without a 3D box tell
-    nothing here, and other classes are background. A point in several boxes counts for the first.
+    nothing here, and other classes are background. A point in several boxes counts for the first,
+    and one that was drawn several times counts once.
 
     Args:
         objects: In the frame of the labels.
-        points: As the network gets them, but for repetitions: x, y, z first [m].
+        points: As the network gets them: x, y, z first [m].
         class_names: Of the detector's classes.
         sweep: What the network sees.
         config: What is ignored.
@@ -81,8 +82,7 @@ def make_truth(
     boxes = objects.boxes3d.tensor.double() + offset
     low, high = (boxes.new_tensor(corner) for corner in (sweep.lowest_m, sweep.highest_m))
     is_seen = ((boxes[:, :3] >= low) & (boxes[:, :3] <= high)).all(dim=1)
-    holder = first_box_of_points(points[None, :, :3], boxes[None])[0]
-    inside = torch.bincount(holder[holder >= 0], minlength=len(objects))
+    inside = _points_inside(points, boxes)
     is_clear = (is_seen & (inside >= config.min_points)).tolist()
     found: list[int] = []
     ignored: list[int] = []
@@ -102,3 +102,13 @@ def make_truth(
         ignored_boxes=boxes[ignored],
         ignored_classes=torch.tensor(of_classes, dtype=torch.bool).reshape(-1, len(class_names)),
     )
+
+
+def _points_inside(
+    points: Float[Tensor, "num_points fields"], boxes: Float64[Tensor, "num_boxes 7"]
+) -> Int64[Tensor, " num_boxes"]:
+    """How many different points each box holds: a sparse sweep is filled up by repeating some."""
+    holder = first_box_of_points(points[None, :, :3], boxes[None])[0]
+    is_held = holder >= 0
+    held = torch.cat((holder[is_held, None].to(points.dtype), points[is_held]), dim=1)
+    return torch.bincount(torch.unique(held, dim=0)[:, 0].long(), minlength=len(boxes))

@@ -1,0 +1,20 @@
+"""What no sweep that a task looks at may hold."""
+
+from sightline.structures.sample import CameraLidarSample
+
+
+def check_finite_points(sample: CameraLidarSample) -> None:
+    """Refuses a sweep with points that are not finite: one NaN would spread through a network.
+
+    Raises:
+        ValueError: A coordinate or a reflectance is NaN or infinite.
+    """
+    if sample.points is None:
+        return
+    is_finite = sample.points.isfinite().all(dim=1)
+    if not is_finite.all():
+        raise ValueError(
+            f"the sweep of sample {sample.sample_id} holds {int((~is_finite).sum())} points with "
+            f"NaN or infinite values, the first is point {int(is_finite.int().argmin())} of "
+            f"{len(sample.points)} (from 0); leave them out"
+        )
