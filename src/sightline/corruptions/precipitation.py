@@ -33,7 +33,7 @@ class Precipitation:
     def extinction_per_m(self) -> float:
         """By all sizes, each taking twice its cross-section of the light: van de Hulst 1957.
 
-        The integral of 2 pi / 4 (swelling D)^2 N0 exp(-slope D) over D. For rain of R = 5 to 50 mm/h
+        The integral of 2 pi / 4 (swelling D)^2 N0 exp(-slope D) over D. For rain of 5 to 50 mm/h
         that is 13 to 45 % more than the 0.21 R^0.74 / km that Ulbrich and Atlas 1985 measured.
         """
         per_mm2_m3 = math.pi * self.swelling**2 * self.intercept / self.slope_per_mm**3
