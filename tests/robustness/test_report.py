@@ -104,7 +104,14 @@ def test_colours_tell_what_is_left_of_scores_and_of_errors_alike():
     assert kept_share(40.0, 80.0, AP) == kept_share(1600.0, 800.0, RMSE) == 0.5
     assert kept_share(90.0, 80.0, AP) == 1
     assert kept_share(0.0, 0.0, AP) is None
+    assert kept_share(0.0, 0.0, RMSE) == kept_share(0.0, 800.0, RMSE) == 1
     assert kept_share(None, 80.0, AP) is None
+
+
+def test_scores_are_told_even_where_no_clean_performance_could_be_lost(tmp_path):
+    hopeless = record_of(AP, 0.0, {"camera_fog": {1: 12.5, 3: 0.0}})
+    RobustnessReport(record=hopeless).write(tmp_path)
+    assert '<td class="cell">12.5</td>' in (tmp_path / "report.html").read_text()
 
 
 def test_words_in_brackets_are_printed_as_they_are():
