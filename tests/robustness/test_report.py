@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from sightline.cli.main import main
+from sightline.data.problem import FileError
 from sightline.robustness.charts import heat_color, kept_share, nice_top
 from sightline.robustness.compare import compare_runs
 from sightline.robustness.record import read_record
@@ -88,6 +89,27 @@ def test_a_run_leaves_a_record_that_reads_back_a_table_and_a_page(tmp_path):
     assert page.links == []  # nothing is fetched
     assert "svg" in page.tags
     assert {"70.0", "40.0", "camera fog", "66.0"} <= set(page.words)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": "three"},
+        {"frames": "inf"},
+        {"scores": {"clean": {"ap": "high"}}},
+        {"cases": {"clean": {"title": "", "kind": "clean", "severity": "x", "sensors": []}}},
+        {"figures": [{"name": "ap", "title": "AP", "unit": "%", "highest": "a hundred"}]},
+        {"figures": [{"name": "ap"}]},
+        {"made_by": 3},
+        {"cases": []},
+    ],
+)
+def test_files_of_other_contents_are_refused_by_their_path_and_the_remedy(tmp_path, change):
+    path = tmp_path / "robustness.json"
+    report_of().write(tmp_path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(FileError, match=r"robustness\.json: is no record .* give the robustness"):
+        read_record(path)
 
 
 @given(share=st.floats(0, 1))
