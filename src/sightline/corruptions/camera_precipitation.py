@@ -33,10 +33,10 @@ _FAINTEST = 0.02  # opacity; fainter streaks change a few levels at most
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Exposure:
-    """How the camera moves, and how long it looks."""
+    """How the camera moves, and for how long its shutter is open."""
 
     time_s: float = 0.002
-    """KITTI's cameras look at most so long."""
+    """The longest exposure of KITTI's cameras."""
     speed_mps: float = 10.0
     """Of the car, straight ahead."""
     wind_mps: tuple[float, float] = (-3.0, 3.0)

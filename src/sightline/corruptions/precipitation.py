@@ -25,9 +25,9 @@ class Precipitation:
     reflectance: float
     """Share of the light that a particle throws back."""
     final_speed_mps: float
-    """At which the largest fall."""
+    """Terminal speed of the largest."""
     slowing_mps: float
-    """By which the smallest are slower; it falls with exp(-0.6 D / mm)."""
+    """How much slower the smallest would fall; the lag shrinks as exp(-0.6 D / mm)."""
 
     @property
     def extinction_per_m(self) -> float:
@@ -60,7 +60,7 @@ class Precipitation:
 
 
 def rain(rate_mm_per_h: float) -> Precipitation:
-    """Marshall and Palmer 1948, eq. 1 and 3; drops throw back what water does."""
+    """Marshall and Palmer 1948, eq. 1 to 3; drops throw back what a water surface does."""
     return Precipitation(
         intercept=8000.0,
         slope_per_mm=4.1 * rate_mm_per_h**-0.21,
@@ -87,5 +87,5 @@ def snow(rate_mm_per_h: float) -> Precipitation:
 
 
 def _fresnel(refractive_index: float) -> float:
-    """Share of the light that a surface throws back which it meets upright: Fresnel."""
+    """Share of the light that a surface throws back at normal incidence: Fresnel."""
     return ((refractive_index - 1) / (refractive_index + 1)) ** 2

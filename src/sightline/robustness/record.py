@@ -67,13 +67,13 @@ class Setting:
 
     @property
     def of_clean_frames(self) -> dict[str, object]:
-        """As far as clean scores hang on it."""
+        """Those fields that clean scores depend on."""
         plain = asdict(self)
         return {name: plain[name] for name in plain if name not in ("suite", "seed")}
 
 
 def digest_names(names: Sequence[str]) -> str:
-    """Of the frames of a run."""
+    """SHA-256 of the names of a run's frames, in order."""
     return hashlib.sha256("\n".join(names).encode()).hexdigest()
 
 
