@@ -97,7 +97,7 @@ def test_a_suite_that_contradicts_itself_is_refused():
         Suite(name="half", cases=(case,))
     other = Case(name="blank", title="", corruption=CameraBlank(), probability=0.5)
     for cases in ((), (other,), (other, case)):
-        with pytest.raises(ValueError, match="needs sound sensors as its first case.*'clean'"):
+        with pytest.raises(ValueError, match=r"needs sound sensors as its first case.*'clean'"):
             Suite(name="unheld", cases=cases)
     assert Suite(name="whole", cases=(case, other)).case_names == ("clean", "blank")
 
