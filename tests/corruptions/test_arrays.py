@@ -39,8 +39,21 @@ def test_a_lidar_alone_needs_the_size_of_the_image():
     found = corrupt_arrays("lidar_fog", 5, points=POINTS, image_size=(120, 400), **MATRICES)
     assert found.image is None
     assert found.lidar_mask.shape == (120, 400)
+    listed = corrupt_arrays("lidar_fog", 5, points=POINTS, image_size=[120, 400], **MATRICES)
+    assert np.array_equal(listed.points, found.points)
     with pytest.raises(ValueError, match="image_size"):
         corrupt_arrays("lidar_fog", 5, points=POINTS, **MATRICES)
+
+
+@pytest.mark.parametrize("kind", ["camera_fog", "lidar_fog"])
+def test_points_of_half_precision_are_those_of_single_precision(kind):
+    half = POINTS.astype(np.float16)
+    found, same = (
+        corrupt_arrays(kind, 3, image=IMAGE, points=points, **MATRICES)
+        for points in (half, half.astype(np.float32))
+    )
+    assert np.array_equal(found.points, same.points)
+    assert np.array_equal(found.image, same.image)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +76,9 @@ def test_a_lidar_alone_needs_the_size_of_the_image():
         ({"depth": np.zeros((3, 4))}, "height x width as the image, 120 x 400; got .* 3 x 4"),
         ({"depth": np.full((120, 400), np.nan)}, "depth must not be negative or NaN"),
         ({"image": None, "image_size": (0, 5)}, "image_size .* each at least 1.* got \\(0, 5\\)"),
-        ({"image_size": (5, 5)}, "image is 120x400, expected image_size 5x5"),
+        ({"image_size": (5, 5)}, "image is 120x400 .* but image_size is 5x5; leave"),
+        ({"image": IMAGE[:, :, 0], "image_size": (5, 5)}, "image must be uint8, height x width"),
+        ({"points": np.full((1, 4), np.inf, np.float16)}, "points must be finite .* row 0 is not"),
         ({"seed": -1}, "seed must not be negative"),
     ],
 )

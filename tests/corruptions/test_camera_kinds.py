@@ -186,6 +186,34 @@ def test_drops_fall_with_the_wind_and_there_are_as_many_as_the_rate_says():
     assert len(drops(50.0, 0.0).opacities) > 1.5 * len(streaks.opacities)
 
 
+class Counting(np.random.Generator):
+    """Draws no particle, but notes how many there would be."""
+
+    def __init__(self):
+        super().__init__(np.random.PCG64(0))
+        self.expected = []
+
+    def poisson(self, mean):
+        self.expected.append(mean)
+        return 0
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (40, 124)])
+def test_small_images_hold_no_more_particles_than_memory_does(size):
+    counting = Counting()
+    draw_particles(
+        rain(50.0),
+        kitti_like_calibration().resize(size[1] / 1242, size[1] / 1242),
+        size,
+        Exposure(),
+        0.0,
+        counting,
+        drawn_m=5.0,
+    )
+    (expected,) = counting.expected
+    assert 1 <= expected < 1e7
+
+
 @pytest.mark.parametrize("rate", [5.0, 20.0, 50.0])
 def test_the_extinction_of_rain_is_the_sum_over_its_drops_and_what_was_measured(rate):
     shower = rain(rate)
@@ -194,7 +222,7 @@ def test_the_extinction_of_rain_is_the_sum_over_its_drops_and_what_was_measured(
     areas_m2 = math.pi / 4 * (sizes_mm * 1e-3) ** 2
     assert shower.extinction_per_m == pytest.approx(2 * (counts * areas_m2).sum(), rel=1e-3)
     measured = 0.21e-3 * rate**0.74  # Ulbrich and Atlas 1985
-    assert shower.extinction_per_m == pytest.approx(measured, rel=0.6)
+    assert 1.12 < shower.extinction_per_m / measured < 1.46
     assert shower.per_cubic_metre == pytest.approx(counts[sizes_mm > 0.5].sum(), rel=1e-3)
 
 

@@ -7,6 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sightline.corruptions.blank import CameraBlank
 from sightline.corruptions.corruption import NoCorruption
 from sightline.corruptions.drawing import CaseDrawing
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
@@ -94,6 +95,11 @@ def test_a_suite_that_contradicts_itself_is_refused():
         Suite(name="two", cases=(case, case))
     with pytest.raises(ValueError, match=r"sum to 1, got 0\.5"):
         Suite(name="half", cases=(case,))
+    other = Case(name="blank", title="", corruption=CameraBlank(), probability=0.5)
+    for cases in ((), (other,), (other, case)):
+        with pytest.raises(ValueError, match=r"needs sound sensors as its first case.*'clean'"):
+            Suite(name="unheld", cases=cases)
+    assert Suite(name="whole", cases=(case, other)).case_names == ("clean", "blank")
 
 
 @pytest.mark.parametrize(

@@ -18,15 +18,22 @@ RNG = np.random.default_rng(0)
     ),
     raise_after=st.integers(1, 3),
     clear_after=st.integers(1, 4),
+    at_once_score=st.sampled_from([0.0, 0.01, 0.5]),
 )
-def test_alarms_are_raised_and_cleared_as_by_looking_back(scores, raise_after, clear_after):
-    config = HysteresisConfig(raise_after=raise_after, clear_after=clear_after)
+def test_alarms_are_raised_and_cleared_as_by_looking_back(
+    scores, raise_after, clear_after, at_once_score
+):
+    config = HysteresisConfig(
+        raise_after=raise_after, clear_after=clear_after, at_once_score=at_once_score
+    )
     alarm = Alarm(config)
     states = []
     for score in scores:
         alarm.update(None if score is None else Health(score=score, worst_check="dark"))
         states.append(alarm.is_on)
-    assert states == reference.alarms(scores, raise_after, clear_after, config.clear_score)
+    assert states == reference.alarms(
+        scores, raise_after, clear_after, config.clear_score, at_once_score
+    )
 
 
 def test_an_absent_camera_is_an_alarm_at_once_and_until_it_has_been_back_for_a_while():

@@ -75,11 +75,11 @@ def tilted_strength(points, weights, image_from_lidar, strength, angle):
     return total, weight
 
 
-def alarms(scores, raise_after, clear_after, clear_score):
+def alarms(scores, raise_after, clear_after, clear_score, at_once_score):
     """Whether the alarm is on after each score; None is a frame that tells nothing."""
     states, is_on, since = [], False, 0
     for number, score in enumerate(scores):
-        if score is not None and score <= 0.01 and not is_on:
+        if score is not None and score <= at_once_score and not is_on:
             is_on, since = True, number + 1
         else:
             needed = clear_after if is_on else raise_after

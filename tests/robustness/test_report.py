@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from sightline.cli.main import main
+from sightline.data.problem import FileError
 from sightline.robustness.charts import heat_color, kept_share, nice_top
 from sightline.robustness.compare import compare_runs
 from sightline.robustness.record import read_record
@@ -90,6 +91,27 @@ def test_a_run_leaves_a_record_that_reads_back_a_table_and_a_page(tmp_path):
     assert {"70.0", "40.0", "camera fog", "66.0"} <= set(page.words)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": "three"},
+        {"frames": "inf"},
+        {"scores": {"clean": {"ap": "high"}}},
+        {"cases": {"clean": {"title": "", "kind": "clean", "severity": "x", "sensors": []}}},
+        {"figures": [{"name": "ap", "title": "AP", "unit": "%", "highest": "a hundred"}]},
+        {"figures": [{"name": "ap"}]},
+        {"made_by": 3},
+        {"cases": []},
+    ],
+)
+def test_files_of_other_contents_are_refused_by_their_path_and_the_remedy(tmp_path, change):
+    path = tmp_path / "robustness.json"
+    report_of().write(tmp_path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(FileError, match=r"robustness\.json: is no record .* give the robustness"):
+        read_record(path)
+
+
 @given(share=st.floats(0, 1))
 def test_every_share_has_a_colour(share):
     assert all(re.fullmatch("#[0-9a-f]{6}", color) for color in heat_color(share))
@@ -104,7 +126,14 @@ def test_colours_tell_what_is_left_of_scores_and_of_errors_alike():
     assert kept_share(40.0, 80.0, AP) == kept_share(1600.0, 800.0, RMSE) == 0.5
     assert kept_share(90.0, 80.0, AP) == 1
     assert kept_share(0.0, 0.0, AP) is None
+    assert kept_share(0.0, 0.0, RMSE) == kept_share(0.0, 800.0, RMSE) == 1
     assert kept_share(None, 80.0, AP) is None
+
+
+def test_scores_are_told_even_where_no_clean_performance_could_be_lost(tmp_path):
+    hopeless = record_of(AP, 0.0, {"camera_fog": {1: 12.5, 3: 0.0}})
+    RobustnessReport(record=hopeless).write(tmp_path)
+    assert '<td class="cell">12.5</td>' in (tmp_path / "report.html").read_text()
 
 
 def test_words_in_brackets_are_printed_as_they_are():

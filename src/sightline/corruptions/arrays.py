@@ -7,11 +7,14 @@ found = corrupt_arrays("camera_fog", 3, image=image, points=points, image_from_c
 found.image, found.points, found.camera_mask, found.record
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import index
+from typing import SupportsIndex
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int64, Shaped, UInt8
+from jaxtyping import Bool, Float32, Float64, Int64, Shaped, UInt8
 
 from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.kinds import find_kind
@@ -28,7 +31,7 @@ class CorruptedArrays:
     """What faulty sensors deliver, in memory of its own, with what was done."""
 
     image: UInt8[np.ndarray, "height width 3"] | None
-    points: Float[np.ndarray, "num_delivered 4"] | None
+    points: Float32[np.ndarray, "num_delivered 4"] | None
     record: Record
     camera_mask: Bool[np.ndarray, "height width"]
     """Pixels of the image that may have changed."""
@@ -48,7 +51,7 @@ def corrupt_arrays(
     points: Shaped[np.ndarray, "..."] | None = None,
     image_from_camera: Shaped[np.ndarray, "..."],
     camera_from_lidar: Shaped[np.ndarray, "..."],
-    image_size: tuple[int, int] | None = None,
+    image_size: Sequence[SupportsIndex] | None = None,
     depth: Shaped[np.ndarray, "..."] | None = None,
     seed: int = 0,
     name: str = "",
@@ -61,7 +64,7 @@ def corrupt_arrays(
         severity: From 1, slight, to 5.
         image: RGB, uint8, height x width x 3. None: no camera.
         points: N x 4, floating point: x forward, y left, z up [m] and reflectance in [0, 1]. None:
-            no LiDAR. What is delivered is of float32.
+            no LiDAR. What is delivered is float32.
         image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
             KITTI's P2; of an intrinsic matrix K, K with a column of zeros.
         camera_from_lidar: 4 x 4, rigid.
@@ -78,7 +81,8 @@ def corrupt_arrays(
     corruption = find_kind(kind).at(severity, lidar)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    size = _image_size(image, image_size)
+    planes = None if image is None else _image(image)
+    size = _image_size(planes, image_size)
     sample = CameraLidarSample(
         sample_id=name,
         calibration=Calibration(
@@ -86,7 +90,7 @@ def corrupt_arrays(
             camera_from_lidar=_matrix("camera_from_lidar", camera_from_lidar, (4, 4)),
         ),
         image_size=size,
-        image=None if image is None else _image(image),
+        image=planes,
         points=None if points is None else _points(points),
         depth=None if depth is None else _depth(depth, size),
     )
@@ -94,19 +98,23 @@ def corrupt_arrays(
 
 
 def _image_size(
-    image: Shaped[np.ndarray, "..."] | None, size: tuple[int, int] | None
+    image: UInt8[torch.Tensor, "3 height width"] | None, given: Sequence[SupportsIndex] | None
 ) -> tuple[int, int]:
+    size = None if given is None else tuple(map(index, given))
     if image is None:
         if size is None or len(size) != 2 or min(size) < 1:
             raise ValueError(
                 "without an image, image_size (height, width, each at least 1) is needed; got "
-                f"{size}"
+                f"{given}"
             )
-        return size
-    found = (image.shape[0], image.shape[1]) if image.ndim == 3 else (0, 0)
-    if size not in (None, found):
-        raise ValueError(f"image is {found[0]}x{found[1]}, expected image_size {size[0]}x{size[1]}")
-    return found
+        return size[0], size[1]
+    height, width = image.shape[1:]
+    if size not in (None, (height, width)):
+        raise ValueError(
+            f"image is {height}x{width} (height x width), but image_size is "
+            f"{'x'.join(map(str, size))}; leave image_size out where there is an image"
+        )
+    return height, width
 
 
 def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height width"]:
@@ -115,18 +123,19 @@ def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height wi
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
 
 
-def _points(points: Shaped[np.ndarray, "..."]) -> Float[torch.Tensor, "num_points 4"]:
+def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_points 4"]:
     is_table = points.ndim == 2 and points.shape[1] == 4
     if not (is_table and np.issubdtype(points.dtype, np.floating)):
         raise ValueError(
             f"points must be floating-point numbers, N x 4 (x, y, z, reflectance); got "
             f"{_said(points)}"
         )
-    if not (np.abs(points) <= _LARGEST).all():  # written so that NaN is refused, too
+    # In float64, as float16 has no number as large as the limit; so that NaN is refused, too.
+    is_plausible = (np.abs(points.astype(np.float64)) <= _LARGEST).all(axis=1)
+    if not is_plausible.all():
         raise ValueError(
             f"points must be finite and at most {_LARGEST:g}; row "
-            f"{int(np.flatnonzero(~(np.abs(points) <= _LARGEST).all(axis=1))[0])} is not: leave "
-            "such points out"
+            f"{int(np.flatnonzero(~is_plausible)[0])} is not: leave such points out"
         )
     reflectances = points[:, 3]
     if len(points) and not 0 <= reflectances.min() <= reflectances.max() <= 1:
@@ -139,8 +148,8 @@ def _points(points: Shaped[np.ndarray, "..."]) -> Float[torch.Tensor, "num_point
 
 def _depth(
     depth: Shaped[np.ndarray, "..."], size: tuple[int, int]
-) -> Float[torch.Tensor, "height width"]:
-    if not np.issubdtype(depth.dtype, np.floating) or depth.shape != tuple(size):
+) -> Float32[torch.Tensor, "height width"]:
+    if not np.issubdtype(depth.dtype, np.floating) or depth.shape != size:
         raise ValueError(
             f"depth must be floating point, height x width as the image, {size[0]} x {size[1]}; "
             f"got {_said(depth)}"
@@ -152,7 +161,7 @@ def _depth(
 
 def _matrix(
     name: str, matrix: Shaped[np.ndarray, "..."], shape: tuple[int, int]
-) -> Float[torch.Tensor, "rows columns"]:
+) -> Float64[torch.Tensor, "rows columns"]:
     if matrix.shape != shape or not np.issubdtype(matrix.dtype, np.number):
         raise ValueError(f"{name} must be {shape[0]} x {shape[1]} numbers, got {_said(matrix)}")
     return torch.from_numpy(matrix.astype(np.float64))

@@ -33,10 +33,10 @@ _FAINTEST = 0.02  # opacity; fainter streaks change a few levels at most
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Exposure:
-    """How the camera moves, and how long it looks."""
+    """How the camera moves, and for how long its shutter is open."""
 
     time_s: float = 0.002
-    """KITTI's cameras look at most so long."""
+    """The longest exposure of KITTI's cameras."""
     speed_mps: float = 10.0
     """Of the car, straight ahead."""
     wind_mps: tuple[float, float] = (-3.0, 3.0)
@@ -166,12 +166,14 @@ def draw_particles(
     height, width = image_size
     intrinsics = calibration.image_from_camera.numpy()
     focal_px = intrinsics[[0, 1], [0, 1]]
-    size_px = np.array([width, height]) + 2 * _MARGIN_PX
+    # Of a tiny image 40 px are far more than it sees: they would hold billions of particles.
+    margin_px = min(_MARGIN_PX, width, height)
+    size_px = np.array([width, height]) + 2 * margin_px
     cube = drawn_m**3 - _NEAREST_M**3
     volume_m3 = float(np.prod(size_px / focal_px)) * cube / 3
     count = int(rng.poisson(particles.per_cubic_metre * volume_m3))
     depths_m = np.cbrt(_NEAREST_M**3 + cube * rng.random(count))
-    pixels = size_px * rng.random((count, 2)) - _MARGIN_PX - 0.5
+    pixels = size_px * rng.random((count, 2)) - margin_px - 0.5
     diameters_m = particles.draw_diameters_m(count, rng)
     places_m = (pixels - intrinsics[:2, 2]) / focal_px * depths_m[:, None]
     half_s = exposure.time_s / 2

@@ -75,18 +75,18 @@ class Corruption(Fault):
     kind: ClassVar[str]
     """Name, which also keeps its random numbers apart from other kinds'."""
     sensors: ClassVar[tuple[Sensor, ...]]
-    """What it changes; all other parts of a sample stay."""
+    """Those that it changes; all other parts of a sample stay."""
     revision: ClassVar[int] = 1
-    """Raised where the same settings and draws have come to give something else."""
+    """Raised whenever the same settings and draws begin to give something else."""
     leaves_nothing: ClassVar[bool] = False
-    """Whether nothing of the scene is left where the masks say, or only less."""
+    """Whether what the masks mark shows nothing of the scene any more, rather than less of it."""
 
     def __str__(self) -> str:
         """The kind."""
         return self.kind.replace("_", " ")
 
     def described(self) -> dict[str, object]:
-        """All that what it does depends on, as JSON has it: what records and manifests hold."""
+        """All that its effect depends on, as JSON types: what records and manifests hold."""
         revision = {"revision": self.revision} if self.revision > 1 else {}
         described: dict[str, object]
         described = json.loads(json.dumps({"kind": self.kind, **revision, **asdict(self)}))

@@ -15,7 +15,8 @@ class CaseDrawing:
     """How cases of a suite are drawn for training.
 
     Raises:
-        ValueError: There is no such suite or case, or the probabilities are none.
+        ValueError: There is no such suite or case, or the probabilities are negative, do not sum to
+            1 or leave nothing to draw.
     """
 
     suite: str = "dgfn7"

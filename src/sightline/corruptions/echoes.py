@@ -25,9 +25,9 @@ def clear_air_reflectances(
 ) -> Float64[np.ndarray, " num_points"]:
     """Reflectances of points, which were found in clear air: their echoes were strong enough.
 
-    What reads as a fainter one, such as the many that read 0, had an echo that was stronger than
-    the faintest by a factor whose logarithm is drawn from an exponential distribution: so each
-    stretch of fog costs the same share of those that are left.
+    A point whose reading says that its echo was too faint, such as the many that read 0, is given
+    an echo that is stronger than the faintest by a factor whose logarithm is drawn from an
+    exponential distribution: so each stretch of fog costs the same share of those that are left.
     """
     read = points[:, 3].double().numpy()
     margins = np.exp(np.minimum(rng.standard_exponential(len(points)), 50))

@@ -1,4 +1,4 @@
-"""Cameras that expose wrongly, or see through haze of no depth: brightness, darkness, contrast."""
+"""Cameras that expose wrongly, or see through an even veil: brightness, darkness, contrast."""
 
 from dataclasses import dataclass
 

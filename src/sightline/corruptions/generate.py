@@ -54,7 +54,7 @@ def corrupt_dataset(
         num_shards: Number of parts; each part can be done on another machine, at the same time.
 
     Returns:
-        Frames written and skipped, each counted once a case.
+        Frames written and skipped, each counted once per case.
 
     Raises:
         ValueError: There is no such suite or case, the data are no object tree or cannot be read,

@@ -106,7 +106,7 @@ def unknown(
         problem: Its beginning.
         name: The name.
         known: All names that there are.
-        listed: What is said of them all. None: they themselves.
+        listed: What the error lists instead of all names. None: the names.
     """
     holding = [each for each in known if name and name in each]
     close = difflib.get_close_matches(name, known, n=2, cutoff=_LIKENESS) or holding[:2]
@@ -120,7 +120,7 @@ def _unit(quantity: str) -> str:
 
 
 def _same(number: float) -> tuple[float, float]:
-    """A range to draw from that holds but this number."""
+    """A range to draw from that holds this number alone."""
     return (number, number)
 
 
@@ -363,4 +363,4 @@ _ALL_KINDS = (
     ),
 )
 KINDS: Final[dict[str, Kind]] = {kind.name: kind for kind in _ALL_KINDS}
-"""By name: of the camera, of both sensors, of the LiDAR, of what is between them."""
+"""By name: those of the camera, of both sensors, of the LiDAR, of the alignment of the two."""

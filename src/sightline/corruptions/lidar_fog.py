@@ -36,9 +36,11 @@ _SPREAD_SHAPE: Final = (2.0, 20.0)
 class LidarFog(LidarCorruption):
     """Homogeneous fog: echoes fade, and where the fog's own is the stronger it is taken instead.
 
-    The hard and the soft target of Hahner et al. 2021, with their constants. Added: an echo that is
-    too faint to be found (`faintest_power`) is lost. The fog's echoes lie where its response is the
-    strongest and some metres behind (a beta distribution), never behind the target.
+    The hard and the soft target of Hahner et al. 2021, with their constants. The fog's echoes lie
+    1.8 m on average (a beta distribution) behind the place where its response is strongest.
+
+    Departures: an echo that is too faint to be found (`faintest_power`) is lost; the fog's echoes
+    spread twice as far as in the authors' code, and never lie behind the target.
     """
 
     kind = "lidar_fog"

@@ -1,4 +1,4 @@
-"""LiDARs that lose returns: beams, points at random, what is aside, wedges, blobs."""
+"""LiDARs that lose returns: beams, points at random, the sides of the view, wedges, blobs."""
 
 import math
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _FAR_M = 1e5  # where the camera and the LiDAR look the same way
 class LidarBeams(LidarCorruption):
     """Whole beams are lost; those that stay are spread over the sensor as evenly as may be.
 
-    Of one draw, what few beams keep many keep, too.
+    Of one draw, a larger share keeps all the beams that a smaller one does.
     """
 
     kind = "lidar_beams"
@@ -149,7 +149,7 @@ class LidarCutout(LidarCorruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws the blobs one after the other, so that more of them hold the fewer."""
+        """Draws the blobs one after the other: of one draw, more blobs hold all that fewer do."""
         size = math.ceil(self.share_of_each * len(points))
         places = points[:, :3].numpy()
         rows = np.arange(len(points))

@@ -1,4 +1,4 @@
-"""LiDARs that measure places wrongly: noise on x, y, z; reflectances stay as they are."""
+"""LiDARs that misplace points: noise on x, y, z; reflectances stay as they are."""
 
 from dataclasses import dataclass
 
@@ -61,7 +61,7 @@ class LidarUniformNoise(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarImpulseNoise(LidarCorruption):
-    """Some points are off by a fixed step in each coordinate, forth or back."""
+    """Some points are off by a fixed step in each coordinate, in either direction."""
 
     kind = "lidar_impulse_noise"
 

@@ -96,9 +96,9 @@ class TemporalMisalignment(LidarCorruption):
 
 
 def ego_motion(speed_mps: float, yaw_rate_dps: float, time_s: float) -> Float64[Tensor, "4 4"]:
-    """The LiDAR's pose after a time in its frame at its beginning, on an arc (LiDAR frame)."""
+    """The LiDAR's pose after a time on an arc, in the LiDAR frame of the beginning [m]."""
     yaw = math.radians(yaw_rate_dps) * time_s
-    # Chord of the arc, by sin(x) / x and its kin, which hold where there is no turn.
+    # The arc's end, written with sin(x) / x, which is defined where there is no turn.
     ahead_m = speed_mps * time_s * float(np.sinc(yaw / math.pi))
     aside_m = speed_mps * time_s * math.sin(yaw / 2) * float(np.sinc(yaw / 2 / math.pi))
     then_from_now = torch.eye(4, dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""A camera that adds something of its own to every picture."""
+"""Noise and dead pixels of a camera's sensor."""
 
 from dataclasses import dataclass
 

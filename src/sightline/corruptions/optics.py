@@ -1,4 +1,4 @@
-"""Cameras that do not hold still or are out of focus, and pictures that are stored too small."""
+"""Cameras that shake or are out of focus, and pictures that are compressed too much."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from sightline.corruptions.corruption import (
 )
 from sightline.structures.sample import CameraLidarSample
 
-_FINE = 8  # parts of a pixel's side that a disc is sampled with
+_FINE = 8  # samples per side of a pixel, of a disc
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

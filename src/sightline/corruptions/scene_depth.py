@@ -1,4 +1,4 @@
-"""How far away everything in an image is, as weather needs it: fast, and good to some percent."""
+"""How far away everything in an image is, as weather needs it: fast, and good to a few percent."""
 
 from typing import Literal, NamedTuple
 
@@ -24,9 +24,9 @@ class SceneRanges(NamedTuple):
     """Distances along the camera's rays."""
 
     ranges_m: Float32[np.ndarray, "height width"]
-    """Of the sky a million."""
+    """Along the rays; 1e6 for the sky."""
     source: Literal["depth", "sweep", "flat road"]
-    """What they are from."""
+    """What they were taken from."""
 
 
 def scene_ranges(sample: CameraLidarSample) -> SceneRanges:

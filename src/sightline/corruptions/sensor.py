@@ -14,15 +14,16 @@ class SpinningLidar:
     """A LiDAR whose beams, each at its own elevation, turn about the vertical axis.
 
     Raises:
-        ValueError: There is no beam, elevations do not fall or are no angles, or a range is none.
+        ValueError: There is no beam, the elevations do not fall or are no angles, or a range or the
+            divergence is not finite and positive.
     """
 
     beam_elevations_deg: tuple[float, ...]
     """From the top."""
     max_range_m: float = 120.0
-    """Where a target that reflects 90 % is just seen in clear air."""
+    """At which a target that reflects 90 % is just seen in clear air."""
     min_range_m: float = 0.9
-    """From where on it sees anything."""
+    """Below which it sees nothing."""
     beam_divergence_mrad: float = 3.0
     """Full angle of a beam."""
 

@@ -49,7 +49,8 @@ class Suite:
     """Cases in the order of their table, sound sensors first.
 
     Raises:
-        ValueError: Two cases have one name, or the probabilities do not add up to 1.
+        ValueError: The first case is not `CLEAN`, two cases have one name, or the probabilities do
+            not add up to 1.
     """
 
     name: str
@@ -58,6 +59,11 @@ class Suite:
     def __post_init__(self) -> None:
         """Checks names and probabilities."""
         names = self.case_names
+        if names[:1] != (CLEAN,):
+            raise ValueError(
+                f"suite {self.name} needs sound sensors as its first case, which all others are "
+                f"held against; name that one '{CLEAN}'"
+            )
         if len(set(names)) < len(names):
             raise ValueError(f"suite {self.name} needs a name for each case, got {names}")
         total = sum(case.probability for case in self.cases)

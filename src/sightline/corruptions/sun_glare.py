@@ -96,7 +96,7 @@ class SunGlare(Corruption):
         centre_px: tuple[float, float],
         rng: np.random.Generator,
     ) -> PointsChange:
-        """The sweep without the points in the disc, then the ghosts."""
+        """The sweep without the points in the disc, and with the ghosts after them."""
         pixels = project_points(points[:, :3].double(), sample.calibration).pixels
         distances = torch.linalg.vector_norm(pixels - pixels.new_tensor(centre_px), dim=1)
         # Written so that NaN, the pixel of what is not in front of the camera, is outside.

@@ -38,8 +38,8 @@ _FEWEST_FAR = 50  # returns beyond it, to tell anything by
 class LidarChecks(NamedTuple):
     """What is looked at in a sweep; each number grows as the sweep gets worse.
 
-    All but the last of what lies ahead, in a part that KITTI's reduced sweeps hold like whole ones
-    (`lies_ahead`), whatever camera there is.
+    All but the last look at what lies ahead (`lies_ahead`), a part that KITTI's reduced sweeps hold
+    as completely as whole ones do, whatever camera there is.
     """
 
     sparse: float

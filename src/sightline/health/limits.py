@@ -25,8 +25,8 @@ FALSE_ALARMS: Final = 0.01
 SHIPPED: Final = Path(__file__).with_name("limits.json")
 """Limits fitted on simulated frames; the file says which."""
 
-_UNUSUAL = 0.99  # quantile of sound frames that a check's numbers are measured by
-_OWN_SHARE = 0.1
+_UNUSUAL = 0.99  # quantile of sound frames that a check's spread reaches up to
+_OWN_SHARE = 0.1  # of the least spreads, for limits of the fitted sensors alone
 _FEWEST_FRAMES = 100  # from which one in a hundred can be told
 _MAX_BYTES = 2**20
 
@@ -46,11 +46,12 @@ class CheckRange:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorLimits:
-    """What is usual of all checks of a sensor together."""
+    """What is usual of all checks of one sensor together."""
 
     checks: Mapping[str, CheckRange]
     limit: float
-    """The largest excess of a frame's checks that so many sound frames stay below."""
+    """The largest excess of a frame's checks that all but `FALSE_ALARMS` of the sound frames stay
+    below."""
 
     def judge(self, checks: Checks) -> Health:
         """2 to the power of minus the largest excess over the limit; 0 where it is infinite.
@@ -102,7 +103,7 @@ def fit_limits(
         if not len(told) or not np.isfinite(told).all():
             raise ValueError(
                 f"limits need frames of sound sensors, but check '{name}' tells nothing in any of "
-                "them, or found a sweep without points"
+                "them, or found a sweep without points; name other frames, or leave such ones out"
             )
     median = np.nanmedian(values, axis=0)
     least = np.array(least_spreads) * (1.0 if transfer else _OWN_SHARE)

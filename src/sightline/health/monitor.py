@@ -12,7 +12,7 @@ from sightline.health.yaw_error import EdgeMatch, estimate_yaw, match_edges
 from sightline.structures.health import Health, SampleHealth
 from sightline.structures.sample import CameraLidarSample
 
-_TELLING = 0.2  # score from which edges are the scene's: some beams may be missing
+_TELLING = 0.2  # score from which edges are still the scene's, as with some beams missing
 _ABSENT = Health(score=0.0, worst_check="absent")
 
 
@@ -30,7 +30,11 @@ class HealthMonitor:
     def judge(
         self, sample: CameraLidarSample, earlier: EdgeMatch | None = None
     ) -> tuple[SampleHealth, EdgeMatch | None]:
-        """Likewise, by the edges of earlier frames, too.
+        """The health of a sample, its alignment by the edges of earlier frames, too.
+
+        Args:
+            sample: The sample.
+            earlier: How the edges of earlier frames match. None: by this sample alone.
 
         Returns:
             The health; and how the edges of all these frames match, None where this sample's tell

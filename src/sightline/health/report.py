@@ -23,9 +23,10 @@ class HealthReport:
         return {"frames": [_frame_json(frame) for frame in self.frames]}
 
     def table(self) -> "Table":
-        """A row a frame: scores, the worst check of what is bad, alarms that are on."""
+        """One row per frame: scores, the worst check of what is bad, alarms that are on."""
         from rich.box import SIMPLE_HEAD
         from rich.table import Table
+        from rich.text import Text
 
         count = len(self.frames)
         title = f"health of sensors, {count:,} frame{'s' if count != 1 else ''}"
@@ -41,7 +42,7 @@ class HealthReport:
             judged = (health.camera, health.lidar, health.alignment)
             worst = min((each for each in judged if each), key=lambda each: each.score)
             table.add_row(
-                health.sample_id,
+                Text(health.sample_id),  # a name may hold brackets, which are no markup
                 *map(_score, judged),
                 "-" if health.yaw_deg is None else f"{health.yaw_deg:+.2f}",
                 worst.worst_check if worst.is_alarm else "",

@@ -25,8 +25,8 @@ class HysteresisConfig:
     clear_score: float = 0.55
     """Above `ALARM_SCORE`, so that an alarm does not come and go about one score."""
     memory: float = 0.8
-    """What edges matched before count for in the alignment, from each frame to the next: 0.8 is
-    five frames or so."""
+    """Weight of the edges of earlier frames in the alignment, relative to the latest: 0.8 averages
+    over about five frames. Frames whose edges cannot be matched do not count."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -60,10 +60,11 @@ class Alarm:
             self._in_a_row = 0
             return
         config = self.config
-        if health.score <= config.at_once_score:
-            self._in_a_row = config.raise_after
-        against = health.score >= config.clear_score if self.is_on else health.is_alarm
-        self._in_a_row = self._in_a_row + 1 if against else 0
+        if not self.is_on and health.score <= config.at_once_score:
+            self.is_on, self._in_a_row = True, 0
+            return
+        speaks_against = health.score >= config.clear_score if self.is_on else health.is_alarm
+        self._in_a_row = self._in_a_row + 1 if speaks_against else 0
         needed = config.clear_after if self.is_on else config.raise_after
         if self._in_a_row >= needed:
             self.is_on, self._in_a_row = not self.is_on, 0

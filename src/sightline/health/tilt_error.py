@@ -59,7 +59,7 @@ class TopMatch:
 
 
 class TiltEstimate(NamedTuple):
-    """The LiDAR's turn about its y and x axes that the calibration knows nothing of."""
+    """The LiDAR's turn about its y and x axes that the calibration does not account for."""
 
     pitch_deg: float
     """As `data.faults.TurnedLidar` has it."""

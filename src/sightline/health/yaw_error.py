@@ -58,7 +58,7 @@ class EdgeMatch:
 
 
 class YawEstimate(NamedTuple):
-    """The LiDAR's turn about its z axis that the calibration knows nothing of."""
+    """The LiDAR's turn about its z axis that the calibration does not account for."""
 
     yaw_deg: float
     """Counter-clockwise, as `data.faults.TurnedLidar` has it."""
@@ -168,7 +168,7 @@ def _near_view(
     image_from_lidar: Float64[np.ndarray, "3 4"],
     image_size: tuple[int, int],
 ) -> Float32[np.ndarray, "num_near 4"]:
-    """Those that some turn of the grid brings into the image: of a whole sweep, a quarter."""
+    """Points that some turn of the grid brings into the image: a quarter of a whole sweep."""
     height, width = image_size
     matrix = image_from_lidar.astype(np.float32)
     x, y, depth = matrix[:, :3] @ points[:, :3].T + matrix[:, 3:]

@@ -136,18 +136,14 @@ def run_bench(
     given = read_baseline(settings.baseline)
     healthy = read_healthy(settings.healthy)
     scoring = task.scoring()
-
-    def load(chosen_method: str | None, chosen_weights: str | Path | None) -> Predictor:
-        return task.predictor(  # of several threads PyTorch gives other last digits
-            method=chosen_method, weights=chosen_weights, engine=engine, device=device, threads=1
-        )
-
-    predictors = [load(method, weights)]
+    answering = [(method, weights)]
     if given is None and settings.baseline is not None:
         is_method = settings.baseline in task.methods
-        predictors.append(
-            load(settings.baseline, None) if is_method else load(None, settings.baseline)
-        )
+        answering.append((settings.baseline, None) if is_method else (None, settings.baseline))
+    predictors = [  # of several threads PyTorch gives other last digits
+        task.predictor(method=name, weights=file, engine=engine, device=device, threads=1)
+        for name, file in answering
+    ]
     dataset = open_frames(
         data,
         {*scoring.parts, *(part for each in predictors for part in each.parts)},
@@ -156,15 +152,13 @@ def run_bench(
         velodyne=settings.velodyne,
     )
     scoring.check(dataset)
-    setting = Setting(
-        task=task.name,
-        scoring=scoring.name,
+    setting = setting_of(
+        task,
+        scoring,
+        dataset,
         data=name_of(dataset, data),
         velodyne=settings.velodyne,
-        frames=len(dataset),
-        frames_sha256=digest_names(dataset.sample_ids),
-        figures=scoring.figures,
-        suite=suite.name,
+        suite=suite,
         seed=seed,
     )
     infos = {case.name: describe_case(case) for case in cases}
@@ -176,36 +170,25 @@ def run_bench(
         claim_folder(folder, claim, results=(f"{_ANSWERS}/*",))
     drawer = ExampleDrawer(out=out, frame=shown, scoring=scoring)
     asked = [
-        Asked(
-            predictor=predictor,
-            cases=cases,
-            folder=folder / _ANSWERS,
-            also=drawer if folder == out else None,
-        )
-        for folder, predictor in zip(folders, predictors, strict=True)
+        Asked(predictor=predictor, cases=cases, folder=folder / _ANSWERS, also=also)
+        for folder, predictor, also in zip(folders, predictors, (drawer, None), strict=False)
     ]
-    answer_in_cases(
-        dataset,
-        asked,
-        scoring,
-        seed=seed,
-        workers=settings.workers,
-        description=f"{task.name} in {suite.name}",
-    )
+    description = f"{task.name} in {suite.name}"
+    workers = settings.workers
+    answer_in_cases(dataset, asked, scoring, seed=seed, workers=workers, description=description)
     records = [
         Record(
             method=predictor.name,
             made_by=predictor.made_by,
             setting=setting,
             cases=infos,
-            scores=score_cases(
-                scoring, dataset, folder / _ANSWERS, tuple(infos), folder, settings.workers
-            ),
+            scores=score_cases(scoring, dataset, each / _ANSWERS, tuple(infos), each, workers),
         )
-        for folder, predictor in zip(folders, predictors, strict=True)
+        for each, predictor in zip(folders, predictors, strict=True)
     ]
+    own, *other = records
     report = RobustnessReport(
-        record=records[0], baseline=given or (records[1] if records[1:] else None), healthy=healthy
+        record=own, baseline=given or next(iter(other), None), healthy=healthy
     )
     report.write(out)
     return report
@@ -233,6 +216,40 @@ def check_compared(
         check_baseline(baseline, setting, cases)
     for sensor, record in healthy.items():
         check_healthy(sensor, record, setting)
+
+
+def setting_of(
+    task: BenchTask,
+    scoring: Scoring,
+    dataset: SampleDataset,
+    *,
+    data: str,
+    velodyne: Velodyne,
+    suite: Suite,
+    seed: int,
+) -> Setting:
+    """What a run's scores are of.
+
+    Args:
+        task: Whose methods answer.
+        scoring: By which their answers are scored.
+        dataset: The frames.
+        data: What records call them; see `data_name`.
+        velodyne: The sweeps' folder.
+        suite: Of the cases.
+        seed: Of what they draw.
+    """
+    return Setting(
+        task=task.name,
+        scoring=scoring.name,
+        data=data,
+        velodyne=velodyne,
+        frames=len(dataset),
+        frames_sha256=digest_names(dataset.sample_ids),
+        figures=scoring.figures,
+        suite=suite.name,
+        seed=seed,
+    )
 
 
 def claim_of(

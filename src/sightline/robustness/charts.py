@@ -41,10 +41,15 @@ class Line(NamedTuple):
 
 
 def kept_share(score: float | None, clean: float | None, figure: Figure) -> float | None:
-    """The share of the clean performance that is left, from 0 to 1: what colours tell."""
+    """The share of the clean performance that is left, from 0 to 1: what colours tell.
+
+    None where there is no score, or no clean performance that could be lost.
+    """
     if score is None or clean is None:
         return None
     above, below = (clean, score) if figure.highest is None else (score, clean)
+    if figure.highest is None and score == 0:
+        return 1.0  # without any error, whatever the clean one
     return min(max(above / below, 0.0), 1.0) if below > 0 else None
 
 
@@ -87,9 +92,11 @@ def heat_map(record: Record, figure: Figure, measures: Measures) -> str:
 
 
 def _heat_cell(score: float | None, figure: Figure, clean: float) -> str:
-    share = kept_share(score, clean, figure)
-    if score is None or share is None:
+    if score is None:
         return "<td></td>"
+    share = kept_share(score, clean, figure)
+    if share is None:
+        return f'<td class="cell">{score_text(score, figure)}</td>'
     background, letters = heat_color(share)
     return (
         f'<td class="cell" style="background:{background};color:{letters}" '

@@ -24,7 +24,7 @@ class Example(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ExampleDrawer:
-    """Draws the answers to one frame in every case: which one is shown, all of a run decide."""
+    """Draws the answers to one frame in every case, among the answers to all frames of a run."""
 
     out: Path
     """Folder of the run."""

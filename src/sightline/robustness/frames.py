@@ -48,7 +48,8 @@ def open_frames(
         dataset = open_dataset(data, **given, needs=wanted)
         if isinstance(dataset, KittiObjectDataset | RecordingDataset):
             return dataset
-        return open_dataset(data, **given)  # without gaps: where they are, nothing tells
+        # Without gaps: other data sets do not tell beforehand which frames lack what.
+        return open_dataset(data, **given)
 
     needed: set[Part] = set(parts)
     dataset = opened(needed)

@@ -67,13 +67,13 @@ class Setting:
 
     @property
     def of_clean_frames(self) -> dict[str, object]:
-        """As far as clean scores hang on it."""
+        """Those fields that clean scores depend on."""
         plain = asdict(self)
         return {name: plain[name] for name in plain if name not in ("suite", "seed")}
 
 
 def digest_names(names: Sequence[str]) -> str:
-    """Of the frames of a run."""
+    """SHA-256 of the names of a run's frames, in order."""
     return hashlib.sha256("\n".join(names).encode()).hexdigest()
 
 
@@ -139,15 +139,22 @@ def read_record(path: Path) -> Record:
     Raises:
         FileError: It is no such file.
     """
+    text = read_text(path)
     try:
-        content = json.loads(read_text(path))
-        record = _parse(content)
-    except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
+        record = _parse(json.loads(text))
+    except (
+        KeyError,
+        TypeError,
+        AttributeError,
+        ValueError,
+        OverflowError,
+        RecursionError,
+    ) as error:
         reason = shortened(" ".join(str(error).split())) or type(error).__name__
         raise FileError(path, f"is no record of a robustness run ({reason})", _REMEDY) from error
     for name in record.cases:
-        lacking = [each.name for each in record.setting.figures if each.name not in
-                   record.scores.get(name, {})]  # fmt: skip
+        scores = record.scores.get(name, {})
+        lacking = [each.name for each in record.setting.figures if each.name not in scores]
         if lacking:
             raise FileError(path, f"has no {lacking[0]} of case {shortened(name)}", _REMEDY)
     return record
@@ -161,22 +168,38 @@ def _parse(content: dict[str, Any]) -> Record:
         velodyne=str(content["velodyne"]),
         frames=int(content["frames"]),
         frames_sha256=str(content["frames_sha256"]),
-        figures=tuple(Figure(**each) for each in content["figures"]),
+        figures=tuple(map(_parse_figure, content["figures"])),
         suite=str(content["suite"]),
         seed=int(content["seed"]),
     )
-    cases = {
-        name: CaseInfo(**{**case, "sensors": tuple(case["sensors"])})
-        for name, case in content["cases"].items()
-    }
-    scores = {
-        case: {name: None if score is None else float(score) for name, score in row.items()}
-        for case, row in content["scores"].items()
-    }
     return Record(
         method=str(content["method"]),
         made_by=dict(content["made_by"]),
         setting=setting,
-        cases=cases,
-        scores=scores,
+        cases={name: _parse_case(case) for name, case in content["cases"].items()},
+        scores={
+            case: {name: None if score is None else float(score) for name, score in row.items()}
+            for case, row in content["scores"].items()
+        },
+    )
+
+
+def _parse_figure(content: dict[str, Any]) -> Figure:
+    highest = content["highest"]
+    return Figure(
+        name=str(content["name"]),
+        title=str(content["title"]),
+        unit=str(content["unit"]),
+        highest=None if highest is None else float(highest),
+    )
+
+
+def _parse_case(content: dict[str, Any]) -> CaseInfo:
+    severity = content["severity"]
+    return CaseInfo(
+        title=str(content["title"]),
+        kind=str(content["kind"]),
+        severity=None if severity is None else int(severity),
+        sensors=tuple(content["sensors"]),
+        parameters=dict(content["parameters"]),
     )

@@ -16,8 +16,9 @@ from sightline.robustness.bench import (
     claim_of,
     read_baseline,
     read_healthy,
+    setting_of,
 )
-from sightline.robustness.record import Record, Setting, describe_case, digest_names
+from sightline.robustness.record import Record, describe_case
 from sightline.robustness.report import RobustnessReport
 from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import Scoring
@@ -73,15 +74,13 @@ def score_results(
     )
     scoring.check(dataset)
     _check_complete(results, chosen, dataset, scoring)
-    setting = Setting(
-        task=task.name,
-        scoring=scoring.name,
+    setting = setting_of(
+        task,
+        scoring,
+        dataset,
         data=made_with["data"],
         velodyne=made_with["velodyne"],
-        frames=len(dataset),
-        frames_sha256=digest_names(dataset.sample_ids),
-        figures=scoring.figures,
-        suite=suite.name,
+        suite=suite,
         seed=made_with["seed"],
     )
     infos = {case.name: describe_case(case) for case in chosen}

@@ -46,7 +46,7 @@ class PosedFrame(NamedTuple):
     sample: "CameraLidarSample"
     """Of sound sensors: what is corrupted and then given."""
     truth: Any
-    """The task's own, where scores are taken frame by frame; None else."""
+    """The task's own, where scores are taken frame by frame; otherwise None."""
 
 
 class Answered(NamedTuple):

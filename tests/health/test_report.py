@@ -1,0 +1,57 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from sightline.health.report import HealthReport
+from sightline.structures.health import Alarms, FrameHealth, Health, SampleHealth
+
+SOUND = Health(score=0.9, worst_check="dark")
+FRAME = FrameHealth(
+    health=SampleHealth(
+        sample_id="drive [red] 7",
+        camera=SOUND,
+        lidar=Health(score=0.1, worst_check="holes"),
+        alignment=None,
+        yaw_deg=None,
+        camera_regions=np.zeros((1, 2), dtype=np.bool_),
+        lidar_regions=np.array([[False, True]]),
+        blind_sectors=np.array([False, True, True]),
+    ),
+    alarms=Alarms(camera=False, lidar=True, alignment=False),
+)
+
+
+def printed(*frames):
+    console = Console(width=200)
+    with console.capture() as captured:
+        console.print(HealthReport(frames=frames).table())
+    return captured.get()
+
+
+def test_a_frame_is_a_row_whatever_its_name():
+    said = printed(FRAME)
+    assert said.startswith("health of sensors, 1 frame ")
+    row = next(line.split() for line in said.splitlines() if "drive [red] 7" in line)
+    assert row[3:] == ["0.90", "0.10", "-", "-", "holes", "LiDAR"]
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_drives_of_any_length_are_printed(count):
+    assert f"{count} frames" in printed(*[FRAME] * count)
+
+
+def test_what_is_written_is_json_that_says_where_sensors_are_bad():
+    turned = replace(FRAME.health, alignment=SOUND, yaw_deg=-0.25)
+    frames = (FRAME, replace(FRAME, health=turned))
+    first, second = json.loads(json.dumps(HealthReport(frames=frames).to_json()))["frames"]
+    assert first["lidar"] == {"score": 0.1, "worst_check": "holes"}
+    assert first["alignment"] is None
+    assert first["lidar_regions"] == {"shape": [1, 2], "bad": [[0, 1]]}
+    assert first["blind_sectors"] == [1, 2]
+    assert (second["alignment"], second["yaw_deg"]) == (
+        {"score": 0.9, "worst_check": "dark"},
+        -0.25,
+    )
