@@ -156,6 +156,13 @@ def test_the_resolved_settings_are_shown(recipes, capsys):
         (["--config", "toy", "--checkpoint_every_n_steps", "0"], "must be at least 1, got 0"),
         (["--config", "toy", "--ckpt_path", "last"], "there is no checkpoint runs/toy/last.ckpt"),
         (["--config", "toy", "--model", "tests.training.toy.Nothing"], "Nothing"),
+        (["--config", "toy", "--model.optimizer.learning_rate", "null"],
+         "^model.init_args.optimizer.learning_rate must not be null; give it a value, or leave"),
+        (["--config", "toy", "--model.init_args.optimizer=null"], "args.optimizer must not be nul"),
+        (["--config", "toy", "--data.batch_size", "null"], "args.batch_size must not be null"),
+        (["--config", "toy", "--data.validation", "null"], "args.validation must not be null"),
+        (["--config", "toy", "--data.training", "[{path: ., repeat: null}]"],
+         "args.training.repeat must not be null"),
         ([], "model"),
     ],
 )  # fmt: skip
