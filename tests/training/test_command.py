@@ -128,11 +128,12 @@ def test_weights_files_can_be_tested_without_a_run(recipes):
     assert reports[0] == reports[1]
 
 
-def test_the_resolved_settings_are_shown(recipes, capsys):
+@pytest.mark.parametrize(
+    "named", [["--config", "toy"], ["--config=toy"], ["-c", "toy"], ["-c=toy"]]
+)
+def test_the_resolved_settings_are_shown(recipes, capsys, named):
     with pytest.raises(SystemExit) as end:
-        run_training(
-            "fit", ["--config", "toy", "--data.batch_size", "3", "--print_config"], recipes
-        )
+        run_training("fit", [*named, "--data.batch_size", "3", "--print_config"], recipes)
     assert end.value.code in (None, 0)
     shown = yaml.safe_load(capsys.readouterr().out)
     assert shown["data"]["init_args"]["batch_size"] == 3
