@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from sightline.cli.main import main
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.evaluation.kitti_scenes import Line, text_of, write_frames
 
 CAR = Line(z=15)
@@ -65,12 +66,16 @@ def test_files_never_replace_each_other_or_what_is_scored(folders, tmp_path, cap
     same = str(tmp_path / "same")
     assert main(["evaluate", "objects", *folders, "--csv", same, "--markdown", same]) == 2
     assert f"--csv and --markdown both name {same}" in capsys.readouterr().err
+    for command in (["evaluate", "calibration", *folders], ["health", str(PACKAGED_FRAMES)]):
+        assert main([*command, "--json", same, "--picture", same]) == 2
+        assert f"--json and --picture both name {same}" in capsys.readouterr().err
     for folder in folders:
         result = Path(folder) / "000000.txt"
         before = result.read_bytes()
-        assert main(["evaluate", "objects", *folders, "--json", str(result)]) == 2
-        assert "one of the files that are to be scored" in capsys.readouterr().err
-        assert result.read_bytes() == before
+        for what in ("objects", "calibration"):
+            assert main(["evaluate", what, *folders, "--json", str(result)]) == 2
+            assert "one of the files that are to be scored" in capsys.readouterr().err
+            assert result.read_bytes() == before
     beside = Path(folders[0]) / "objects.json"
     for _ in range(2):  # a report beside them may be written anew
         command = ["evaluate", "objects", *folders, "--missing-as-empty"]

@@ -205,8 +205,10 @@ def test_calibrators_without_results_to_fit_on_are_refused(street):
 
 def test_results_are_not_overwritten_and_only_fitted_calibrators_are_applied(street, tmp_path):
     report = evaluate_calibration(street, fit_on=street, calibrators=("platt",))
-    with pytest.raises(ValueError, match="name another folder"):
+    with pytest.raises(ValueError, match="results to be calibrated: name another folder"):
         write_calibrated(street, street.results_dir, report, "platt")
+    with pytest.raises(ValueError, match="holds the labels: name another folder"):
+        write_calibrated(street, street.labels_dir, report, "platt")
     with pytest.raises(ValueError, match="no calibrator isotonic was fitted"):
         write_calibrated(street, tmp_path / "out", report, "isotonic")
 

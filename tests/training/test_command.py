@@ -128,11 +128,12 @@ def test_weights_files_can_be_tested_without_a_run(recipes):
     assert reports[0] == reports[1]
 
 
-def test_the_resolved_settings_are_shown(recipes, capsys):
+@pytest.mark.parametrize(
+    "named", [["--config", "toy"], ["--config=toy"], ["-c", "toy"], ["-c=toy"]]
+)
+def test_the_resolved_settings_are_shown(recipes, capsys, named):
     with pytest.raises(SystemExit) as end:
-        run_training(
-            "fit", ["--config", "toy", "--data.batch_size", "3", "--print_config"], recipes
-        )
+        run_training("fit", [*named, "--data.batch_size", "3", "--print_config"], recipes)
     assert end.value.code in (None, 0)
     shown = yaml.safe_load(capsys.readouterr().out)
     assert shown["data"]["init_args"]["batch_size"] == 3
@@ -156,6 +157,13 @@ def test_the_resolved_settings_are_shown(recipes, capsys):
         (["--config", "toy", "--checkpoint_every_n_steps", "0"], "must be at least 1, got 0"),
         (["--config", "toy", "--ckpt_path", "last"], "there is no checkpoint runs/toy/last.ckpt"),
         (["--config", "toy", "--model", "tests.training.toy.Nothing"], "Nothing"),
+        (["--config", "toy", "--model.optimizer.learning_rate", "null"],
+         "^model.init_args.optimizer.learning_rate must not be null; give it a value, or leave"),
+        (["--config", "toy", "--model.init_args.optimizer=null"], "args.optimizer must not be nul"),
+        (["--config", "toy", "--data.batch_size", "null"], "args.batch_size must not be null"),
+        (["--config", "toy", "--data.validation", "null"], "args.validation must not be null"),
+        (["--config", "toy", "--data.training", "[{path: ., repeat: null}]"],
+         "args.training.repeat must not be null"),
         ([], "model"),
     ],
 )  # fmt: skip

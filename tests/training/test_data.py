@@ -135,6 +135,23 @@ def test_sources_of_every_kind_mix_and_repeats_weigh_them(tmp_path):
     assert sorted(seen) == sorted(["000003", "000003", "000007", "000007", "0000000000", depth])
 
 
+@pytest.mark.parametrize("is_absolute", [False, True])
+@pytest.mark.parametrize("split", ["", "training"])
+def test_no_frame_is_both_trained_and_validated_on_however_its_folder_is_named(
+    frames, split, is_absolute
+):
+    base = frames if is_absolute else Path()
+    trained = SourceConfig(path=Path(), sample_list="train")
+    validated = SourceConfig(path=base / split, sample_list="val")
+    data = toy.data(frames, training=(trained,), validation=(validated,), batch_size=1)
+    names = [
+        {name for batch in loader for name in batch.sample_ids}
+        for loader in (data.train_dataloader(), data.val_dataloader())
+    ]
+    assert [len(each) for each in names] == [8, 1]
+    assert names[0].isdisjoint(names[1])
+
+
 def test_repeats_do_not_count_outside_of_training(frames):
     source = SourceConfig(path=Path(), repeat=3)
     data = toy.data(frames, validation=(source,), test=(source,))

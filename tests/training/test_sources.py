@@ -96,7 +96,15 @@ def test_classes_that_no_frame_shows_are_refused(tree):
     write_label(tree, 2, "Car", "Van")
     with pytest.raises(ValueError, match=r"tree has an object of .* Bike; its labels have Car"):
         showing(tree, "Bike")
+    for number in range(12):
+        write_label(tree, number)
     with pytest.raises(ValueError, match="its labels have none"):
+        showing(tree, "Car")
+
+
+def test_classes_are_refused_where_the_task_reads_no_labels(tree):
+    write_label(tree, 2, "Car")
+    with pytest.raises(ValueError, match="Car needs labels, which this task does not read; leave"):
         showing(tree, "Car", parts=PARTS)
 
 
@@ -111,7 +119,7 @@ def test_a_recordings_labels_choose_as_well(tmp_path):
 def test_data_without_labels_cannot_be_chosen_by_class(tmp_path):
     drive = trees.write_drive(tmp_path / "drive")
     with pytest.raises(ValueError, match="no labels to look for Car in; leave out with_classes"):
-        showing(drive, "Car", parts=PARTS)
+        showing(drive, "Car")
 
 
 def test_sweeps_are_found_whole_or_cut_to_the_image(tree):

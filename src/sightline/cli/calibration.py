@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from sightline.cli.report import check_writable, deliver
-from sightline.data.atomic import check_replaceable
+from sightline.cli.report import check_places, check_writable_folder, deliver
 
 if TYPE_CHECKING:
     from sightline.evaluation.calibration_report import CalibrationReport
@@ -46,7 +45,7 @@ def evaluate_calibration(
         target: What calibrators predict: whether a detection is true, or its overlap.
         metric: Overlap in the image, of bird's-eye rectangles, or of boxes in space.
         difficulty: KITTI's; harder objects are ignored: finding one counts neither as right nor as
-        wrong.
+            wrong.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
         bins: How many, of equal width over the scores.
         min_score: Detections of a lower score are left out.
@@ -54,7 +53,10 @@ def evaluate_calibration(
         picture: PNG for the reliability diagrams.
         json: File for the whole report.
     """
-    check_writable(json)
+    folders = (results, labels, *(each for each in (fit_results, fit_labels) if each is not None))
+    check_places({"--json": json}, scored=folders)
+    check_places({"--json": json, "--picture": picture}, scored=())  # may be drawn anew beside them
+    check_writable_folder(out)
     if out is not None and (fit_results is None or calibrator == "all"):
         raise ValueError("--out needs --fit-results and one --calibrator, whose scores are written")
     if fit_results is None and (calibrator != "all" or fit_labels or fit_list):
@@ -62,8 +64,6 @@ def evaluate_calibration(
             "--calibrator, --fit-labels and --fit-list say how to fit; name what to fit on as well "
             "(--fit-results)"
         )
-    if picture is not None:
-        check_replaceable(picture)
     from sightline.evaluation.calibration import (
         CalibrationSettings,
         ScoredFrames,

@@ -179,8 +179,8 @@ def realism_command(
     Args:
         simulated: KITTI object tree that `simulate` wrote.
         real: KITTI object tree of real frames.
-        labels: Folder of more real label files, whose objects are compared instead, with the
-            folder calib beside it.
+        labels: Folder of more real label files, whose objects are compared instead of those of
+            REAL.
         json: File for the whole table.
     """
     check_writable(json)

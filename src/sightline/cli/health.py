@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from sightline.cli.report import check_writable, deliver
-from sightline.data.atomic import check_replaceable
+from sightline.cli.report import check_places, check_writable, deliver
 from sightline.data.object_tree import Part, Velodyne
 
 
@@ -33,9 +32,7 @@ def health(
         picture: PNG for the time line and for where sensors were bad.
         json: File for all scores, the worst checks, alarms and regions.
     """
-    check_writable(json)
-    if picture is not None:
-        check_replaceable(picture)
+    check_places({"--json": json, "--picture": picture}, scored=())
     from sightline.data.image_file import write_rgb
     from sightline.data.open import open_dataset
     from sightline.data.progress import track

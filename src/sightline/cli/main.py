@@ -98,7 +98,7 @@ def submission(results: Path, out: Path, *, sample_list: str | None = None) -> N
             found.
         out: Archive to write, .zip.
         sample_list: The frames that must be there: a list in ImageSets beside the folder or a text
-        file with one name a line. Default: all that have a file.
+            file with one name a line. Default: all that have a file.
     """
     from sightline.data.submission import write_submission
 

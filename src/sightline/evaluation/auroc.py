@@ -16,7 +16,8 @@ def auroc(
         positives: How many stand at each level, the lowest first.
         negatives: Likewise; together fewer than 2**31 each, so that the pairs can be counted.
 
-    Returns: 0.5 where the number says nothing; None where a group is empty.
+    Returns:
+        0.5 where the number says nothing; None where a group is empty.
     """
     num_pairs = int(positives.sum()) * int(negatives.sum())
     if num_pairs == 0:

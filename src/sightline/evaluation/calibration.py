@@ -142,10 +142,15 @@ def write_calibrated(
         Number of files.
 
     Raises:
-        ValueError: The folder is that of the results, or the calibrator was not fitted.
+        ValueError: The folder is that of the results or of the labels, or the calibrator was not
+            fitted.
     """
-    if out.resolve() == data.results_dir.resolve():
-        raise ValueError(f"{out} holds the results to be calibrated: name another folder")
+    for folder, what in (
+        (data.results_dir, "results to be calibrated"),
+        (data.labels_dir, "labels"),
+    ):
+        if out.resolve() == folder.resolve():
+            raise ValueError(f"{out} holds the {what}: name another folder")
     of_class = {
         entry.class_name.lower(): entry.calibrators[calibrator]
         for entry in report.entries

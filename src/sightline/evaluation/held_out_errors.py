@@ -34,7 +34,7 @@ def held_out_errors(
         prediction: Of the frame's image size.
         place: What errors call the frame, e.g. "sample 000001 with 64 beams".
         zero_where_nothing: Whether a map without any depth counts as 0 m everywhere, so that its
-        error is the truth itself; otherwise it is refused.
+            error is the truth itself; otherwise it is refused.
 
     Raises:
         ValueError: The map is of another size, or has a depth that is not finite, or none at all.

@@ -30,7 +30,7 @@ def make_street(
     Args:
         rng: Where all randomness comes from; the same state gives the same street.
         duration_s: For how long the ego will drive. Nobody runs into anybody until then, and the
-        street is long enough.
+            street is long enough.
         kind: What kind of street; None draws it.
         hard: Whether it is fuller and hillier than usual, so that more is far away and hidden.
     """

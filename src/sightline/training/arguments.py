@@ -109,9 +109,9 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
             path = _find_recipe(argument, recipes)
             resolved.append(str(path))
             name = path.stem
-        elif equals and option == "--config":
+        elif equals and option in ("--config", "-c"):
             path = _find_recipe(value, recipes)
-            resolved.append(f"{option}={path}")
+            resolved.append(f"--config={path}")
             name = path.stem
         else:
             resolved.append(argument)

@@ -27,7 +27,7 @@ from sightline.training.sampling import (
     ScoringBatches,
     TrainingBatches,
 )
-from sightline.training.sources import SourceConfig, open_source
+from sightline.training.sources import SourceConfig, data_tree, open_source
 
 _OF_UPDATE = 1  # in a batch's seed, which is that of its first sample but for this
 _OF_TRAINING = 2  # likewise in the whole training's
@@ -308,13 +308,13 @@ class CameraLidarData(lightning.LightningDataModule):
         if not sources:
             raise ValueError(f"there is nothing to take {name} samples from; set data.{name}")
         validated = {
-            source.path
+            data_tree(source, self.root)
             for source in (*self.sources["validation"], *self.sources["test"])
             if source.sample_list == "val"
         }
         datasets = []
         for source in sources:
-            divides = source.path in validated
+            divides = data_tree(source, self.root) in validated
             try:
                 dataset = open_source(source, self.root, self.preparation.parts, divides=divides)
             except ValueError as error:

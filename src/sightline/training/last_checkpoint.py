@@ -62,7 +62,7 @@ class LastCheckpoint(Checkpoint):
             trainer.fit_loop.epoch_loop.max_steps += 1
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Ends that leave."""
+        """Takes the extra step of `on_fit_start` back."""
         del pl_module
         if self._resumed_owing_at is not None and self._resumed_owing_at == trainer.max_steps - 1:
             trainer.fit_loop.epoch_loop.max_steps -= 1

@@ -24,6 +24,7 @@ from sightline.training.callbacks import LogShortRuns, checkpoint_callbacks
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
 from sightline.training.module import TrainingModule
+from sightline.training.nulls import check_nulls
 from sightline.training.progress import RunProgress
 from sightline.training.quiet import quiet_lightning
 from sightline.training.run_folder import claimed
@@ -177,8 +178,10 @@ class _TrainingCLI(LightningCLI):
         """Does nothing: our checkpoints hold no arguments."""
 
     def before_instantiate_classes(self) -> None:
-        """Finds the checkpoint, and refuses a run that would overwrite another."""
+        """Finds the checkpoint; refuses misplaced nulls, and a run that would overwrite another."""
         config = self.config[self.subcommand]
+        for component in ("model", "data"):
+            check_nulls(component, config[component])
         folder: Path = config["run_folder"]
         self._run.folder = folder
         given: str | None = config["ckpt_path"]

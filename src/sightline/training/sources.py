@@ -32,7 +32,6 @@ class SourceConfig:
     """Folder of the sweeps in an object tree. None: velodyne, or else velodyne_reduced."""
     repeat: int = 1
     """How often each frame comes in an epoch: the weight of this source beside others."""
-
     with_classes: tuple[str, ...] = ()
     """Only frames whose labels have an object of one of these classes, as KITTI's files call them:
     a source of its own, repeated, brings rare ones more often. (): all."""
@@ -41,6 +40,12 @@ class SourceConfig:
         """Checks the range."""
         if self.repeat < 1:
             raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
+
+
+def data_tree(source: SourceConfig, root: Path) -> Path:
+    """The folder of a source, one path for however it is named: a tree is that of its training."""
+    path = (root / source.path).resolve()
+    return path.parent if path.name == "training" else path
 
 
 def open_source(
@@ -55,7 +60,7 @@ def open_source(
         divides: Whether its folder is to be validated on too.
 
     Raises:
-        ValueError: There is no such data, or it lacks files.
+        ValueError: There is no such data, it lacks files, or `with_classes` finds no frame.
     """
     path = root / source.path
     velodyne = source.velodyne or find_velodyne(path)
@@ -78,6 +83,11 @@ def open_source(
                 f"{path} holds {len(everything)} frames, too few to train and to validate on; take "
                 "more, or set the sample_list of the sources to null"
             )
+    if source.with_classes and "objects" not in parts:
+        raise ValueError(
+            f"with_classes {', '.join(source.with_classes)} needs labels, which this task does not "
+            "read; leave with_classes out"
+        )
     dataset = open_dataset(path, sample_list=frames, velodyne=velodyne, parts=parts)
     return _frames_with(dataset, source.with_classes, path) if source.with_classes else dataset
 

@@ -1,0 +1,58 @@
+"""Refuses nulls in settings: jsonargparse takes them for any setting of a configuration."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
+from pydoc import locate
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from jsonargparse import Namespace
+
+
+def check_nulls(component: str, settings: Namespace | None) -> None:
+    """Refuses nulls of settings that must have a value.
+
+    Args:
+        component: What is set, as on the command line: model or data.
+        settings: Its class_path and init_args. Settings of unknown types are not looked at.
+
+    Raises:
+        ValueError: A setting is null that must not be.
+    """
+    misplaced = next(_misplaced(Any, settings, component), None)
+    if misplaced is not None:
+        raise ValueError(f"{misplaced} must not be null; give it a value, or leave it out")
+
+
+def _misplaced(kind: Any, value: object, name: str) -> Iterator[str]:  # noqa: ANN401 - a type
+    """Names of the settings within a value, or of itself, that are null and must not be."""
+    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if value is None:
+        if not any(each in (NoneType, Any, object) for each in kinds):
+            yield name
+    elif isinstance(value, Namespace):
+        types = _types(value, kinds)
+        if "class_path" in value:
+            value, name = value.get("init_args"), f"{name}.init_args"
+        for key, inner in vars(value).items() if value else ():
+            yield from _misplaced(types.get(key, Any), inner, f"{name}.{key}")
+    elif isinstance(value, list | tuple):
+        items = next((get_args(each) for each in kinds if _is_sequence(each)), ()) or (Any,)
+        for inner in value:
+            yield from _misplaced(items[0], inner, name)
+
+
+def _types(value: Namespace, kinds: Sequence[Any]) -> Mapping[str, Any]:
+    """Types of what a class or a dataclass takes, by name; none where they cannot be told."""
+    if "class_path" in value:
+        described = getattr(locate(value["class_path"]), "__init__", None)
+    else:
+        described = next(filter(is_dataclass, kinds), None)
+    try:
+        return get_type_hints(described)
+    except (NameError, TypeError):  # types that are imported for type checkers alone; no types
+        return {}
+
+
+def _is_sequence(kind: object) -> bool:
+    return get_origin(kind) in (Sequence, list, tuple)
