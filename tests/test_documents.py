@@ -68,6 +68,14 @@ def test_a_command_of_the_documents_parses(words, commands):
         assert parse(words, commands).subcommand == words[0]
 
 
+@pytest.mark.parametrize(
+    "words", [each for each in COMMANDS if each[0] == "robustness"], ids=" ".join
+)
+def test_a_bench_of_the_documents_has_a_folder_that_no_list_swallows(words, commands):
+    given = parse(words, commands).robustness
+    assert (given.out_folder is None) == (given.compare is not None)
+
+
 def test_a_command_that_does_not_parse_is_noticed(commands, capsys):
     with pytest.raises(SystemExit):
         parse(("predict", "detection2d", "KITTI", "found", "--doors", "doors"), commands)

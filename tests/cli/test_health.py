@@ -2,9 +2,11 @@ import json
 import shutil
 
 import cv2
+import numpy as np
 import pytest
 
 from sightline.cli.main import main
+from sightline.data.velodyne import read_sweep, write_sweep
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 
@@ -34,6 +36,22 @@ def test_a_sensor_that_delivered_nothing_is_a_result(tmp_path, capsys, sensor, f
     assert frames[1]["alignment"] is None
     assert frames[1]["alarms"] == {**frames[0]["alarms"], sensor: True}
     assert "absent" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("thinned", "is_told"), [(("000000", "000001"), True), (("000000",), False)]
+)
+def test_limits_of_other_beams_are_told_where_all_sweeps_have_fewer_rings(
+    tmp_path, recwarn, thinned, is_told
+):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "KITTI")
+    for name in thinned:
+        path = tmp_path / "KITTI" / "training" / "velodyne" / f"{name}.bin"
+        points = read_sweep(path)
+        ring = np.cumsum(np.diff(np.arctan2(points[:, 1], points[:, 0]), prepend=0) < -1)
+        write_sweep(path, points[ring % 2 == 0])
+    assert main(["health", str(tmp_path / "KITTI")]) == 0
+    assert any("limits of your own" in str(each.message) for each in recwarn.list) == is_told
 
 
 @pytest.mark.parametrize(

@@ -257,6 +257,23 @@ def test_images_and_clouds_of_different_names_are_told_once(tmp_path):
     assert problem.remedy == "give the files of a frame one name"
 
 
+def test_an_image_or_a_cloud_that_another_of_its_name_hides_is_told_by_check(tmp_path):
+    write_recording(tmp_path, ("1", "2"))
+    (tmp_path / "images" / "1.jpeg").write_bytes(b"")
+    (tmp_path / "points" / "2.bin").write_bytes(b"")  # an empty sweep, taken before 2.pcd
+    problems = list(check_tree(tmp_path))
+    assert [problem.path.name for problem in problems] == ["1.jpeg", "2.pcd"]
+    assert problems[1].problem == "is not read, as 2.bin has its name, too"
+
+
+def test_frames_of_one_sensor_each_are_no_misnamed_ones_where_others_have_both(tmp_path, recwarn):
+    write_recording(tmp_path, ("both", "dark", "deaf"))
+    next((tmp_path / "images").glob("dark.*")).unlink()
+    next((tmp_path / "points").glob("deaf.*")).unlink()
+    assert len(open_dataset(tmp_path, sample_list=("dark", "deaf"), needs=())) == 2
+    assert not recwarn.list
+
+
 def test_a_recording_without_a_calibration_is_known_as_one(tmp_path):
     write_recording(tmp_path, ("a",))
     (tmp_path / "calibration.yaml").unlink()

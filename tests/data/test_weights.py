@@ -109,6 +109,13 @@ def test_what_is_no_weights_file_is_refused_in_one_line(tmp_path, content):
     assert "cannot be read as safetensors" in refused(path) or "does not tell" in refused(path)
 
 
+@pytest.mark.parametrize("name", ["a.onnx", "a.xml"])
+def test_an_exported_network_is_told_from_a_damaged_file(tmp_path, name):
+    (tmp_path / name).write_bytes(b"whatever")
+    with pytest.raises(ValueError, match="exported for other programs; give the weights"):
+        read_weights(tmp_path / name)
+
+
 def test_a_file_that_was_cut_short_is_refused_wherever_it_ends(tmp_path):
     path = tmp_path / "weights.safetensors"
     write_weights(path, TENSORS, **DESCRIPTION)

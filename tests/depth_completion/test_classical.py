@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from sightline.depth_completion.classical import ClassicalConfig, classical_depth
 from tests.depth_completion.sparse_maps import IMAGE, random_maps
 from tests.reference import morphology as reference
+from tests.settings import set_unchecked
 
 blurs = st.sampled_from(["gaussian", "bilateral"])
 
@@ -77,3 +78,8 @@ def test_an_empty_map_of_full_size_stays_empty():
     dense = classical_depth(np.zeros(IMAGE, np.float32))
     assert not dense.depth_m.any()
     assert not dense.valid.any()
+
+
+def test_a_blur_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match="blur must be gaussian or bilateral, got 'median'"):
+        set_unchecked(ClassicalConfig(), blur="median")

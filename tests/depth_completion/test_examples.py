@@ -15,6 +15,7 @@ from sightline.depth_completion.examples import (
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.settings import set_unchecked
 
 ALL_FAULTS = ExampleConfig(
     truth="both",
@@ -169,7 +170,9 @@ def test_a_crop_larger_than_the_image_is_refused_with_both_sizes(sample):
     [
         ({"beams": ()}, "beams must name some of 64, 32, 16, 8"),
         ({"beams": (64, 12)}, "beams must name some of"),
-        ({"farthest_m": 300.0}, "farthest_m must be from 0 to 256"),
+        ({"farthest_m": 300.0}, "farthest_m must be above 0 and at most 256"),
+        ({"farthest_m": 0.0}, "farthest_m must be above 0"),
+        ({"crop_size": (-8, 64)}, r"crop_size must be at least 1 x 1 .* got \(-8, 64\)"),
         ({"augmentation": {"outliers": 1.5}}, "outliers must be from 0 to 1"),
         ({"augmentation": {"lidar_occlusion": -0.1}}, "lidar_occlusion must be from 0 to 1"),
         ({"augmentation": {"yaw_error_deg": -1.0}}, "yaw_error_deg must be from 0 to 90"),
@@ -180,3 +183,8 @@ def test_settings_out_of_range_are_refused(wrong, message):
     of_both.pop("augmentation", None)
     with pytest.raises(ValueError, match=message):
         ExampleConfig(augmentation=AugmentationConfig(**of_training), **of_both)
+
+
+def test_a_truth_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match="truth must be one of depth, held_out, both, got 'rings'"):
+        set_unchecked(ExampleConfig(), truth="rings")

@@ -12,6 +12,7 @@ from sightline.depth_completion.config import (
     TrunkConfig,
 )
 from sightline.depth_completion.model import DepthCompletionNet
+from tests.settings import set_unchecked
 
 PAPER = DepthCompletionConfig(
     shift_conv=ShiftConvConfig(channels=9, layers=2),
@@ -274,3 +275,21 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
 def test_wrong_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         DepthCompletionConfig(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "wrong", "message"),
+    [
+        (
+            DepthCompletionConfig(),
+            {"stem_fusion": "mean"},
+            "^stem_fusion must be one of sum, concatenate, got 'mean'",
+        ),
+        (DepthCompletionConfig(), {"trunk_stride": 3}, "trunk_stride must be one of 1, 2, 4"),
+        (TrunkConfig(), {"exchange": "some"}, "trunk.exchange must be one of all, neighbours"),
+        (ShiftConvConfig(), {"stride": 8}, "shift_conv.stride must be one of 1, 2, 4, got 8"),
+    ],
+)
+def test_choices_that_there_are_not_are_refused(settings, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        set_unchecked(settings, **wrong)

@@ -168,6 +168,15 @@ def test_inputs_that_make_no_sense_are_refused_in_one_line(weights, sparse, imag
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("shape", [(5, 2), (5,), (1, 5, 4)])
+def test_points_without_coordinates_are_refused_with_their_shape(weights, shape):
+    predictor = DepthPredictor.load(weights)
+    with pytest.raises(
+        ValueError, match=rf"shape \({shape[0]},.*expected a row for each with x, y"
+    ):
+        predictor.complete_points(np.ones(shape), small_calibration(), IMAGE_SIZE)
+
+
 @pytest.mark.parametrize("was_used", [False, True])
 def test_a_predictor_survives_pickling(filled_weights, was_used):
     sparse, image = random_frame(15, 20)

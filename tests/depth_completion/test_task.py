@@ -18,7 +18,7 @@ from sightline.depth_completion.pictures import training_picture
 from sightline.depth_completion.task import DepthCompletion
 from sightline.evaluation.depth_scores import score_depth
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from sightline.training.module import OptimizerConfig
+from sightline.training.optimizer import OptimizerConfig
 from sightline.training.quiet import LIGHTNING_NOISE
 
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE]

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from sightline.data.weights import write_weights
-from sightline.detection2d.config import Detection2DConfig, InputConfig
+from sightline.detection2d.config import CompactConfig, Detection2DConfig, InputConfig, StreamConfig
 from sightline.detection2d.model import Detector
 from sightline.detection2d.targets import DetectionTargets
 from sightline.geometry.boxes2d import Boxes2D
@@ -18,6 +18,16 @@ from tests.geometry.cameras import kitti_like_calibration
 
 SIZE = (264, 272)  # hardly more than what leaves something of the last of SSD's maps
 TINY = Detection2DConfig(width=0.03, input=InputConfig(size=SIZE))
+TINY_COMPACT = Detection2DConfig(
+    dgfn=None,
+    input=InputConfig(size=None),
+    compact=CompactConfig(
+        camera=StreamConfig(channels=(4, 8, 12, 16, 24), blocks=(0, 1, 0, 0)),
+        lidar=StreamConfig(channels=(4, 4, 8, 12, 16), blocks=(0, 0, 0, 0)),
+        head_channels=8,
+        head_convs=1,
+    ),
+)
 
 
 def labels(rows, **columns):

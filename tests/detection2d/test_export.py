@@ -4,25 +4,14 @@ import pytest
 import torch
 
 from sightline.data.weights import write_weights
-from sightline.detection2d.config import CompactConfig, Detection2DConfig, InputConfig, StreamConfig
 from sightline.detection2d.export_graph import MAX_DIFFERENCE
 from sightline.detection2d.registration import TASK
 from sightline.export.engines import open_engine
 from sightline.export.write import export_graphs
 from sightline.inference.network import load_network
-from tests.detection2d.frames import write_network
+from tests.detection2d.frames import TINY_COMPACT, write_network
 
-SMALL = Detection2DConfig(
-    dgfn=None,
-    input=InputConfig(size=None),
-    compact=CompactConfig(
-        camera=StreamConfig(channels=(4, 8, 12, 16, 24), blocks=(0, 1, 0, 0)),
-        lidar=StreamConfig(channels=(4, 4, 8, 12, 16), blocks=(0, 0, 0, 0)),
-        head_channels=8,
-        head_convs=1,
-        gate_groups=4,
-    ),
-)
+SMALL = replace(TINY_COMPACT, compact=replace(TINY_COMPACT.compact, gate_groups=4))
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -66,9 +55,11 @@ def shaken(network, path, config):
     return network
 
 
-def test_the_compact_network_is_one_file_that_gives_what_pytorch_gives(tmp_path):
+@pytest.mark.parametrize("own_heads", [False, True])
+def test_the_compact_network_is_one_file_that_gives_what_pytorch_gives(tmp_path, own_heads):
     path, out = tmp_path / "tiny.safetensors", tmp_path / "out.onnx"
-    network = shaken(write_network(path, SMALL), path, SMALL)
+    config = replace(SMALL, compact=replace(SMALL.compact, own_heads=own_heads))
+    network = shaken(write_network(path, config), path, config)
     check_export(network, path, out, "onnx", (384, 1248))
     inputs = {"image": torch.rand(1, 3, 64, 96), "lidar": torch.rand(1, 3, 64, 96)}
     found = open_engine(out, "openvino")(inputs)

@@ -8,13 +8,14 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
+from sightline.data.settings import plain_settings
 from sightline.data.weights import write_weights
 from sightline.detection2d.config import Detection2DConfig, InputConfig
 from sightline.detection2d.examples import DetectionExamples, ExampleConfig
 from sightline.detection2d.task import Detection2D
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
-from sightline.training.module import OptimizerConfig
+from sightline.training.optimizer import OptimizerConfig
 from sightline.training.quiet import LIGHTNING_NOISE
 from tests.detection2d.frames import SIZE, TINY, painted_frame, write_network
 
@@ -125,6 +126,30 @@ def test_vgg_weights_are_taken_when_a_training_begins_and_only_then(tmp_path):
     task.setup("validate")
     with pytest.raises(ValueError, match="fit a network of width 1"):
         task.setup("fit")
+
+
+def test_streams_are_taken_over_the_weights_when_a_training_begins_and_only_then(tmp_path):
+    whole = write_network(tmp_path / "w.safetensors")
+    torch.manual_seed(1)
+    other = Detection2D(TINY).network
+    write_weights(
+        tmp_path / "other.safetensors",
+        other.state_dict(),
+        task="detection2d",
+        config=plain_settings(TINY),
+        provenance={},
+    )
+    task = attached(
+        Detection2D(
+            initial_weights=tmp_path / "w.safetensors",
+            initial_streams={"lidar": tmp_path / "other.safetensors"},
+        )
+    )
+    for stage, lidar in (("validate", whole), ("fit", other)):
+        task.setup(stage)
+        for name, tensor in task.network.state_dict().items():
+            source = lidar if name.startswith("streams.lidar.") else whole
+            assert torch.equal(tensor, source.state_dict()[name])
 
 
 def test_a_training_starts_from_the_weights_of_another(tmp_path):

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import pytest
 
 from sightline.export import choice
@@ -39,3 +42,10 @@ def test_a_variable_that_names_no_engine_is_refused(monkeypatch):
     monkeypatch.setenv("SIGHTLINE_ENGINE", "auto")
     with pytest.raises(ValueError, match="SIGHTLINE_ENGINE is 'auto', which is no engine; set it"):
         choose_engine("auto")
+
+
+def test_an_engine_that_there_is_none_of_is_no_extra_to_install():
+    # in a process of its own, where no hook checks types first
+    code = "from sightline.export.choice import choose_engine; choose_engine('tensorrt')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "no engine tensorrt; name one of auto, torch, onnxruntime, openvino" in done.stderr

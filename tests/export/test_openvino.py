@@ -1,4 +1,7 @@
+import os
 import socket
+import subprocess
+import sys
 
 import onnx
 import openvino_telemetry
@@ -31,6 +34,27 @@ def test_nothing_is_sent_while_a_file_is_converted_and_opened(onnx_file, tmp_pat
     monkeypatch.setattr(openvino_telemetry.Telemetry, "send_event", refuse)
     convert_to_openvino(onnx_file, tmp_path / "toy.xml")
     open_engine(tmp_path / "toy.xml")
+
+
+def test_nothing_is_sent_or_left_behind_by_the_import(tmp_path):
+    """OpenVINO counts each import where `openvino_telemetry` is at hand."""
+    code = """
+import sys
+from sightline.export.extra import import_extra
+import_extra("openvino")
+assert "openvino_telemetry" not in sys.modules
+from openvino.tools.ovc import telemetry_utils
+print(telemetry_utils.tm.__name__)
+"""
+    ran = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ran.stdout.strip() == "openvino.tools.ovc.telemetry_stub"
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_path_without_the_suffix_xml_is_refused(onnx_file, tmp_path):

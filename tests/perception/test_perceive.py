@@ -8,6 +8,7 @@ import torch
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.inference.predict import predict
+from sightline.perception import perceive as perceive_module
 from sightline.perception.perceive import perceive
 from sightline.perception.perceiver import Perceiver
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -152,6 +153,21 @@ def test_what_is_lost_or_damaged_is_made_anew(data, out, lost):
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+def test_a_shard_that_ends_while_another_writes_keeps_its_lines(data, out, monkeypatch):
+    write, of_others = perceive_module.atomic_write_text, []
+
+    def overtaken(path, text):  # all the other shard does falls between our reading and writing
+        if path.name == "perception.jsonl" and not of_others:
+            of_others.append(text)
+            perceive(data, out, perceiver=perceiver(), shard_index=1, num_shards=2)
+        write(path, text)
+
+    monkeypatch.setattr(perceive_module, "atomic_write_text", overtaken)
+    perceive(data, out, perceiver=perceiver(), shard_index=0, num_shards=2)
+    assert len(of_others[0].splitlines()) == 2
+    assert len(lines_of(out)) == 4
+
+
 def test_workers_and_shards_change_nothing(data, out, tmp_path):
     perceive(data, out, perceiver=perceiver(), workers=2)
     parts = [

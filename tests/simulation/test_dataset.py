@@ -14,8 +14,13 @@ def test_a_data_set_without_files_gives_reduced_samples():
     assert dataset.sample_ids == ("000000", "000001")
     assert sample.sample_id == "000001"
     assert (sample.points[:, 0] > 0).all()
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match="of 2 samples has no sample 2; numbers begin at 0"):
         dataset[2]
+
+
+def test_a_data_set_of_fewer_than_no_frames_is_refused():
+    with pytest.raises(ValueError, match="num_frames must not be negative, got -1"):
+        SimulatedDataset(-1)
 
 
 def test_a_sample_without_the_camera_lacks_the_image_alone():

@@ -353,3 +353,30 @@ def test_lasers_that_do_not_fall_from_the_top_are_refused():
         LidarConfig(lasers=())
     with pytest.raises(ValueError, match="min_range_m below max_range_m"):
         replace(EXACT, min_range_m=90.0)
+
+
+@pytest.mark.parametrize(
+    "azimuth_deg", [(340.0, 16.0), (10.0, 10.0), (-20.0, 16.0), (350.0, 370.0)]
+)
+def test_a_blind_sector_that_would_hide_nothing_is_refused(azimuth_deg: tuple[float, float]):
+    with pytest.raises(ValueError, match="must rise within 0 to 360"):
+        BlindSector(azimuth_deg=azimuth_deg, below_deg=-20.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"azimuth_step_deg": float("nan")}, "azimuth_step_deg above 0"),
+        ({"drop_out": 1.5}, "drop_out from 0 to 1"),
+        ({"range_noise_m": -0.1}, "range_noise_m of at least 0"),
+        ({"detectable_echo": 0.0}, "detectable_echo must be above 0, got 0"),
+    ],
+)
+def test_a_lidar_that_cannot_be_is_refused(wrong: dict[str, float], message: str):
+    with pytest.raises(ValueError, match=message):
+        replace(EXACT, **wrong)
+
+
+def test_a_rolling_shutter_without_the_way_of_the_car_is_refused():
+    with pytest.raises(ValueError, match="give its way, ego"):
+        sweep_of(street(scenery=courtyard(20.0)), replace(EXACT, rolling_shutter=True))

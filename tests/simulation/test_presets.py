@@ -1,5 +1,8 @@
+import pytest
+
 from sightline.simulation.presets import PRESETS
 from sightline.simulation.settings import SimulationConfig
+from tests.settings import set_unchecked
 
 
 def test_presets_split_into_training_and_validation():
@@ -19,3 +22,15 @@ def test_presets_split_into_training_and_validation():
 def test_no_two_presets_share_a_street():
     seeds = [preset.config.seed for preset in PRESETS.values()]
     assert len(set(seeds)) == len(seeds)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"lidar": "hdl-16e"}, "lidar must be one of hdl-64e, hdl-32e, vlp-16, got 'hdl-16e'"),
+        ({"samples_per_pixel": 2}, "samples_per_pixel must be 1 or 4, got 2"),
+    ],
+)
+def test_settings_that_there_are_not_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        set_unchecked(SimulationConfig(), **wrong)

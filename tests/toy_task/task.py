@@ -9,7 +9,8 @@ from torch import Tensor
 from torchmetrics import MeanMetric
 
 from sightline.geometry.boxes2d import Boxes2D
-from sightline.training.module import OptimizerConfig, TrainingModule
+from sightline.training.module import TrainingModule
+from sightline.training.optimizer import OptimizerConfig
 from tests.toy_task.config import FinderConfig
 from tests.toy_task.examples import FinderBatch
 from tests.toy_task.model import FinderNet

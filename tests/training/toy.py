@@ -16,7 +16,8 @@ from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import CameraLidarData, SamplePreparation
-from sightline.training.module import OptimizerConfig, TrainingModule
+from sightline.training.module import TrainingModule
+from sightline.training.optimizer import OptimizerConfig
 from sightline.training.sources import SourceConfig
 from tests.data import trees
 

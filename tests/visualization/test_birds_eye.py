@@ -60,3 +60,40 @@ def test_no_points_and_no_sweep_look_alike():
 def test_an_empty_view_is_refused():
     with pytest.raises(ValueError, match="x_min_m < x_max_m"):
         BirdsEyeView(x_min_m=10.0, x_max_m=10.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"x_max_m": float("nan")}, "all finite"),
+        ({"y_max_m": float("inf")}, "all finite"),
+        ({"pixels_per_m": float("nan")}, "all finite"),
+        ({"x_min_m": 0.0, "x_max_m": 0.01}, "at least one pixel"),
+    ],
+)
+def test_a_view_without_pixels_or_end_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        BirdsEyeView(**wrong)
+
+
+@pytest.mark.parametrize("sides", [(15.0, 40.0), (-40.0, -20.0), (-2.0, 2.0)])
+def test_rings_that_have_no_room_for_a_name_are_drawn_without(sides):
+    view = BirdsEyeView(y_min_m=sides[0], y_max_m=sides[1], x_max_m=30.0, pixels_per_m=2.0)
+    picture = draw_birds_eye(None, view=view)
+    assert picture.shape == (*view.picture_size, 3)
+
+
+def test_the_name_of_a_ring_beside_the_picture_darkens_nothing_in_it():
+    view = BirdsEyeView(y_min_m=-40.0, y_max_m=-20.0, x_max_m=19.0, pixels_per_m=14.0)
+    # As far from the right edge as the name of the 10 m ring would lie beyond the left one.
+    points = torch.tensor([[6.75, -29.25, 0.0, 0.5], [16.75, -29.25, 0.0, 0.5]])
+    picture = draw_birds_eye(points, view=view)
+    drawn = [picture[row - 3 : row + 4, 120:140].max() for row in (171, 31)]
+    assert drawn[0] == drawn[1] > 80
+
+
+@pytest.mark.parametrize("names", [(), ("Car", "Car", "Car")])
+def test_boxes_need_a_class_name_each(names):
+    boxes = Boxes3D(torch.tensor([[30.0, 0.0, 0.0, 6.0, 2.0, 1.5, 0.0]] * 2))
+    with pytest.raises(ValueError, match=f"2 boxes cannot be drawn with {len(names)} class names"):
+        draw_birds_eye(None, boxes, names, view=VIEW)

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from sightline.structures.health import Alarms, FrameHealth, Health, SampleHealth
 from sightline.visualization.health_timeline import draw_health
@@ -47,3 +48,14 @@ def test_long_names_do_not_run_into_each_other():
     alone = draw_health([frame(0, name="a_recording_with_a_name_that_is_long_{:04d}")])
     changed = np.flatnonzero((alone != draw_health([frame(0)])).any(axis=(0, 2)))
     assert changed.max() - changed.min() < 150
+
+
+def test_the_number_of_a_frame_stays_whole_in_a_short_name():
+    frames = [frame(n, name="2011_09_26_drive_0052_sync_{:010d}") for n in range(1200, 1278)]
+    short = [frame(n) for n in range(1200, 1278)]
+    assert np.array_equal(draw_health(frames), draw_health(short))
+
+
+def test_a_drive_without_frames_is_refused():
+    with pytest.raises(ValueError, match="at least one frame"):
+        draw_health([])

@@ -218,3 +218,10 @@ def test_a_box_is_drawn_at_any_picture_size(width):
     assert drawn.shape == picture.shape
     assert drawn.dtype == np.uint8
     assert drawn[width // 8, width // 4].max() > 100
+
+
+def test_boxes_need_a_class_name_each(black, calibration):
+    with pytest.raises(ValueError, match="1 boxes cannot be drawn with 2 class names"):
+        draw_boxes2d(black, Boxes2D(torch.tensor([[1.0, 2.0, 30.0, 40.0]])), ["Car", "Van"])
+    with pytest.raises(ValueError, match="1 boxes cannot be drawn with 0 class names"):
+        draw_boxes3d(black, Boxes3D(torch.tensor([CAR_AHEAD])), [], calibration)

@@ -58,3 +58,9 @@ def test_what_was_measured_is_drawn_beyond_the_slots():
 @pytest.mark.parametrize("reached", [0, 1])
 def test_a_curve_of_a_point_or_none_is_drawn(reached):
     assert draw_precision_recall("", {"easy": curve(1.0, reached)}).std() > 0
+
+
+def test_more_curves_than_colours_are_refused():
+    curves = {str(number): curve(0.5, 41) for number in range(5)}
+    with pytest.raises(ValueError, match="up to 4 curves, got 5"):
+        draw_precision_recall("Car, 3d", curves)

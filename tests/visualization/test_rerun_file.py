@@ -40,13 +40,18 @@ def as_plain(column):
 
 @pytest.fixture
 def rows(sample, tmp_path):
-    """Of two frames, the second without sensors: by entity, each row with its frame's number."""
-    chunk = pytest.importorskip("rerun.chunk")
+    """Of two frames, the second without sensors."""
+    pytest.importorskip("rerun.chunk")
     whole = replace(sample, timestamp_s=2.5)
     blind = replace(sample, image=None, points=None, timestamp_s=2.6)
     path = tmp_path / "scene.rrd"
     assert write_rerun(path, [(whole, told(sample)), (blind, Perception())]) == 2
-    reader = chunk.RrdReader(path)
+    return read(path)
+
+
+def read(path):
+    """What a file holds: by entity, each row with its frame's number."""
+    reader = pytest.importorskip("rerun.chunk").RrdReader(path)
     assert len(reader.recordings()) == 1
     assert len(reader.blueprints()) == 1
     found = {}
@@ -83,6 +88,28 @@ def test_points_and_boxes_are_those_of_the_frame(rows, sample):
 def test_what_a_frame_lacks_is_cleared(rows, part):
     later = rows[f"/lidar/{part}"][1]
     assert any(name.startswith("Clear") and value for name, value in later.items())
+
+
+def test_a_frame_without_a_time_does_not_stand_at_that_of_the_one_before(sample, tmp_path):
+    pytest.importorskip("rerun.chunk")
+    frames = [replace(sample, timestamp_s=2.5), replace(sample, timestamp_s=None)]
+    path = tmp_path / "scene.rrd"
+    write_rerun(path, [(each, Perception()) for each in frames])
+    points = read(path)["/lidar/points"]
+    assert points[0]["time"] == 2_500_000_000
+    assert points[1].get("time") is None
+
+
+def test_depth_beyond_what_the_format_holds_is_left_out(sample, tmp_path):
+    pytest.importorskip("rerun.chunk")
+    depth_m = torch.full(sample.image_size, 12.0)
+    depth_m[0, :2] = torch.tensor([256.0, 250.0])
+    depth = DepthMap(depth_m=depth_m, valid=depth_m > 0)
+    path = tmp_path / "scene.rrd"
+    write_rerun(path, [(sample, Perception(depth=depth))])
+    buffer = read(path)["/lidar/camera/depth"][0]["DepthImage:buffer"]
+    steps = np.asarray(buffer, np.uint8).reshape(-1).view(np.uint16)
+    assert steps[:3].tolist() == [0, 250 * 256, 12 * 256]
 
 
 def test_the_pinhole_sees_points_where_the_calibration_does(calibration):

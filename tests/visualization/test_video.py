@@ -72,7 +72,7 @@ def mixed():
     ("shown", "said"),
     [
         (pictures(0), "there is no frame to show"),
-        (pictures(1, (63, 96)), "frames of 96x63 px"),
+        (pictures(1, (63, 96)), r"frames of 96x63 px .*expected even numbers; pad or crop them"),
         (mixed(), "a frame of 98x64 px follows one of 96x64"),
     ],
 )

@@ -1,5 +1,6 @@
 """`sightline health`: which sensor cannot be trusted, frame by frame."""
 
+import warnings
 from pathlib import Path
 
 from sightline.cli.report import check_places, check_writable, deliver
@@ -54,6 +55,13 @@ def health(
         write_rgb(picture, draw_health(report.frames))
         print(picture)
     deliver(report, json)
+    if limits is None and report.is_short_of_rings:
+        warnings.warn(
+            "every sweep has fewer rings than 64 beams make, which the limits are for; if that "
+            "is how your LiDAR is, its scores say nothing: fit limits of your own by "
+            "sightline health-limits and give them by --limits",
+            stacklevel=2,
+        )
 
 
 def health_limits(

@@ -92,7 +92,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         view = view_of_recording(first_whole(self._frames))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=3)
-        misnamed = unpaired(self.folder, self._frames)
+        misnamed = unpaired(self.folder, files.frames)
         if misnamed is not None and {"image", "points"} <= self.parts:
             warnings.warn(str(misnamed), stacklevel=3)
 

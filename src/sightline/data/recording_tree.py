@@ -58,6 +58,20 @@ def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
     )
 
 
+def ambiguous(folder: Path) -> list[Problem]:
+    """Each image and cloud of a recording that another file of its name stands beside."""
+    problems = []
+    for name, suffixes in ((IMAGES, IMAGE_SUFFIXES), (POINTS, CLOUD_SUFFIXES)):
+        taken = list_files(folder / name, suffixes, any_case=True)
+        for suffix in suffixes:
+            for stem, path in list_files(folder / name, (suffix,), any_case=True).items():
+                if path != taken[stem]:
+                    said = f"is not read, as {taken[stem].name} has its name, too"
+                    remedy = "keep one of them, or give the other a name of its own"
+                    problems.append(Problem(path=path, problem=said, remedy=remedy))
+    return problems
+
+
 def list_recording(folder: Path) -> RecordingFiles:
     """Lists a recording: images/NAME.jpg, points/NAME.pcd and calibration.yaml, and what else is.
 

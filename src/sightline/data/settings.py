@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from dataclasses import asdict, fields
+from typing import Any, ClassVar, Final, Protocol, TypeVar, runtime_checkable
 
 import jsonargparse
 
@@ -14,6 +14,9 @@ class NetworkConfig(Protocol):
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
+
+IN_USE_ALONE: Final = {"in_use_alone": True}
+"""Metadata of a field that a network's weights do not depend on: what is made of its answers."""
 
 ConfigT = TypeVar("ConfigT")  # a `NetworkConfig`; no bound, which beartype cannot ask classes for
 
@@ -41,11 +44,17 @@ def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
 
 
 def differing_settings(plain: Mapping[str, object], ours: NetworkConfig) -> str:
-    """How settings from a file differ from ours, for people; empty if they do not."""
+    """How settings from a file differ from ours, for people; empty if they do not.
+
+    Those that only use asks for may differ.
+    """
+    free = {each.name for each in fields(ours) if each.metadata.get("in_use_alone")}
     wanted = plain_settings(ours)
     given = _completed(plain, plain_settings(type(ours)()))
     names = sorted(
-        name for name in wanted.keys() | given.keys() if wanted.get(name) != given.get(name)
+        name
+        for name in (wanted.keys() | given.keys()) - free
+        if wanted.get(name) != given.get(name)
     )
     return ", ".join(f"{name} {given.get(name)} instead of {wanted.get(name)}" for name in names)
 

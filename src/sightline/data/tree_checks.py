@@ -38,6 +38,7 @@ from sightline.data.recording_tree import (
     LABELS,
     POINTS,
     RecordingFiles,
+    ambiguous,
     is_recording,
     list_recording,
     read_times,
@@ -227,6 +228,7 @@ def _recording_tree(folder: Path) -> Tree | None:
     misnamed = unpaired(folder, frames)
     if misnamed is not None:  # instead of all files that are missing
         tree = replace(tree, gaps=(misnamed,))
+    tree = replace(tree, gaps=(*tree.gaps, *ambiguous(folder)))
     note = "; ".join(describe_recording(frames))
     return replace(tree, summary=replace(tree.summary, note=note))
 

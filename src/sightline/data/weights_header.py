@@ -43,11 +43,16 @@ def find_weights(weights: Path | str) -> Path:
     """The file of weights that are told by their file, or by name where the package holds them.
 
     Raises:
-        ValueError: There are no such weights.
+        ValueError: There are no such weights, or the file is an exported network.
     """
     if str(weights) in shipped_names():
         return WEIGHTS_FOLDER / f"{weights}.safetensors"
     path = Path(weights)
+    if path.suffix in (".onnx", ".xml"):
+        raise ValueError(
+            f"{path} is a network exported for other programs; give the weights that it was "
+            "exported from (.safetensors, .ckpt), which --engine runs by the same libraries"
+        )
     if not path.is_file():
         raise ValueError(
             f"there are no weights {str(weights)!r}; give a file (.safetensors, .ckpt) or the name "

@@ -1,7 +1,7 @@
 """Depth completion by image morphology alone."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -10,6 +10,9 @@ from jaxtyping import Bool, Float32
 
 from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.structures.predictions import DepthMap
+
+Blur = Literal["gaussian", "bilateral"]
+"""How the last step smooths."""
 
 _DIAMOND = np.array(
     [
@@ -34,7 +37,7 @@ _EMPTY_BELOW_M = 0.1
 class ClassicalConfig:
     """Morphological completion. Its kernels are made for 64 beams and KITTI's image size."""
 
-    blur: Literal["gaussian", "bilateral"] = "gaussian"
+    blur: Blur = "gaussian"
     """The last smoothing: gaussian has the lower error, bilateral keeps edges."""
     extrapolate: bool = True
     """Whether columns are extended to the top of the image and large holes filled."""
@@ -42,7 +45,9 @@ class ClassicalConfig:
     """Depths are inverted by subtraction from it; farther measurements are left out."""
 
     def __post_init__(self) -> None:
-        """Checks the range."""
+        """Checks the blur and the range."""
+        if self.blur not in get_args(Blur):
+            raise ValueError(f"blur must be gaussian or bilateral, got {self.blur!r}")
         if not 2 * _EMPTY_BELOW_M < self.max_depth_m < np.inf:
             raise ValueError(
                 f"max_depth_m must be above {2 * _EMPTY_BELOW_M} and finite, got {self.max_depth_m}"

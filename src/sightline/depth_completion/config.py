@@ -1,13 +1,12 @@
 """Settings of the depth completion networks. The defaults are Yu and Kee's as we read it."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args, get_origin, get_type_hints
 
 TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
 
-
-# Settings that cost time or memory but no weights; those of a file come from anywhere.
+# A file of weights may come from anywhere; these settings cost time or memory but add no weights.
 _LONGEST_SHIFT_PX = 1024
 _MOST_SCALES = 8
 _MOST_PROPAGATION_STEPS = 64
@@ -21,6 +20,16 @@ def _check_at_least(name: str, value: int, smallest: int) -> None:
 def _check_at_most(name: str, value: int, largest: int) -> None:
     if value > largest:
         raise ValueError(f"{name} must be at most {largest}, got {value}")
+
+
+def _check_choices(settings: object, prefix: str = "") -> None:
+    """Refuses what is none of a setting's choices; a config from a file was checked there."""
+    for name, kind in get_type_hints(type(settings)).items():
+        if get_origin(kind) is Literal and getattr(settings, name) not in get_args(kind):
+            choices = ", ".join(map(str, get_args(kind)))
+            raise ValueError(
+                f"{prefix}{name} must be one of {choices}, got {getattr(settings, name)!r}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +46,8 @@ class ShiftConvConfig:
     """Blocks of so many pixels squared are folded into channels first: cheaper, longer reach."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Checks the choices and the numbers."""
+        _check_choices(self, "shift_conv.")
         if self.channels < TAPS or self.channels % TAPS:
             raise ValueError(f"shift_conv.channels must be a multiple of 9, got {self.channels}")
         _check_at_least("shift_conv.layers", self.layers, 1)
@@ -69,7 +79,8 @@ class TrunkConfig:
     """Kernel of the one convolution that reads all scales together: 1 is nine times cheaper."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Checks the choices and the numbers."""
+        _check_choices(self, "trunk.")
         for name in ("modules", "blocks", "lowest_blocks", "reduction"):
             _check_at_least(f"trunk.{name}", getattr(self, name), 1)
         if not self.channels or min(self.channels) < 1:
@@ -94,7 +105,7 @@ class DepthCompletionConfig:
     """A depth completion network."""
 
     depth_scale_m: float = 85.0
-    """Metres that are 1 inside the network."""
+    """Depth [m] that is 1 inside the network."""
     shift_conv: ShiftConvConfig | None = ShiftConvConfig()
     """The E-Point branch. None: the same network fed by image and points only."""
     trunk: TrunkConfig = TrunkConfig()
@@ -111,7 +122,7 @@ class DepthCompletionConfig:
     found. 0: the trunk gives the depth itself, as in the paper."""
     refinement_stride: Literal[1, 2, 4] = 1
     """Those two work on maps smaller by this factor, folded like the trunk's; 1: at full
-    resolution, where few channels take long."""
+    resolution, which is slow even with few channels."""
     filled_input: bool = False
     """Takes a classical completion as a further input."""
     residual: bool = False
@@ -119,11 +130,11 @@ class DepthCompletionConfig:
     correction: Literal["metres", "log"] = "metres"
     """Unit of the correction: added metres, or a bounded factor on the completed depth."""
     dead_zone: float = 0.0
-    """Corrections by less than this, as the logarithm of a factor, are none, and larger ones are
-    smaller by it: what the classical completion knows to the centimetre stays as it is."""
+    """Corrections smaller than this (the logarithm of a factor) are dropped and larger ones reduced
+    by it, so that what the classical completion knows to the centimetre stays as it is."""
     least_correction: float = 0.0
-    """In use, not in training: what the dead zone leaves of a correction is applied only from this
-    on, and fully from twice this."""
+    """Outside training, what the dead zone leaves of a correction is applied only above this, and
+    fully from twice this."""
     validity_channel: bool = False
     """Tells the network by a channel of its own where the sparse map holds a measurement."""
     presence_channel: bool = False
@@ -134,7 +145,8 @@ class DepthCompletionConfig:
     """Steps in which each pixel's depth is mixed with its neighbours' at the end; 0 = none."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers, and what belongs together."""
+        """Checks the choices, the numbers, and what belongs together."""
+        _check_choices(self)
         if not 0 < self.depth_scale_m < float("inf"):
             raise ValueError(f"depth_scale_m must be positive and finite, got {self.depth_scale_m}")
         _check_at_least("stem_channels", self.stem_channels, 1)

@@ -1,7 +1,7 @@
-"""Makes what the networks train on and are scored on from samples."""
+"""Makes the examples that networks are trained and scored on out of samples."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -30,6 +30,7 @@ sweep must be in KITTI's order). `both`: held-out rings, and the depth map besid
 truth, which the loss weighs by itself.
 """
 
+_FARTHEST_TRUTH_M = 256  # where KITTI's depth maps end
 _SIZE_STEP = 32  # validation crops are multiples of it, so that any network of ours can take them
 
 
@@ -43,7 +44,7 @@ class AugmentationConfig:
     """Changes to examples in training only: faults of the sensors, other views of the scene."""
 
     yaw_error_deg: float = 0.0
-    """Standard deviation of an error of the LiDAR's mount; half of it in pitch and roll."""
+    """Standard deviation of an error in the LiDAR's yaw; half as much in pitch and roll."""
     outliers: float = 0.0
     """Largest share of returns with a wrong range."""
     camera_dropout: float = 0.0
@@ -82,8 +83,19 @@ class ExampleConfig:
     """For training only."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
-        _check_up_to("farthest_m", self.farthest_m, 256)
+        """Checks the choices and the ranges."""
+        if self.truth not in get_args(TruthKind):
+            raise ValueError(
+                f"truth must be one of {', '.join(get_args(TruthKind))}, got {self.truth!r}"
+            )
+        if not 0 < self.farthest_m <= _FARTHEST_TRUTH_M:
+            raise ValueError(
+                f"farthest_m must be above 0 and at most {_FARTHEST_TRUTH_M}, got {self.farthest_m}"
+            )
+        if self.crop_size is not None and min(self.crop_size) < 1:
+            raise ValueError(
+                f"crop_size must be at least 1 x 1 (height x width), got {self.crop_size}"
+            )
         if not self.beams or not set(self.beams) <= set(BEAMS):
             raise ValueError(
                 f"beams must name some of {', '.join(map(str, BEAMS))}, got {self.beams}"
@@ -94,7 +106,7 @@ class DepthExamples(SamplePreparation):
     """Examples for training and scoring depth completion, each a batch of one."""
 
     def __init__(self, settings: ExampleConfig = ExampleConfig()) -> None:
-        """Takes the settings; where the depth map is the truth, samples shall hold one."""
+        """Takes the settings; asks for samples with a depth map where that is the truth."""
         self.settings = settings
         if settings.truth != "held_out":
             self.parts = frozenset({"image", "points", "depth"})

@@ -25,10 +25,10 @@ def write_uncertainty(path: Path, answer: DepthMap) -> None:
     """Writes the expected absolute errors in the same format; one that is infinite becomes 0.
 
     Raises:
-        ValueError: The map tells none.
+        ValueError: The map has none.
     """
     if answer.uncertainty_m is None:
-        raise ValueError("the depth map tells no expected error; leave the uncertainty out")
+        raise ValueError("the depth map has no expected errors; leave the uncertainty out")
     _write(path, torch.where(answer.uncertainty_m.isinf(), 0.0, answer.uncertainty_m))
 
 
@@ -47,10 +47,10 @@ def read_depth(path: Path, sample: CameraLidarSample, told: Perception) -> Perce
 
 
 def read_uncertainty(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
-    """Adds the expected errors of a PNG to the depth map that they are of, and to what is valid.
+    """Adds the expected errors of a PNG to their depth map, where only small ones remain valid.
 
     Raises:
-        ValueError: There is no depth map, the file is none of errors, or not of the sample's size.
+        ValueError: There is no depth map, the file holds no errors, or is not of the sample's size.
     """
     if told.depth is None:
         raise ValueError(

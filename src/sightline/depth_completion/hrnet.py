@@ -61,7 +61,7 @@ class Exchange(nn.Module):
         )
 
     def forward(self, scales: list[Tensor]) -> list[Tensor]:
-        """Maps of the same sizes and channels. Sources not given here are not asked."""
+        """Maps of the same sizes and channels, the largest first."""
         mixed = []
         for target, paths in enumerate(self.paths):
             size = scales[target].shape[-2:]

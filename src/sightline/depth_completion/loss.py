@@ -31,8 +31,8 @@ class DepthLossConfig:
     """Weight of the mean absolute error against the dense truth that comes beside held-out rings
     (`truth: both`)."""
     dense_relative: float = 0.0
-    """Weight of the mean absolute error of the depth's logarithm against it, which holds near
-    ground and walls to the centimetre."""
+    """Weight of the mean absolute error of the depth's logarithm against the dense truth, which
+    keeps surfaces nearby right to the centimetre."""
     emd: float = 0.1
     """Weight of the earth mover's distance from the E-Point to the expanded ground truth."""
     uncertainty: float = 0.0

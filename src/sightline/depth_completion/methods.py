@@ -19,8 +19,8 @@ def complete_depth(
 ) -> DepthMap:
     """Completes a sparse depth map [m], 0 = no measurement, by the named method's defaults.
 
-    Works on the CPU, of a tensor elsewhere on a copy. An empty map gives an empty result, nothing
-    of it valid.
+    Works on the CPU; a tensor on another device is copied. An empty map gives an empty result, in
+    which nothing is valid.
 
     Raises:
         ValueError: The map holds something else than depths.

@@ -1,4 +1,4 @@
-"""What loading a depth completion network requires to know."""
+"""What is needed to load a depth completion network."""
 
 from typing import TYPE_CHECKING, Final
 

@@ -1,4 +1,4 @@
-"""What a training looks at: input, E-Point, prediction and error of a sample."""
+"""What a training shows: input, E-Point, prediction and error of a sample."""
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -17,8 +17,8 @@ def training_picture(
     """The first sample of a batch, one map below the other.
 
     From the top: image, sparse depth, E-Point (where the network has one), predicted depth, the
-    expected error (where the network tells it) as depth is coloured, and, where the batch has the
-    truth, the error.
+    expected error (where the network estimates it) in the colours of depth, and, where the batch
+    has the truth, the error.
     """
     image = (batch.image[0].detach().cpu() * 255).round().byte().permute(1, 2, 0).numpy()
     maps = [image, colorize_depth(_first(batch.sparse_depth_m), point_size_px=_POINT_PX)]

@@ -25,11 +25,14 @@ from sightline.inference.network import LoadedNetwork, load_network
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
+_COORDINATES = 3
 _PREFILL: Method = "adaptive"  # what networks that start from a classical completion learn with
 
 # What users bring is checked when it comes in, so that the error says what to do.
 SparseMap = Real[Tensor, "*size"] | Real[np.ndarray, "*size"]
 """Height, width; metres along the optical axis, 0 = no measurement."""
+Points = Real[Tensor, "*shape"] | Real[np.ndarray, "*shape"]
+"""Number of points, fields: x, y, z first [m], LiDAR frame."""
 RGBImage = Real[Tensor, "*channels_and_size"] | Real[np.ndarray, "*size_and_channels"]
 """8 bits; a tensor of 3, height, width or an array of height, width, 3."""
 
@@ -76,9 +79,9 @@ class DepthPredictor:
         True
 
     Takes images of any size and sweeps of any number of beams. Where the camera is missing (no
-    image, or a black one), depth comes of the sweep alone. An empty sweep gives an empty map, as
-    without training: no network of ours has learned to see depth in an image alone. May be
-    pickled, and called in a forked process.
+    image, or a black one), depth comes from the sweep alone. An empty sweep gives an empty map, as
+    the methods without training do: no network of ours has learned to see depth in an image alone.
+    May be pickled, and called in a forked process.
     """
 
     parts: ClassVar[tuple[Part, ...]] = ("image", "points")
@@ -159,7 +162,7 @@ class DepthPredictor:
 
     def complete_points(
         self,
-        points: Float[Tensor, "num_points fields"] | Float[np.ndarray, "num_points fields"],
+        points: Points,
         calibration: Calibration,
         image_size: tuple[int, int],
         image: RGBImage | None = None,
@@ -173,9 +176,9 @@ class DepthPredictor:
             image: As `complete` takes it.
 
         Raises:
-            ValueError: As `complete` does.
+            ValueError: The points lack coordinates, or as `complete` does.
         """
-        sparse = sparse_depth_map(_to_tensor(points), calibration, image_size)
+        sparse = sparse_depth_map(_checked_points(points), calibration, image_size)
         return self.complete(sparse, image)
 
     def complete(self, sparse_depth_m: SparseMap, image: RGBImage | None = None) -> DepthMap:
@@ -278,6 +281,16 @@ def _sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
         )
     check_sparse_depth(sparse.numpy())
     return sparse
+
+
+def _checked_points(points: Points) -> Float[Tensor, "num_points fields"]:
+    given = _to_tensor(points)
+    if given.ndim != 2 or given.shape[1] < _COORDINATES:
+        raise ValueError(
+            f"the points have the shape {tuple(given.shape)}, expected a row for each with x, y, z "
+            "first; give the sweep as an array of points by fields"
+        )
+    return given if given.is_floating_point() else given.float()
 
 
 def _to_tensor(values: Tensor | np.ndarray) -> Tensor:

@@ -1,4 +1,4 @@
-"""What every completion method asks of its input, and where the input's hull ends."""
+"""What every completion method requires of its input, and the hull of what is measured."""
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ def check_sparse_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> N
         row, column = np.argwhere(~is_depth)[0]
         raise ValueError(
             f"the sparse depth map holds {sparse_depth_m[row, column]} in row {row}, column "
-            f"{column}; depths are metres above 0, and 0 stands for no measurement"
+            f"{column}; depths are metres above 0, and 0 stands for no measurement: set it to 0"
         )
 
 

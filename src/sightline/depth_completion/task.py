@@ -15,7 +15,9 @@ from sightline.depth_completion.model import DepthCompletionNet, DepthCompletion
 from sightline.depth_completion.pictures import training_picture
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
 from sightline.evaluation.depth_metric import DepthCompletionScores
-from sightline.training.module import OptimizerConfig, TrainingModule, choose_settings
+from sightline.training.initial_weights import choose_settings
+from sightline.training.module import TrainingModule
+from sightline.training.optimizer import OptimizerConfig
 
 _LOGGED = ("rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")  # the benchmark's own
 _LOSS, _OPTIMIZER = DepthLossConfig(), OptimizerConfig()
@@ -38,10 +40,10 @@ class DepthCompletion(TrainingModule):
         """Builds the network.
 
         Args:
-            network: What is trained. None: the network of the initial weights; without those, the
+            network: Settings of the network. None: those of the initial weights; without those, the
                 paper's.
-            loss: What it is told.
-            optimizer: How its weights are updated.
+            loss: Which losses count, and how much.
+            optimizer: How the weights are updated.
             initial_weights: Such a network's weights to start from: name of shipped ones, file or
                 checkpoint.
 
@@ -63,7 +65,11 @@ class DepthCompletion(TrainingModule):
         return config
 
     def forward(self, batch: DepthBatch) -> DepthCompletionOutput:
-        """What the network gives for a batch."""
+        """What the network gives for a batch.
+
+        Raises:
+            ValueError: The network starts from a classical completion, which the batch lacks.
+        """
         if self.network.takes_filled_depth and batch.filled_depth_m is None:
             raise ValueError(
                 "the network starts from a classical completion, but the examples hold none; set "

@@ -74,6 +74,12 @@ class AlignedHead(nn.Module):
         with torch.no_grad():
             self.measure.bias.copy_(-_INITIAL_SLOPE * torch.arange(bins + 1).repeat(4))
 
+    def start_at_nothing(self) -> None:
+        """Makes all it says 0, which added to other heads' answers leaves them as they are."""
+        for last in (self.classify, self.measure):
+            for parameter in last.parameters():
+                nn.init.zeros_(parameter)
+
     def forward(
         self,
         maps: Sequence[Float[Tensor, "batch _channels _rows _columns"]],

@@ -151,6 +151,9 @@ class CompactConfig:
     auxiliary: bool = True
     """Whether each stream has a head of its own in training, so that one sensor does not starve the
     other. It costs nothing afterwards."""
+    own_heads: bool = False
+    """Whether each stream has a whole head of its own, in use too: its answers are mixed with the
+    joint head's as the gates say."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""

@@ -51,7 +51,7 @@ class Design(Protocol):
         ...
 
     def auxiliary_head(self, sensor: str) -> AlignedHead | None:
-        """For a stream's own maps, in training."""
+        """For a stream's own maps."""
         ...
 
 
@@ -142,7 +142,9 @@ class CompactDesign:
         )
 
     def auxiliary_head(self, sensor: str) -> AlignedHead | None:
-        """As small as possible: the stream is to do the work."""
+        """For training alone as small as possible: the stream is to do the work."""
+        if self.config.own_heads:
+            return self.head(sensor)
         if not self.config.auxiliary:
             return None
         channels = scaled(self.config.head_channels, self.width)

@@ -7,8 +7,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from sightline.detection2d.aligned_head import AlignedHead
 from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.designs import design_of
+from sightline.detection2d.mixed_heads import mix_heads
 from sightline.detection2d.readings import DetectorOutput, GateReading, HeadReading, Readings
 
 Image = Float[Tensor, "batch 3 height width"]
@@ -50,6 +52,9 @@ class Detector(nn.Module):
         self.auxiliary = nn.ModuleDict(
             {sensor: head for sensor, head in own.items() if head is not None}
         )
+        self.mixes_heads = is_joint and config.compact is not None and config.compact.own_heads
+        if self.mixes_heads:
+            cast("AlignedHead", self.heads["joint"]).start_at_nothing()
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -89,7 +94,7 @@ class Detector(nn.Module):
         Args:
             image: As for `forward`.
             lidar: As for `forward`; one that the network does not take is passed over.
-            auxiliary: Whether to read the streams' own heads too.
+            auxiliary: Whether to read the streams' own heads too, where only training needs them.
 
         Raises:
             ValueError: As for `forward`.
@@ -97,8 +102,9 @@ class Detector(nn.Module):
         given = {"image": image, "lidar": lidar}
         size = self._checked_size({name: given[name] for name in self.input_names})
         maps = {sensor: self.streams[sensor](each) for sensor, each in self._planes(given).items()}
+        is_asked = auxiliary or self.mixes_heads
         own = {
-            sensor: head(maps[sensor], size) for sensor, head in self.auxiliary.items() if auxiliary
+            sensor: head(maps[sensor], size) for sensor, head in self.auxiliary.items() if is_asked
         }
         gates: list[GateReading] = []
         if self.fusions is not None:
@@ -111,6 +117,8 @@ class Detector(nn.Module):
                 gates += [gate] if gate is not None else []
             maps = {"joint": joint}
         heads = tuple(self.heads[name](seen, size) for name, seen in maps.items())
+        if self.mixes_heads:
+            heads = (mix_heads(heads[0], own["camera"], own["lidar"], gates),)
         return Readings(heads=heads, gates=tuple(gates), auxiliary=own)
 
     def _checked_size(self, given: dict[str, Image | None]) -> tuple[int, int]:

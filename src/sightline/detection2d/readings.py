@@ -30,7 +30,7 @@ class Readings(NamedTuple):
     gates: tuple[GateReading, ...]
     """Of each map, the finest first; none where nothing is gated."""
     auxiliary: dict[str, HeadReading]
-    """Of the heads that single streams have in training, by sensor."""
+    """Of the heads that single streams have, by sensor."""
 
 
 class DetectorOutput(NamedTuple):

@@ -18,9 +18,12 @@ from sightline.detection2d.model import Detector
 from sightline.detection2d.pictures import training_picture
 from sightline.detection2d.postprocess import to_detections
 from sightline.detection2d.readings import DetectorOutput
+from sightline.detection2d.stream_weights import load_stream_weights
 from sightline.detection2d.vgg_weights import load_vgg_weights
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
-from sightline.training.module import OptimizerConfig, TrainingModule, choose_settings
+from sightline.training.initial_weights import choose_settings
+from sightline.training.module import TrainingModule
+from sightline.training.optimizer import OptimizerConfig
 
 _LOSS, _OPTIMIZER = DetectionLossConfig(), OptimizerConfig()
 
@@ -41,6 +44,7 @@ class Detection2D(TrainingModule):
         loss: DetectionLossConfig = _LOSS,
         optimizer: OptimizerConfig = _OPTIMIZER,
         initial_weights: Path | None = None,
+        initial_streams: dict[str, Path] | None = None,
         vgg_weights: str | None = None,
     ) -> None:
         """Builds the network.
@@ -52,6 +56,8 @@ class Detection2D(TrainingModule):
             optimizer: How its weights are updated.
             initial_weights: Such a network's weights to start from: name of shipped ones, file or
                 checkpoint.
+            initial_streams: Networks whose streams it starts from, over initial_weights: camera and
+                lidar, each from a network that was trained with that sensor alone.
             vgg_weights: VGG16's weights that its streams start from: imagenet, which torchvision
                 downloads, or a file of torchvision's VGG16. None: the streams start at random.
 
@@ -66,6 +72,7 @@ class Detection2D(TrainingModule):
             initial_weights=initial_weights,
         )
         self.loss = loss
+        self.initial_streams = initial_streams or {}
         self.vgg_weights = vgg_weights
 
     def network_config(self) -> Detection2DConfig:
@@ -74,7 +81,9 @@ class Detection2D(TrainingModule):
         return config
 
     def setup(self, stage: str) -> None:
-        """Takes VGG16's weights at the start of a training, before a checkpoint's replace them.
+        """Takes VGG16's weights, and other networks' streams, when a training starts.
+
+        A checkpoint that it resumes from replaces them.
 
         Raises:
             ValueError: They cannot be had, or the examples show frames otherwise than the network
@@ -83,6 +92,8 @@ class Detection2D(TrainingModule):
         self._check_examples()
         if stage == "fit" and self.vgg_weights is not None:
             load_vgg_weights(self.network, self.vgg_weights)
+        if stage == "fit":
+            load_stream_weights(self.network, self.initial_streams, task_name=self.task_name)
 
     def _check_examples(self) -> None:
         data = getattr(self.trainer, "datamodule", None)

@@ -7,6 +7,8 @@ plain second stage.
 import math
 from dataclasses import dataclass, field
 
+from sightline.data.settings import IN_USE_ALONE
+from sightline.detection3d.alignment import ClassAlignment
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.config import RefinementConfig
 from sightline.detection3d.pillar_config import PillarNetworkConfig
@@ -82,6 +84,9 @@ class Detection3DConfig:
     """What of the sweep is around a proposal, for the plain second stage."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
     """Which boxes are given as detections."""
+    alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
+    """How detections are fitted to the labels of other sensors, in use alone: a training scores
+    boxes as they were learned, and the weights that it writes have none."""
 
     def __post_init__(self) -> None:
         """Checks that there is a first stage, and that the stages fit together."""
@@ -108,6 +113,7 @@ class Detection3DConfig:
                 f"input.reflectance {self.input.reflectance}: set both alike"
             )
         self._check_second()
+        self._check_alignment()
 
     @property
     def classes(self) -> tuple[RoadUserClass, ...]:
@@ -115,6 +121,17 @@ class Detection3DConfig:
         first = self.points or self.pillars
         assert first is not None, "checked when built"
         return first.classes
+
+    def _check_alignment(self) -> None:
+        known = [each.name for each in self.classes]
+        names = [each.name for each in self.alignment]
+        if len(set(names)) < len(names):
+            raise ValueError("alignment names a class more than once; keep one entry of each")
+        for each in self.alignment:
+            if each.name not in known:
+                raise ValueError(
+                    f"alignment names {each.name}, but the classes are {', '.join(known)}"
+                )
 
     def _check_points(self, points: ProposalNetworkConfig) -> None:
         if self.input.num_points is None:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from sightline.data.object_tree import Part
+from sightline.detection3d.alignment import align
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
@@ -70,7 +71,7 @@ class Detection3DPredictor:
         """
         self.name = loaded.name
         self.sha256 = loaded.sha256
-        self._input = loaded.network.config.input
+        self._config = loaded.network.config
         self._stages = StageRunners(loaded, engine=engine, device=device, threads=threads)
         self.engine: EngineName = self._stages.engine
 
@@ -111,10 +112,13 @@ class Detection3DPredictor:
         Raises:
             ValueError: As a call does.
         """
-        sweep = network_sweep(at_kitti_height(sample), self._input)
+        sweep = network_sweep(at_kitti_height(sample), self._config.input)
         proposed = self._stages.propose(sweep)
         answers = self._stages.proposals(proposed), self._stages.refine(sweep, proposed)
-        first, second = (_lowered(each, sample.higher_than_kitti_m) for each in answers)
+        first, second = (
+            align(_lowered(each, sample.higher_than_kitti_m), self._config.alignment)
+            for each in answers
+        )
         return first, second
 
 

@@ -1,6 +1,7 @@
 """Training and scoring of the 3D detectors."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -23,7 +24,9 @@ from sightline.detection3d.proposal_cache import check_made_by, first_stage_iden
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.evaluation.kitti_object_rules import LOOSE
 from sightline.structures.predictions import Detections3D
-from sightline.training.module import OptimizerConfig, TrainingModule, choose_settings
+from sightline.training.initial_weights import choose_settings
+from sightline.training.module import TrainingModule
+from sightline.training.optimizer import OptimizerConfig
 
 _LOSS, _OPTIMIZER = Detection3DLossConfig(), OptimizerConfig()
 
@@ -67,7 +70,7 @@ class Detection3D(TrainingModule):
         """
         settings = choose_settings(network, Detection3DConfig, initial_weights)
         super().__init__(
-            Detector3D(settings),
+            Detector3D(replace(settings, alignment=())),
             KittiObjectMetric(),
             optimizer=optimizer,
             initial_weights=initial_weights,

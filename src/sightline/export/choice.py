@@ -20,12 +20,14 @@ def choose_engine(choice: EngineChoice, device: str = "cpu") -> EngineName:
     environment variable SIGHTLINE_ENGINE names, where it is set.
 
     Raises:
-        ValueError: The variable names no engine.
+        ValueError: The choice or the variable names no engine.
     """
+    engines: tuple[EngineName, ...] = get_args(EngineName)
     if choice != "auto":
+        if choice not in engines:
+            raise ValueError(f"there is no engine {choice}; name one of auto, {', '.join(engines)}")
         return choice
     if named := os.environ.get(VARIABLE):
-        engines: tuple[EngineName, ...] = get_args(EngineName)
         found = next((name for name in engines if name == named), None)
         if found is None:
             raise ValueError(

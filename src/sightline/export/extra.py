@@ -2,6 +2,9 @@
 
 import importlib
 import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Literal
 
@@ -18,10 +21,27 @@ def import_extra(library: Library) -> ModuleType:
     # folder, from the import on; only this keeps them from it. A value that is set already stays.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     try:
-        return importlib.import_module(library)
+        with _no_telemetry_of_openvino():
+            return importlib.import_module(library)
     except ModuleNotFoundError as error:
         if error.name != library:
             raise
         raise ValueError(
             f'{library} is not installed; install it with: pip install "sightline[export]"'
         ) from error
+
+
+@contextmanager
+def _no_telemetry_of_openvino() -> Iterator[None]:
+    """Hides the package by which OpenVINO sends usage data to Google, from its import on.
+
+    Where the package is not installed, OpenVINO takes a stub of its own, and for good.
+    """
+    name = "openvino_telemetry"
+    before = {key: module for key, module in sys.modules.items() if key == name}
+    sys.modules[name] = None  # type: ignore[assignment]  # documented: imports of it then fail
+    try:
+        yield
+    finally:
+        del sys.modules[name]
+        sys.modules.update(before)

@@ -18,6 +18,14 @@ class HealthReport:
 
     frames: tuple[FrameHealth, ...]
 
+    @property
+    def is_short_of_rings(self) -> bool:
+        """Whether all sweeps are bad by their number of rings, as those of fewer beams are."""
+        sweeps = [frame.health.lidar for frame in self.frames]
+        there = [each for each in sweeps if each.worst_check != "absent"]
+        short = [each for each in there if each.is_alarm and each.worst_check == "ringless"]
+        return bool(there) and short == there
+
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""
         return {"frames": [_frame_json(frame) for frame in self.frames]}

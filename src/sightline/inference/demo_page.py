@@ -29,6 +29,8 @@ th, td { padding: .3em .8em .3em 0; } td, thead th:not(:first-child) { text-alig
 td, thead th:not(:first-child) { padding-left: .8em; }
 thead th { color: var(--soft); font-size: .9em; } tbody tr { border-top: 1px solid var(--line); }
 @media (max-width: 560px) { body { padding: .9em .8em 3em; } h1 { font-size: 1.3em; }
+  table { font-size: .9em; } th, td { padding-right: .3em; }
+  td, thead th:not(:first-child) { padding-left: .3em; }
   .wide img { width: auto; max-width: none; height: 460px; }
   .wide { overflow-x: auto; } .wide figcaption { position: sticky; left: 0; } }
 """

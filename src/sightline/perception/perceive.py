@@ -38,6 +38,8 @@ LINES_NAME: Final = "perception.jsonl"
 
 _LINES_FOLDER = "lines"
 
+_Lines = dict[str, tuple[str, dict[str, object]]]  # by frame: its line as text, what it says
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PerceiveResult(JobResult):
@@ -128,8 +130,7 @@ def perceive(
         if name not in done
     ]
     run_job(works, workers, description=JOB_NAME)
-    lines = _read_lines(out / _LINES_FOLDER)
-    atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
+    lines = _join_lines(out)
     if pictures:
         pictures.write(dataset, out)
     return PerceiveResult(
@@ -211,9 +212,20 @@ def _done_frames(folder: Path, places: Mapping[str, Places]) -> set[str]:
     }
 
 
-def _read_lines(folder: Path) -> dict[str, tuple[str, dict[str, object]]]:
+def _join_lines(out: Path) -> _Lines:
+    """Writes all frames' lines into one file, those included that others write meanwhile."""
+    while True:
+        lines = _read_lines(out / _LINES_FOLDER)
+        atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
+        # Another shard may have ended between the reading and the writing: its file was whole,
+        # and ours has just replaced it.
+        if _read_lines(out / _LINES_FOLDER) == lines:
+            return lines
+
+
+def _read_lines(folder: Path) -> _Lines:
     """The lines that are there, by frame in order: as text, and what it says; damaged ones not."""
-    lines: dict[str, tuple[str, dict[str, object]]] = {}
+    lines: _Lines = {}
     for path in sorted(folder.glob("*.json")):
         text = path.read_text(errors="replace").strip()
         with suppress(ValueError, RecursionError):

@@ -1,1 +1,1 @@
-"""Scenes made, not recorded: the embedded data set."""
+"""Simulated streets, as a camera and a LiDAR see them, with exact labels."""

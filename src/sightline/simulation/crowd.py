@@ -30,7 +30,7 @@ AHEAD_M: Final = 125.0
 _MOMENT_S: Final = 0.25
 """Between the moments at which overlaps are checked."""
 _EGO_ROOM_M: Final = 1.4
-"""Nobody stands ahead of it or behind it within this."""
+"""Room that is kept free ahead of the ego and behind it."""
 _WHEELS_OF_EGO_LW: Final = (2.7, 1.55)
 _WHEELS: Final = {
     **dict.fromkeys(("Car", "Van", "Truck", "Misc"), (0.6, 0.85)),

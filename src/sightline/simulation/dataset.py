@@ -43,6 +43,11 @@ class SimulatedDataset(Dataset[CameraLidarSample]):
     config: SimulationConfig = field(default_factory=SimulationConfig)
     streets: StreetMaker = make_street
 
+    def __post_init__(self) -> None:
+        """Checks the number of frames."""
+        if self.num_frames < 0:
+            raise ValueError(f"num_frames must not be negative, got {self.num_frames}")
+
     @property
     def sample_ids(self) -> tuple[str, ...]:
         """Names of the samples, in order."""
@@ -59,7 +64,10 @@ class SimulatedDataset(Dataset[CameraLidarSample]):
             IndexError: There is no such sample.
         """
         if not 0 <= index < self.num_frames:
-            raise IndexError(f"sample {index} of a simulated data set of {self.num_frames}")
+            raise IndexError(
+                f"a simulated data set of {self.num_frames} samples has no sample {index}; numbers "
+                "begin at 0"
+            )
         frame = simulate_frame(self.config, index, self.streets)
         seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
         return sample_of(replace(frame, points=seen, sample_id=self.sample_ids[index]))

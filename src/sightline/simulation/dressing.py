@@ -32,6 +32,7 @@ from sightline.simulation.scene import Mesh
 
 _KERB_CLEARANCE: Final = 0.55
 _FAR: Final = 115.0
+"""Station beyond which nothing is set out [m]."""
 _ROOM_M: Final = 0.25
 """Free space around things along a street."""
 _TRUNK_M: Final = 0.5
@@ -123,7 +124,7 @@ class _Dresser:
     def free_stations(
         self, road: Road, side: Side, stations: Float[np.ndarray, " count"], margin: float
     ) -> Float64[np.ndarray, " num_free"]:
-        """The stations outside the junction."""
+        """The stations on the road, `margin` [m] away from the junction and not too far ahead."""
         free = np.ones(len(stations), dtype=bool)
         for start, stop in side.gaps:
             free &= (stations < start - margin) | (stations > stop + margin)

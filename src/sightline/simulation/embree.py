@@ -68,8 +68,8 @@ class EmbreeScene:
         """Copies a mesh and builds Embree's search tree over it.
 
         Raises:
-            ValueError: If a face names a vertex that there is not.
-            RuntimeError: If Embree reports an error, for want of memory for one.
+            ValueError: A face names a vertex that does not exist.
+            RuntimeError: Embree reports an error, for example that memory has run out.
         """
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
             raise ValueError(

@@ -30,7 +30,7 @@ class ModelSource(Protocol):
     """Where models of road users come from."""
 
     def draw(self, rng: np.random.Generator, class_name: str, speed_mps: float) -> ActorModel:
-        """A road user of a KITTI class, whose shape moves as at a speed if it depends on it."""
+        """A road user of a KITTI class; people walk and pedal as at that speed."""
 
 
 class Fleet:
@@ -41,7 +41,7 @@ class Fleet:
         self._made: dict[str, list[ActorModel]] = {}
 
     def draw(self, rng: np.random.Generator, class_name: str, speed_mps: float) -> ActorModel:
-        """A road user of a KITTI class, whose shape moves as at a speed if it depends on it."""
+        """A road user of a KITTI class; people walk and pedal as at that speed."""
         if class_name == "Pedestrian":
             return make_pedestrian(rng, speed_mps)
         if class_name == "Cyclist":

@@ -52,11 +52,12 @@ def simulate(
 
     Args:
         out: Folder for all of it; its simulation.json says which settings made it.
-        frames: How many, over all drives.
+        frames: Number of frames, over all drives.
         config: What is simulated.
         workers: Processes that work; 1 is this process alone.
         velodyne: Whole turns of the LiDAR, or "velodyne_reduced": only what the camera sees.
-        validation_frames: So many, the first ones, go to ImageSets/val.txt and not to train.txt.
+        validation_frames: Number of frames, the first ones, that go to ImageSets/val.txt instead of
+            train.txt.
         streets: Makes the places; a function of a module.
         shard_index: Which part of the frames, or of the drives, to do, from 0. Lists, and what
             stands for all drives, are written by each part.
@@ -75,8 +76,8 @@ def simulate(
     most = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
     if frames > most:
         raise ValueError(
-            f"a simulation has at most {most} frames, for so many its files have names; got "
-            f"{frames}; make several folders with other seeds"
+            f"a simulation has at most {most} frames, as many as its files have names for, got "
+            f"{frames}; make several folders, each with another seed"
         )
     shard((), shard_index, num_shards)  # refuses a wrong one before the folder is claimed
     whole = config.camera and not validation_frames and velodyne == "velodyne"

@@ -79,7 +79,7 @@ def label_frame(
 ) -> FrameLabels:
     """Labels what the camera shows as KITTI's annotators would, in the order of the actors.
 
-    The 2D box is `label_boxes.project_box`, hidden parts included; one of a pedestrian is as wide
+    The 2D box is `kitti_boxes.project_box`, hidden parts included; one of a pedestrian is as wide
     as the person, not as the 3D box. Occlusion is 0, 1 or 2 by the share of the object's pixels
     within the image that it owns there; what is largely hidden and cut by the image is 3, as are
     95 % of KITTI's cars of that level. What is too small, far or hidden to label is DontCare,
@@ -203,7 +203,10 @@ def _occlusion(item: _Seen) -> int:
 
 
 def _joined(boxes: list[Float64[np.ndarray, "4"]]) -> list[Float64[np.ndarray, "4"]]:
-    """Boxes that touch or nearly do, merged until none are left that do."""
+    """Boxes, each merged with those before it that it touches or nearly does.
+
+    In one pass: a box that has grown may touch one that was apart from it before.
+    """
     merged: list[Float64[np.ndarray, "4"]] = []
     for box in boxes:
         grown = box

@@ -66,12 +66,25 @@ class Laser:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BlindSector:
-    """Where the car that carries the sensor blocks the beams."""
+    """Where the car that carries the sensor blocks the beams.
+
+    Raises:
+        ValueError: The azimuths do not rise within 0 to 360 degrees.
+    """
 
     azimuth_deg: tuple[float, float]
     """From, to, counter-clockwise; 0 is straight ahead."""
     below_deg: float
     """Beams below this elevation are lost there."""
+
+    def __post_init__(self) -> None:
+        """Checks the order of the azimuths."""
+        start, end = self.azimuth_deg
+        if not 0 <= start < end <= 360:
+            raise ValueError(
+                f"azimuth_deg of a blind sector must rise within 0 to 360, got {start} to {end}; "
+                "divide one that lies across 0 in two"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,17 +112,24 @@ class LidarConfig:
     """Whether the sensor moves during its turn, which distorts the sweep as in reality."""
 
     def __post_init__(self) -> None:
-        """Checks that rings come from the top, as KITTI's files order them."""
+        """Checks the ranges, and that rings come from the top, as KITTI's files order them."""
         elevations = [laser.elevation_deg for laser in self.lasers]
         if not elevations or elevations != sorted(elevations, reverse=True):
             raise ValueError(
                 f"a LiDAR needs lasers whose elevations fall from the top, got {elevations} degrees"
             )
-        if self.azimuth_step_deg <= 0 or not 0 <= self.min_range_m < self.max_range_m:
+        if not self.azimuth_step_deg > 0 or not 0 <= self.min_range_m < self.max_range_m:
             raise ValueError(
                 "a LiDAR needs azimuth_step_deg above 0 and min_range_m below max_range_m, got "
                 f"{self.azimuth_step_deg}, {self.min_range_m} and {self.max_range_m}"
             )
+        if not 0 <= self.drop_out <= 1 or not self.range_noise_m >= 0:
+            raise ValueError(
+                "a LiDAR needs a drop_out from 0 to 1 and a range_noise_m of at least 0, got "
+                f"{self.drop_out} and {self.range_noise_m}"
+            )
+        if not self.detectable_echo > 0:
+            raise ValueError(f"detectable_echo must be above 0, got {self.detectable_echo}")
 
 
 def _fan(top_deg: float, bottom_deg: float, count: int, offset_m: float = 0.0) -> tuple[Laser, ...]:
@@ -187,11 +207,18 @@ def take_sweep(
         raycaster: Over the scene's mesh.
         rng: Draws noise and losses.
         config: The sensor.
-        ego: The sensor's way, for `rolling_shutter`; the turn starts at `time_s`.
+        ego: The sensor's way, which `rolling_shutter` needs; the turn starts at `time_s`.
         time_s: When the turn starts.
+
+    Raises:
+        ValueError: The LiDAR has a rolling shutter, but its way is not given.
     """
     firings = _firings(config)
-    if config.rolling_shutter and ego is not None:
+    if config.rolling_shutter:
+        if ego is None:
+            raise ValueError(
+                "a LiDAR with rolling_shutter moves during its turn; give its way, ego"
+            )
         world_from_lidar = _poses_in_turn(ego, time_s, firings.azimuths, config)
     else:
         world_from_lidar = world_from_footprint(scene.ego, config.height_m)[None]

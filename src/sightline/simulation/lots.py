@@ -123,7 +123,7 @@ def with_lowered_kerbs(layout: Layout, lots: Sequence[Lot]) -> Layout:
 
 
 def bays_of(rng: np.random.Generator, lots: tuple[Lot, ...]) -> tuple[Bay, ...]:
-    """Places for cars in driveways, forecourts and car parks, in no order of preference."""
+    """Places for cars in driveways, forecourts and car parks."""
     bays = []
     for lot in lots:
         stations, distances = _bay_grid(rng, lot)

@@ -52,11 +52,6 @@ class Travel:
         times = np.asarray(times_s, np.float64)
         return np.asarray(self.speed_mps * times + self.sway_mps / rate * waves)
 
-    def speed_at(self, time_s: float) -> float:
-        """Speed [m/s] at a time."""
-        rate = 2 * np.pi / self.period_s
-        return float(self.speed_mps + self.sway_mps * np.cos(rate * time_s + self.phase))
-
 
 STANDING = Travel(speed_mps=0.0)
 

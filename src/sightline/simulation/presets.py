@@ -13,11 +13,12 @@ class SimulatedSet:
     """What a data set consists of; its fields, and those of `config`, are options of `simulate`."""
 
     frames: int = 100
-    """How many, over all drives."""
+    """Number of frames, over all drives."""
     validation_frames: int = 0
-    """So many, the first ones, go to ImageSets/val.txt and not to train.txt."""
+    """Number of frames, the first ones, that go to ImageSets/val.txt instead of train.txt."""
     velodyne: Velodyne = "velodyne"
-    """velodyne for whole turns of the LiDAR, velodyne_reduced for what the camera sees."""
+    """Folder of the sweeps: velodyne for whole turns of the LiDAR, velodyne_reduced for what the
+    camera sees of them."""
     config: SimulationConfig = field(default_factory=SimulationConfig)
 
 

@@ -12,7 +12,7 @@ _CROWN_FADE_M: Final = 10.0
 """Before a junction, where the surfaces of two roads meet, the crown flattens out."""
 _RAMP_HALF_M: Final = 1.7
 _RAMP_SLOPE_M: Final = 0.8
-"""Half the width of a lowered kerb, and over which it comes down at each end."""
+"""Half the width of a lowered kerb, and the distance over which it comes down at each end."""
 RAMP_DEPTH_M: Final = 1.0
 """Distance from a lowered kerb within which the pavement rises to its full height."""
 _STEP_M: Final = 0.3

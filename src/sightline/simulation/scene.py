@@ -114,6 +114,7 @@ class Light:
     haze_m: float
     """Distance over which contrast falls to 1/e."""
     exposure: float
+    """Factor on `SensorConfig.sensitivity` that suits this light."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

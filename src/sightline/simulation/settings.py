@@ -1,7 +1,7 @@
 """The settings of a simulation; imports nothing heavy, for the command line's sake."""
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 """`lidar.LIDARS` says what they are."""
@@ -31,7 +31,7 @@ class SimulationConfig:
     samples_per_pixel: Literal[1, 4] = 1
     """Rays for each pixel: 1, or 4 for finer pictures."""
     lidar: LidarModel = "hdl-64e"
-    """The sensor."""
+    """Model of the LiDAR."""
     rolling_shutter: bool = False
     """Whether the LiDAR moves with the car during its turn."""
     camera: bool = True
@@ -53,6 +53,12 @@ class SimulationConfig:
             raise ValueError(
                 f"the image must have {_MIN_SIDE_PX} to {_MAX_SIDE_PX} pixels along each side, got "
                 f"{width} x {height} (width x height)"
+            )
+        if self.samples_per_pixel not in (1, 4):
+            raise ValueError(f"samples_per_pixel must be 1 or 4, got {self.samples_per_pixel}")
+        if self.lidar not in get_args(LidarModel):
+            raise ValueError(
+                f"lidar must be one of {', '.join(get_args(LidarModel))}, got {self.lidar!r}"
             )
         if not _MIN_FOCAL_PX <= self.focal_px <= _MAX_FOCAL_PX:
             raise ValueError(

@@ -34,7 +34,6 @@ SUN_STRATA: Final = 16
 """Parts of the sun's disc, alternating between its quarters."""
 
 _LEAF: Final = int(Material.LEAF)
-_GLASS: Final = int(Material.GLASS)
 _WINDOW: Final = int(Material.WINDOW)
 _HEADLIGHT: Final = int(Material.HEADLIGHT)
 _TAIL_LIGHT: Final = int(Material.TAIL_LIGHT)

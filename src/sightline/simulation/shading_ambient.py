@@ -1,4 +1,4 @@
-"""Light from sky and surroundings: gathered at every other pixel, smoothed, and spread to all.
+"""Light from sky and surroundings: gathered at some of the pixels, smoothed, and spread to all.
 
 Each point of a coarse grid sends a few rays around. The rays of 4 x 4 neighbouring points differ so
 that together they cover the hemisphere evenly; a filter that spans just as many points, and leaves
@@ -201,7 +201,7 @@ def _bounce(
             store_row(radiance, row, smooth_sky(light, way[2]))
             continue
         flat = _normal_towards(mesh, face, way)
-        # A near surface hides the sky from this one as much as this one hides it from that.
+        # A surface nearby and the point that sees it hide the sky from each other.
         openness = 0.2 + 0.65 * min(1.0, hits.distances[row] / _OPEN_AT_M)
         arriving = scaled(guessed_ambient(light, flat), openness)
         if sun_visible[row]:

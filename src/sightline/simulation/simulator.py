@@ -98,7 +98,7 @@ class StreetMaker(Protocol):
         """
 
     def __hash__(self) -> int:
-        """All functions have one; the street of a drive is kept until another is asked for."""
+        """Functions have one; `simulate_street` keeps the last street by it."""
 
 
 def simulate_frame(

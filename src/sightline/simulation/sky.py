@@ -67,24 +67,27 @@ def smooth_sky(light: Daylight, up: float) -> Vector:
 
     This is what lights the scene: no sun, no glow, no shape of a cloud.
     """
-    rise = max(up, 0.0) ** 0.45
-    land = 1.0 - (1.0 - _GROUND_SHARE) * min(max(-up * 30.0, 0.0), 1.0)
-    red = (light.sky_horizon[0] + (light.sky_zenith[0] - light.sky_horizon[0]) * rise) * land
-    green = (light.sky_horizon[1] + (light.sky_zenith[1] - light.sky_horizon[1]) * rise) * land
-    blue = (light.sky_horizon[2] + (light.sky_zenith[2] - light.sky_horizon[2]) * rise) * land
+    red, green, blue = _clear_sky(light, up)
     grey = luminance((red, green, blue))
     cover = 0.6 * light.cloud_cover
     return red + (grey - red) * cover, green + (grey - green) * cover, blue + (grey - blue) * cover
 
 
 @compiled
-def sky_radiance(light: Daylight, x: float, y: float, z: float) -> Vector:
-    """Radiance that a ray into a unit direction sees where it meets nothing."""
-    rise = max(z, 0.0) ** 0.45
-    land = 1.0 - (1.0 - _GROUND_SHARE) * min(max(-z * 30.0, 0.0), 1.0)
+def _clear_sky(light: Daylight, up: float) -> Vector:
+    """Radiance from a height without clouds, sun and glow; below the horizon the unseen land's."""
+    rise = max(up, 0.0) ** 0.45
+    land = 1.0 - (1.0 - _GROUND_SHARE) * min(max(-up * 30.0, 0.0), 1.0)
     red = (light.sky_horizon[0] + (light.sky_zenith[0] - light.sky_horizon[0]) * rise) * land
     green = (light.sky_horizon[1] + (light.sky_zenith[1] - light.sky_horizon[1]) * rise) * land
     blue = (light.sky_horizon[2] + (light.sky_zenith[2] - light.sky_horizon[2]) * rise) * land
+    return red, green, blue
+
+
+@compiled
+def sky_radiance(light: Daylight, x: float, y: float, z: float) -> Vector:
+    """Radiance that a ray into a unit direction sees where it meets nothing."""
+    red, green, blue = _clear_sky(light, z)
     density = _cloud_density(light, x, y, z)
     if density > 0.0:
         grey = luminance((red, green, blue)) * (1.12 - 0.25 * density)

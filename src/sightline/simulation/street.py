@@ -33,6 +33,9 @@ def make_street(
             street is long enough.
         kind: What kind of street; None draws it.
         hard: Whether it is fuller and hillier than usual, so that more is far away and hidden.
+
+    Raises:
+        ValueError: `duration_s` is negative.
     """
     if duration_s < 0:
         raise ValueError(f"duration_s must not be negative, got {duration_s}")

@@ -74,7 +74,7 @@ def _move_along(
 
 
 def walk(crowd: Crowd) -> None:
-    """Pedestrians on the pavements, alone and in groups, who wait, and some who cross the road."""
+    """Pedestrians, alone and in groups: on pavements, waiting at the kerb, crossing the road."""
     rng = crowd.rng
     chance, mean = crowd.customs.walkers
     if rng.random() > chance * (_HARD_FACTOR if crowd.hard else 1.0):

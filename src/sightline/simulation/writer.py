@@ -72,7 +72,11 @@ class FrameFiles:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectLayout:
-    """KITTI's object tree, with what only a simulator knows beside it."""
+    """KITTI's object tree, with what only a simulator knows beside it.
+
+    training/{image_2,VELODYNE,calib,label_2}/N.* and training/{depth,velodyne_raw,instance}/N.png;
+    ImageSets/{train,val}.txt.
+    """
 
     root: Path
     velodyne: Velodyne

@@ -1,9 +1,8 @@
-"""What every task's training has in common: network, optimiser, steps, scores, checkpoints."""
+"""What every task's training has in common: network, steps, scores, checkpoints."""
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
@@ -15,72 +14,16 @@ from jaxtyping import UInt8
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
-from torch.optim import SGD, Adam, AdamW, Optimizer
-from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
-from sightline.data.settings import (
-    ConfigT,
-    NetworkConfig,
-    differing_settings,
-    parse_settings,
-    plain_settings,
-)
-from sightline.data.weights import CHECKPOINT_KEY, fill_network, read_weights
+from sightline.data.settings import NetworkConfig, plain_settings
+from sightline.data.weights import CHECKPOINT_KEY
 from sightline.structures.batch import Batch
+from sightline.training.initial_weights import check_network, fill_from
+from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
 
 _NUM_STEPS_KEY = "sightline_num_steps"
-_FEWEST_STEPS = 4  # of a one-cycle schedule: two of warm-up, two of cooling down
 _NUM_PICTURES = 4  # validation batches of which the first sample is drawn
-
-
-@dataclass(frozen=True, kw_only=True)
-class OptimizerConfig:
-    """How the weights are updated. Clipping is the Trainer's: `trainer.gradient_clip_val`."""
-
-    name: Literal["adam", "adamw", "sgd"] = "adamw"
-    """adam: Kingma and Ba 2015 (arXiv:1412.6980); adamw: Loshchilov and Hutter 2019
-    (arXiv:1711.05101); sgd: gradient descent with momentum."""
-    learning_rate: float = 1e-3
-    """The highest rate of the schedule."""
-    weight_decay: float = 0.0
-    """Of all weights; adam and sgd add it to the gradient, adamw takes it off the weights."""
-    momentum: float = 0.9
-    """Of sgd."""
-    schedule: Literal["constant", "one_cycle", "cosine", "steps"] = "constant"
-    """The learning rate after the warm-up: stays, falls to 0 by the last step, or is multiplied by
-    `drop_factor` at each of `drop_shares`. one_cycle (Smith and Topin 2018, arXiv:1708.07120) also
-    moves the (first) momentum."""
-    warm_up_share: float = 0.0
-    """Share of all steps during which the learning rate rises."""
-    drop_shares: tuple[float, ...] = ()
-    """Shares of all steps after which schedule steps lowers the rate, in their order."""
-    drop_factor: float = 0.1
-    """Factor by which the schedule steps multiplies the learning rate."""
-
-    def __post_init__(self) -> None:
-        """Checks the ranges."""
-        if self.learning_rate <= 0:
-            raise ValueError(f"learning_rate must be positive, got {self.learning_rate}")
-        if self.weight_decay < 0:
-            raise ValueError(f"weight_decay must not be negative, got {self.weight_decay}")
-        if not 0 <= self.warm_up_share < 1:
-            raise ValueError(f"warm_up_share must be in [0, 1), got {self.warm_up_share}")
-        if not 0 <= self.momentum < 1:
-            raise ValueError(f"momentum must be in [0, 1), got {self.momentum}")
-        if not 0 < self.drop_factor <= 1:
-            raise ValueError(f"drop_factor must be in (0, 1], got {self.drop_factor}")
-        ends = (self.warm_up_share, *self.drop_shares, 1)
-        if list(ends) != sorted(ends):
-            raise ValueError(
-                f"drop_shares must rise from warm_up_share {self.warm_up_share} to 1 at most, got "
-                f"{self.drop_shares}"
-            )
-        if bool(self.drop_shares) != (self.schedule == "steps"):
-            raise ValueError(
-                f"drop_shares belong to schedule steps, got schedule {self.schedule} and "
-                f"drop_shares {self.drop_shares}; set both or neither"
-            )
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -137,7 +80,13 @@ class TrainingModule(lightning.LightningModule, ABC):
         self.optimizer = optimizer
         self._num_steps: int | None = None  # that the schedule is made for
         if initial_weights is not None:
-            self._start_from(initial_weights, initial_part)
+            fill_from(
+                initial_weights,
+                self.network,
+                self.network_config(),
+                task_name=self.task_name,
+                part=initial_part,
+            )
         elif initial_part is not None:
             raise ValueError(
                 f"initial_part {initial_part} says what initial_weights fill: set those too"
@@ -256,8 +205,13 @@ class TrainingModule(lightning.LightningModule, ABC):
             raise ValueError(
                 "the checkpoint is none of sightline; name one that sightline fit wrote"
             )
-        self._check_task("the checkpoint", description["task"])
-        _check_settings("the checkpoint", description["config"], self.network_config())
+        check_network(
+            "the checkpoint",
+            description["task"],
+            description["config"],
+            task_name=self.task_name,
+            config=self.network_config(),
+        )
         self._num_steps = checkpoint.get(_NUM_STEPS_KEY)
 
     def _log_scores(self, stage: str) -> None:
@@ -268,122 +222,3 @@ class TrainingModule(lightning.LightningModule, ABC):
         shown, _ = self.monitored
         for name, score in scores.items():
             self.log(name, score, prog_bar=name == shown)
-
-    def _start_from(self, source: Path, part: str | None) -> None:
-        weights = read_weights(source)
-        name = str(source)
-        if part is None:
-            self._check_task(name, weights.task)
-            _check_settings(name, weights.config, self.network_config())
-            _load(self.network, weights.tensors, name)
-            return
-        parts = dict(self.network.named_children())
-        settings = getattr(self.network_config(), part, None)
-        if part not in parts or not isinstance(settings, NetworkConfig):
-            raise ValueError(
-                f"initial_part {part} is no part of the network that has settings of its own; its "
-                f"modules are {', '.join(parts)}"
-            )
-        given, tensors = weights.config, weights.tensors
-        if weights.task == self.task_name:  # such a network as a whole, of which the part is wanted
-            of_part = given.get(part)
-            given = of_part if isinstance(of_part, dict) else {}
-            tensors = {
-                key.removeprefix(f"{part}."): tensor
-                for key, tensor in tensors.items()
-                if key.startswith(f"{part}.")
-            }
-        _check_settings(name, given, settings)
-        _load(parts[part], tensors, name)
-
-    def _check_task(self, source: str, task: str) -> None:
-        if task != self.task_name:
-            raise ValueError(
-                f"{source} is of task {task}, expected {self.task_name}; name another or change "
-                "the recipe"
-            )
-
-
-def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | None) -> ConfigT:
-    """A network's settings: those given, else those of the weights that it starts from.
-
-    Args:
-        given: As the recipe has them; None where it leaves them to the weights.
-        kind: What settings the network takes.
-        weights: Name or file; None: none, and the settings are the defaults.
-
-    Raises:
-        ValueError: The weights cannot be read or are another network's.
-    """
-    if given is not None:
-        return given
-    if weights is None:
-        return kind()
-    plain = read_weights(weights).config
-    try:
-        return parse_settings(kind, plain)
-    except ValueError as error:
-        raise ValueError(
-            f"{weights} describes a network that cannot be built here ({error}); name others"
-        ) from error
-
-
-def _check_settings(source: str, given: Mapping[str, object], ours: NetworkConfig) -> None:
-    differing = differing_settings(given, ours)
-    if differing:
-        raise ValueError(
-            f"{source} holds a network of other settings ({differing}); take the recipe that it "
-            "was trained with"
-        )
-
-
-def _load(module: nn.Module, tensors: Mapping[str, Tensor], source: str) -> None:
-    try:
-        fill_network(module, tensors)
-    except ValueError as error:
-        raise ValueError(
-            f"{source} does not fit the network that it describes ({error}); name another"
-        ) from error
-
-
-def make_optimizer(parameters: Sequence[nn.Parameter], config: OptimizerConfig) -> Optimizer:
-    """What updates the parameters."""
-    rate, decay = config.learning_rate, config.weight_decay
-    if config.name == "sgd":
-        return SGD(parameters, lr=rate, momentum=config.momentum, weight_decay=decay)
-    kind = Adam if config.name == "adam" else AdamW
-    return kind(parameters, lr=rate, weight_decay=decay)
-
-
-def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:
-    """The learning rate over `total_steps` updates; stepped after each.
-
-    Args:
-        optimizer: Its learning rate is set.
-        config: Which schedule.
-        total_steps: Length of the training; a one-cycle schedule takes four at least.
-    """
-    warm_up_steps = round(config.warm_up_share * total_steps)
-    if config.schedule == "one_cycle":
-        total_steps = max(total_steps, _FEWEST_STEPS)
-        # PyTorch divides by the length of each phase, less one.
-        warm_up_steps = min(max(warm_up_steps, 2), total_steps - 2)
-        return OneCycleLR(
-            optimizer,
-            max_lr=config.learning_rate,
-            total_steps=total_steps,
-            pct_start=warm_up_steps / total_steps,
-        )
-
-    def factor(step: int) -> float:
-        if step < warm_up_steps:
-            return (step + 1) / (warm_up_steps + 1)
-        if config.schedule == "constant":
-            return 1.0
-        if config.schedule == "steps":
-            drops = (round(share * total_steps) for share in config.drop_shares)
-            return config.drop_factor ** sum(step >= drop for drop in drops)
-        progress = (step - warm_up_steps) / max(total_steps - warm_up_steps, 1)
-        return (1 + math.cos(math.pi * min(progress, 1.0))) / 2
-
-    return LambdaLR(optimizer, factor)

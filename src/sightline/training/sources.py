@@ -60,7 +60,7 @@ def open_source(
         divides: Whether its folder is to be validated on too.
 
     Raises:
-        ValueError: There is no such data, it lacks files, or `with_classes` finds no frame.
+        ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
     """
     path = root / source.path
     velodyne = source.velodyne or find_velodyne(path)
@@ -106,9 +106,10 @@ def _frames_with(dataset: SampleDataset, class_names: Collection[str], path: Pat
         shown |= names
         if not names.isdisjoint(class_names):
             kept.append(sample_id)
-    if not kept:
+    absent = sorted(set(class_names) - shown)
+    if absent:
         raise ValueError(
-            f"no frame of {path} has an object of with_classes {', '.join(class_names)}; its "
+            f"no frame of {path} has an object of with_classes {', '.join(absent)}; its "
             f"labels have {shortened(', '.join(sorted(shown))) or 'none'}"
         )
     return NamedSubset(dataset, kept)

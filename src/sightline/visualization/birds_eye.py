@@ -1,7 +1,8 @@
 """A frame seen from above."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import unproject_pixels
 from sightline.visualization.canvas import put_lines, put_points, put_polygon
-from sightline.visualization.colors import RGB, class_color
+from sightline.visualization.colors import RGB, check_class_names, class_color
 from sightline.visualization.lettering import put_text, text_width
 
 _BACKGROUND: RGB = (17, 19, 24)
@@ -38,10 +39,17 @@ class BirdsEyeView:
 
     def __post_init__(self) -> None:
         """Checks that there is something to see."""
-        if self.x_max_m <= self.x_min_m or self.y_max_m <= self.y_min_m or self.pixels_per_m <= 0:
+        # Written so that NaN, which compares false with everything, is refused.
+        has_area = self.x_min_m < self.x_max_m and self.y_min_m < self.y_max_m
+        if not (has_area and self.pixels_per_m > 0) or not all(map(math.isfinite, astuple(self))):
             raise ValueError(
                 "a bird's-eye view needs x_min_m < x_max_m, y_min_m < y_max_m and pixels_per_m "
-                f"above 0, got {self}"
+                f"above 0, all finite, got {self}"
+            )
+        if min(self.picture_size) < 1:
+            raise ValueError(
+                f"a bird's-eye view needs at least one pixel along each side, got {self}; raise "
+                "pixels_per_m"
             )
 
     @property
@@ -78,6 +86,9 @@ def draw_birds_eye(
         image_size: Of the camera.
         view: What is shown.
         color: One for all boxes instead of their classes' colours.
+
+    Raises:
+        ValueError: There is not one class name for each box.
     """
     view = view or BirdsEyeView()
     canvas = np.full((*view.picture_size, 3), _BACKGROUND, np.uint8)
@@ -101,7 +112,12 @@ def put_boxes_from_above(
     *,
     color: RGB | None = None,
 ) -> None:
-    """Draws boxes into a bird's-eye view that exists."""
+    """Draws boxes into a bird's-eye view that exists.
+
+    Raises:
+        ValueError: There is not one class name for each box.
+    """
+    check_class_names(class_names, len(boxes))
     has_size = (boxes.sizes > 0).all(dim=-1).tolist()
     corners = boxes.corners()[:, :4, :2].detach().cpu().double().numpy()
     for name, outline, drawn in zip(class_names, corners, has_size, strict=True):
@@ -148,7 +164,7 @@ def _put_rings(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) 
 
 
 def _put_ring_labels(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) -> None:
-    """Names the rings on plates, ahead on the right or where they leave the picture."""
+    """Names the rings on plates, ahead on the right or where they leave the picture, if at all."""
     for range_m in _ring_ranges(view):
         text = f"{range_m} m"
         width = text_width(text, 9)
@@ -156,8 +172,12 @@ def _put_ring_labels(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEye
         at = view.pixels(range_m * np.array([np.cos(side), np.sin(side)]))
         if at[0] + width > canvas.shape[1] - 4:  # there the ring has left the picture
             y = -min(range_m, -view.y_min_m - (width + 8) / view.pixels_per_m)
+            if y > range_m:  # the picture lies wholly to the left of the ring
+                continue
             at = view.pixels(np.array([np.sqrt(range_m**2 - y**2), y]))
         left, baseline = round(float(at[0])) + 4, round(float(at[1])) - 4
+        if left < 3:  # the ring is to the right of the picture, or there is no room
+            continue
         plate = canvas[max(baseline - 12, 0) : max(baseline + 4, 0), left - 3 : left + width + 3]
         plate[:] = np.rint(0.7 * np.array(_BACKGROUND) + 0.3 * plate)
         put_text(canvas, text, left, baseline, height_px=9, color=_RING_TEXT)

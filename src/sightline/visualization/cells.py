@@ -9,13 +9,13 @@ from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import put_text, text_width
 
 PAGE: Final[RGB] = (36, 39, 46)
+TITLE: Final[RGB] = (236, 238, 242)
 MUTED: Final[RGB] = (150, 156, 166)
 TITLE_PX: Final = 24
 """Height of a title's line."""
 GAP_PX: Final = 6
 """Between cells."""
 
-_TITLE: RGB = (236, 238, 242)
 _TEXT_PX = 10
 
 
@@ -32,7 +32,7 @@ def titled_cell(
     height, width = picture.shape[:2]
     page = np.full((TITLE_PX + height + GAP_PX, width + GAP_PX, 3), PAGE, np.uint8)
     page[TITLE_PX : TITLE_PX + height, :width] = picture
-    put_text(page, title, 2, TITLE_PX - 7, height_px=_TEXT_PX, color=_TITLE)
+    put_text(page, title, 2, TITLE_PX - 7, height_px=_TEXT_PX, color=TITLE)
     at = 2 + text_width(title, _TEXT_PX) + 12
     put_text(page, muted, at, TITLE_PX - 7, height_px=_TEXT_PX, color=MUTED)
     return page

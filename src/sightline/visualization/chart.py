@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import UInt8
 
 from sightline.visualization.canvas import put_lines
+from sightline.visualization.cells import MUTED
 from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import put_text, text_width
 
 BACKGROUND: RGB = (22, 25, 30)
 GRID: RGB = (64, 70, 80)
 TEXT: RGB = (222, 225, 230)
-MUTED: RGB = (150, 156, 166)
 AXIS_TEXT_PX = 9
 
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -1,5 +1,6 @@
 """Colours of classes and of measured values, chosen to be told apart by colour-blind people."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -33,6 +34,19 @@ def class_color(class_name: str) -> RGB:
     lightened here because pictures of streets are dark.
     """
     return _CLASS_COLORS.get(class_name, _UNKNOWN_CLASS)
+
+
+def check_class_names(class_names: Sequence[str], num_boxes: int) -> None:
+    """Refuses names that are more or fewer than the boxes that they are for.
+
+    Raises:
+        ValueError: They are.
+    """
+    if len(class_names) != num_boxes:
+        raise ValueError(
+            f"{num_boxes} boxes cannot be drawn with {len(class_names)} class names; give one name "
+            "for each box"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,13 +5,12 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from sightline.visualization.cells import MUTED
 from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, RGB, ColorScale
 from sightline.visualization.lettering import put_text, text_width
 
 MISSING: RGB = (112, 48, 100)
 """In an error map: depth is known there, but none was predicted."""
-
-_MUTED: RGB = (150, 156, 166)
 
 
 def colorize_depth(
@@ -101,18 +100,18 @@ def put_legend(
     for tick, at in zip(scale.ticks_m, scale.positions(np.array(scale.ticks_m)), strict=True):
         text = f"{tick:{sign}g}" if tick else "0"
         column = left + round(float(at) * (width_px - 1))
-        canvas[top + height : top + height + 3, column] = _MUTED
+        canvas[top + height : top + height + 3, column] = MUTED
         text_left = min(max(column - text_width(text, 8) // 2, left - 4), right)
-        put_text(canvas, text, text_left, top + height + 14, height_px=8, color=_MUTED)
+        put_text(canvas, text, text_left, top + height + 14, height_px=8, color=MUTED)
     after = text_left + text_width(text, 8) + 4
-    put_text(canvas, "m", after, top + height + 14, height_px=8, color=_MUTED)
+    put_text(canvas, "m", after, top + height + 14, height_px=8, color=MUTED)
 
 
 def _put_hole(canvas: UInt8[np.ndarray, "height width 3"], hole: str, right: int, top: int) -> None:
     """A square of the colour of holes before its name, which ends at column `right`."""
     left = right - text_width(hole, 8)
-    put_text(canvas, hole, left, top + 9, height_px=8, color=_MUTED)
-    cv2.rectangle(canvas, (left - 16, top), (left - 6, top + 9), _MUTED, 1)
+    put_text(canvas, hole, left, top + 9, height_px=8, color=MUTED)
+    cv2.rectangle(canvas, (left - 16, top), (left - 6, top + 9), MUTED, 1)
     canvas[top + 1 : top + 9, left - 15 : left - 6] = INVALID
 
 

@@ -16,14 +16,13 @@ from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
-from sightline.visualization.cells import MUTED, PAGE
+from sightline.visualization.cells import MUTED, PAGE, TITLE
 from sightline.visualization.colors import DEPTH_SCALE, INVALID, RGB, class_color
 from sightline.visualization.depth import colorize_depth, put_legend
 from sightline.visualization.image import camera_picture, draw_detections, sweep_picture
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.zoom import zoomed
 
-_TITLE: RGB = (236, 238, 242)
 _ALARM: RGB = (240, 130, 60)
 _GAP_PX: Final = 10
 _HEAD_PX: Final = 34
@@ -32,7 +31,6 @@ _WIDE: Final = 2.0  # pictures at least so many times as wide as high stand one 
 _STACKED_PX, _BESIDE_PX = 940, 620  # widths of a camera's picture
 _ABOVE_PX: Final = 300
 _HIGHEST: Final = 1.5  # pictures higher than so many times their width are made narrower
-_NEAREST_EDGE_M: Final = 4.0  # behind the LiDAR, as in `BirdsEyeView`
 _FARTHEST_M: Final = 80.0
 _TWO_COLUMNS_FROM: Final = 4  # frames
 
@@ -78,15 +76,15 @@ def draw_row(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The frame as an RGB picture of the layout's size.
 
-    The camera's image with 2D boxes (beside 3D boxes their corners) and 3D boxes (the edges that
-    it sees), depth where it may be believed, and sweep and 3D boxes from above. What is missing is
-    said where it would stand, and sensors that delivered nothing stand in the head.
+    The camera's image with 2D boxes (only their corners where there are 3D boxes, too) and 3D boxes
+    (the edges that it sees), depth where it may be believed, and sweep and 3D boxes from above. A
+    part that is missing is named in its place, a sensor that delivered nothing also in the head.
 
     Args:
         sample: Any of its sensors may be missing.
         told: What was found; all of it is drawn.
         layout: Of an image size like the sample's; another size is fitted in.
-        note: Stands at the right of the head: the time, say.
+        note: Written at the right of the head, the time for example.
     """
     height, width = layout.size
     page = np.full((height, width, 3), PAGE, np.uint8)
@@ -146,9 +144,9 @@ def _above(
 ) -> UInt8[np.ndarray, "height width 3"]:
     height, width = layout.above_size
     view = BirdsEyeView()
-    view = replace(view, pixels_per_m=width / (view.y_max_m - view.y_min_m))
-    farthest_m = min(height / view.pixels_per_m - _NEAREST_EDGE_M, _FARTHEST_M)
-    view = replace(view, x_min_m=-_NEAREST_EDGE_M, x_max_m=farthest_m)
+    pixels_per_m = width / (view.y_max_m - view.y_min_m)
+    farthest_m = min(view.x_min_m + height / pixels_per_m, _FARTHEST_M)
+    view = replace(view, x_max_m=farthest_m, pixels_per_m=pixels_per_m)
     found = told.detections3d
     picture = draw_birds_eye(
         sample.points,
@@ -171,7 +169,7 @@ def _put_head(
 ) -> None:
     """The frame's name, what fails, and how many of each class were found."""
     baseline, left = 23, _GAP_PX
-    put_text(page, sample.sample_id, left, baseline, height_px=13, color=_TITLE)
+    put_text(page, sample.sample_id, left, baseline, height_px=13, color=TITLE)
     left += text_width(sample.sample_id, 13) + 18
     for part, name in (("image", "camera"), ("points", "LiDAR")):
         if getattr(sample, part) is None:
@@ -186,7 +184,7 @@ def _put_head(
         for name, count in sorted(Counter(found.class_names).items()):
             text = f"{count} {name}"
             page[baseline - 10 : baseline, left : left + 10] = class_color(name)
-            put_text(page, text, left + 15, baseline, height_px=10, color=_TITLE)
+            put_text(page, text, left + 15, baseline, height_px=10, color=TITLE)
             left += 15 + text_width(text, 10) + 12
         left += 10
     right = page.shape[1] - _GAP_PX - text_width(note, 10)
@@ -195,7 +193,7 @@ def _put_head(
 
 
 def _put_titled(page: UInt8[np.ndarray, "height width 3"], title: str, top: int, left: int) -> None:
-    put_text(page, title, left, top + 20, height_px=10, color=_TITLE)
+    put_text(page, title, left, top + 20, height_px=10, color=TITLE)
 
 
 def _put_picture(

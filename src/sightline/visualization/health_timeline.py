@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float64, UInt8
 
 from sightline.structures.health import ALARM_SCORE, FrameHealth, Health
 from sightline.visualization.canvas import put_lines
-from sightline.visualization.chart import AXIS_TEXT_PX, BACKGROUND, MUTED, Plot, put_axes, put_title
+from sightline.visualization.cells import MUTED
+from sightline.visualization.chart import AXIS_TEXT_PX, BACKGROUND, Plot, put_axes, put_title
 from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.shares import lay_shares, put_share_legend
@@ -31,13 +32,18 @@ _DENSE = 300  # frames, from which lines are thin and without dots
 def draw_health(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
     """Scores and alarms of camera, LiDAR and alignment, the yaw error, and where sensors were bad.
 
-    Red is where the alarm is on; the orange line is the score below which a look says so. The maps
+    Red is where the alarm is on; the orange line is the score below which a frame is bad. The maps
     at the foot tell in what share of the frames a part of the image, or of what lies ahead of the
     LiDAR, showed nothing.
 
     Args:
         frames: At least one, in the order of the drive.
+
+    Raises:
+        ValueError: There is no frame.
     """
+    if not frames:
+        raise ValueError("a picture of health needs at least one frame")
     healths = [frame.health for frame in frames]
     alarms = [frame.alarms for frame in frames]
     series = (
@@ -71,11 +77,14 @@ def _ticks(frames: Sequence[FrameHealth]) -> list[tuple[float, str]]:
 
 
 def _short_names(names: Sequence[str]) -> list[str]:
-    """Without leading zeros; of long ones, without what all begin with, the ends."""
+    """Without leading zeros; of long ones, without what all begin with, the ends.
+
+    Numbers stay whole: what names share ends before the digits of a number.
+    """
     if len(names) > 1 and max(map(len, names)) > _LONGEST_NAME:
         letters = itertools.takewhile(lambda each: len(set(each)) == 1, zip(*names, strict=False))
-        shared = len(list(letters))
-        names = [name[shared:] for name in names]
+        shared = "".join(each[0] for each in letters).rstrip("0123456789")
+        names = [name.removeprefix(shared) for name in names]
     bare = [name.lstrip("0") or "0" for name in names]
     return [n if len(n) <= _LONGEST_NAME else f"..{n[-_LONGEST_NAME:]}" for n in bare]
 
@@ -101,7 +110,8 @@ def _score_chart(
 
 def _yaw_chart(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
     canvas, plot = _blank(_CHART_HEIGHT), _plot()
-    marks = [(0.5 + deg / (2 * _LARGEST_YAW_DEG), f"{deg:+.0f}") for deg in (-4, -2, 0, 2, 4)]
+    degrees = np.linspace(-_LARGEST_YAW_DEG, _LARGEST_YAW_DEG, 5).tolist()
+    marks = [(0.5 + deg / (2 * _LARGEST_YAW_DEG), f"{deg:+.0f}") for deg in degrees]
     put_axes(canvas, plot, columns=_ticks(frames), rows=marks)
     shares = [
         None

@@ -22,7 +22,13 @@ from sightline.visualization.canvas import (
     scale_of,
 )
 from sightline.visualization.clipping import clip_polygon, clip_segments, view_planes
-from sightline.visualization.colors import DEPTH_SCALE, RGB, ColorScale, class_color
+from sightline.visualization.colors import (
+    DEPTH_SCALE,
+    RGB,
+    ColorScale,
+    check_class_names,
+    class_color,
+)
 from sightline.visualization.lettering import Tag, put_tags
 
 # Corner numbers as Boxes3D.corners() gives them.
@@ -78,7 +84,11 @@ def draw_boxes2d(
             DontCare regions are never named.
         corners_only: Draws strong corners instead of whole outlines, which leaves room for 3D boxes
             of the same objects.
+
+    Raises:
+        ValueError: There is not one class name for each box.
     """
+    check_class_names(class_names, len(boxes))
     canvas = picture.copy()
     scale = scale_of(canvas)
     rows = boxes.tensor.detach().cpu().double().numpy()
@@ -130,7 +140,11 @@ def draw_boxes3d(
         scores: Written behind the class, if given.
         color: One for all boxes instead.
         tags: Whether the classes are written at the boxes, nearest first where it is narrow.
+
+    Raises:
+        ValueError: There is not one class name for each box.
     """
+    check_class_names(class_names, len(boxes))
     canvas = picture.copy()
     scale = scale_of(canvas)
     planes = view_planes(canvas.shape[:2])
@@ -168,7 +182,7 @@ def draw_detections(
     detections3d: Detections3D | None,
     calibration: Calibration,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """What was found, with scores: 3D boxes below, beside which 2D boxes are their corners alone.
+    """What was found, with scores: 3D boxes, and over them 2D boxes, then as corners only.
 
     Returns:
         A new picture.

@@ -1,7 +1,6 @@
 """Text on pictures: anti-aliased, measured in pixels, kept within the picture.
 
-`put_...` functions write into the picture that they are given, `draw_...` functions answer a new
-one.
+`put_...` functions write into the picture that they are given.
 """
 
 from collections.abc import Sequence

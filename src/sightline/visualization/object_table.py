@@ -9,12 +9,11 @@ from torch import Tensor
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import Detections3D
+from sightline.visualization.cells import MUTED
+from sightline.visualization.chart import BACKGROUND, TEXT
 from sightline.visualization.colors import RGB, class_color
 from sightline.visualization.lettering import put_text, text_width
 
-_BACKGROUND: RGB = (22, 25, 30)
-_TEXT: RGB = (222, 225, 230)
-_MUTED: RGB = (150, 156, 166)
 _ROW_PX = 20
 _TEXT_PX = 9
 _LEFT_PX = 14
@@ -58,16 +57,16 @@ def draw_object_table(
     room = (max_height_px - 6) // _ROW_PX - 1
     shown = rows if len(rows) <= room else rows[: max(room - 1, 0)]
     num_lines = 1 + len(shown) + (len(shown) < len(rows))
-    canvas = np.full((num_lines * _ROW_PX + 6, width_px, 3), _BACKGROUND, np.uint8)
-    _put_row(canvas, 0, "class", columns, color=_MUTED)
+    canvas = np.full((num_lines * _ROW_PX + 6, width_px, 3), BACKGROUND, np.uint8)
+    _put_row(canvas, 0, "class", columns, color=MUTED)
     for number, row in enumerate(shown, start=1):
         top = number * _ROW_PX
         swatch = slice(top + 6, top + _ROW_PX - 5)
         canvas[swatch, _LEFT_PX : _LEFT_PX + 9] = class_color(row.class_name)
-        _put_row(canvas, number, row.class_name, _cells(row, boxes, points), color=_TEXT)
+        _put_row(canvas, number, row.class_name, _cells(row, boxes, points), color=TEXT)
     if len(shown) < len(rows):
         more = f"and {len(rows) - len(shown)} more, farther away"
-        _put_row(canvas, len(shown) + 1, more, (), color=_MUTED)
+        _put_row(canvas, len(shown) + 1, more, (), color=MUTED)
     return canvas
 
 

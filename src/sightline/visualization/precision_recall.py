@@ -8,7 +8,8 @@ from jaxtyping import Float64, UInt8
 
 from sightline.structures.precision_recall import NUM_SLOTS, PrecisionRecall
 from sightline.visualization.canvas import put_lines
-from sightline.visualization.chart import BACKGROUND, MUTED, TEXT, Plot, put_axes, put_title
+from sightline.visualization.cells import MUTED
+from sightline.visualization.chart import BACKGROUND, TEXT, Plot, put_axes, put_title
 from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import put_text, text_width
 
@@ -33,12 +34,19 @@ def draw_precision_recall(
 
     The strong line joins the slots, dots are those that AP R40 is the mean of, rings those of R11;
     slots that were never reached count as 0 and are not drawn. The faint line is what was measured,
-    each precision at the recall that it was found at.
+    each precision at its own recall.
 
     Args:
         title: Above it.
         curves: By what the legend calls them.
+
+    Raises:
+        ValueError: There are more curves than colours.
     """
+    if len(curves) > len(_COLORS):
+        raise ValueError(
+            f"a chart shows up to {len(_COLORS)} curves, got {len(curves)}; draw several charts"
+        )
     lines = len(curves) + 1
     canvas = np.full((_PLOT_HEIGHT + lines * _LINE_PX + 12, _WIDTH, 3), BACKGROUND, np.uint8)
     left, right, above, below = _MARGINS_PX

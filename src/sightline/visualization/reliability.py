@@ -7,10 +7,10 @@ from jaxtyping import UInt8
 
 from sightline.structures.reliability import Reliability
 from sightline.visualization.canvas import put_lines
+from sightline.visualization.cells import MUTED
 from sightline.visualization.chart import (
     AXIS_TEXT_PX,
     BACKGROUND,
-    MUTED,
     Plot,
     put_axes,
     put_title,

@@ -70,6 +70,7 @@ def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception
         recording.save(temporary, default_blueprint=_blueprint())
         recording.log("lidar", rr.ViewCoordinates.FLU, static=True)
         for sample, told in frames:
+            recording.reset_time()  # a frame without a time has not that of the one before
             recording.set_time(FRAME_TIMELINE, sequence=count)
             if sample.timestamp_s is not None:
                 recording.set_time(TIME_TIMELINE, duration=sample.timestamp_s)
@@ -176,10 +177,11 @@ def _points(xyz: np.ndarray) -> "rerun.Points3D":
 
 
 def _depth(depth: DepthMap) -> "rerun.DepthImage":
-    """As KITTI's PNGs have it; what may not be believed is left out."""
+    """As KITTI's PNGs have it: 0 where depth may not be believed, or is beyond what they hold."""
     import rerun as rr
 
-    metres = np.where(depth.valid.numpy(), depth.depth_m.numpy(), 0).clip(0, MAX_DEPTH_M)
+    is_shown = depth.valid & (depth.depth_m <= MAX_DEPTH_M)
+    metres = np.where(is_shown.numpy(), depth.depth_m.numpy(), 0)
     steps = np.rint(metres * STEPS_PER_METRE).astype(np.uint16)
     return rr.DepthImage(
         steps, meter=STEPS_PER_METRE, colormap="viridis", depth_range=_shown_steps()

@@ -78,7 +78,7 @@ class ShareSeries:
 def draw_histogram(
     title: str, series: Sequence[ShareSeries], *, size: tuple[int, int]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """How often shares occur, in percent of each series, in 25 classes from 0 to 1.
+    """How often shares occur, in percent of each series, in 25 bins from 0 to 1.
 
     Args:
         title: Above it.
@@ -105,10 +105,10 @@ def draw_histogram(
 def _put_steps(
     canvas: UInt8[np.ndarray, "height width 3"],
     plot: Plot,
-    heights: Float[np.ndarray, " num_classes"],
+    heights: Float[np.ndarray, " num_bins"],
     color: RGB,
 ) -> None:
-    """Filled bars, so far transparent that another series shows through, and their outline."""
+    """Bars, transparent enough for another series to show through, and their outline."""
     edges = [plot.column(edge) for edge in np.linspace(0, 1, len(heights) + 1)]
     tops = [plot.row(float(share)) for share in heights]
     for start, end, top in zip(edges[:-1], edges[1:], tops, strict=True):

@@ -14,6 +14,7 @@ from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
+from sightline.visualization.cells import MUTED, PAGE, TITLE
 from sightline.visualization.colors import (
     DEPTH_SCALE,
     ERROR_SCALE,
@@ -23,14 +24,17 @@ from sightline.visualization.colors import (
     ColorScale,
 )
 from sightline.visualization.depth import colorize_depth, colorize_error, put_legend
-from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_detections, draw_points
+from sightline.visualization.image import (
+    camera_picture,
+    draw_boxes2d,
+    draw_boxes3d,
+    draw_detections,
+    draw_points,
+)
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.object_table import draw_object_table
 from sightline.visualization.zoom import zoomed
 
-_PAGE: RGB = (36, 39, 46)
-_TITLE: RGB = (236, 238, 242)
-_MUTED: RGB = (150, 156, 166)
 _LABEL_BESIDE_DETECTION: RGB = (245, 245, 245)
 _COLUMN_PX = 1242  # KITTI's pictures at their own size
 _SIDE_PX = 616
@@ -76,9 +80,9 @@ def frame_sheet(
     Shows the image with 2D boxes (their corners) and 3D boxes (the edges that the camera sees), the
     LiDAR coloured by range on it, the sparse depth, the dense depth with its expected error (where
     it has one) and its error (where the sample has true depth), a bird's-eye view and a table of
-    the objects. What the sample lacks is said where it would stand. Where there are detections,
+    the objects. A part that the sample lacks is named in its place. Where there are detections,
     they have the colours and labels are white. Of more than 500 labels the nearest are drawn, of
-    detections the surest.
+    as many detections those with the highest scores.
 
     Examples:
         >>> import sightline, tempfile
@@ -116,7 +120,7 @@ def frame_sheet(
     side = _side_column(frame, main.shape[0])
     body = np.concatenate((main, _blank(main.shape[0], _GAP_PX), side), axis=1)
     framed = cv2.copyMakeBorder(
-        body, _HEAD_PX, _GAP_PX, _GAP_PX, _GAP_PX, cv2.BORDER_CONSTANT, value=_PAGE
+        body, _HEAD_PX, _GAP_PX, _GAP_PX, _GAP_PX, cv2.BORDER_CONSTANT, value=PAGE
     )
     page = framed.astype(np.uint8, copy=False)
     _put_head(page, sample)
@@ -152,13 +156,13 @@ def _fitted(sample: CameraLidarSample, told: Perception, panel_px: int) -> _Fram
 def _backdrop(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
     if sample.image is None:
         return _notice(sample.image_size, "no camera image")
-    return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
+    return camera_picture(sample)
 
 
 def _notice(size: tuple[int, int], text: str) -> UInt8[np.ndarray, "height width 3"]:
     picture = np.full((*size, 3), INVALID, np.uint8)
     left = (size[1] - text_width(text, 12)) // 2
-    put_text(picture, text, left, size[0] // 2 + 6, height_px=12, color=_MUTED)
+    put_text(picture, text, left, size[0] // 2 + 6, height_px=12, color=MUTED)
     return picture
 
 
@@ -293,7 +297,7 @@ def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 
 def _titled(panel: _Panel, width_px: int) -> UInt8[np.ndarray, "height width 3"]:
     """The picture under a line with its title and its legend, padded to the panel's width."""
     line = _blank(_TITLE_PX, width_px)
-    put_text(line, panel.title, 0, _TITLE_PX - 12, height_px=11, color=_TITLE)
+    put_text(line, panel.title, 0, _TITLE_PX - 12, height_px=11, color=TITLE)
     if panel.scale is not None and text_width(panel.title, 11) + 430 < width_px:
         put_legend(line, panel.scale, right=width_px - 24, top=8, hole=panel.hole)
     height, width = panel.picture.shape[:2]
@@ -319,7 +323,7 @@ def _arranged(
 
 
 def _blank(height: int, width: int) -> UInt8[np.ndarray, "height width 3"]:
-    return np.full((height, width, 3), _PAGE, np.uint8)
+    return np.full((height, width, 3), PAGE, np.uint8)
 
 
 def _put_head(page: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample) -> None:
@@ -331,6 +335,6 @@ def _put_head(page: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSamp
         facts.append(f"{int(sample.objects.has_box3d.sum()):,} objects")
         if len(sample.objects) > _MAX_OBJECTS:
             facts.append(f"the nearest {_MAX_OBJECTS} are drawn")
-    put_text(page, sample.sample_id, _GAP_PX, 32, height_px=15, color=_TITLE)
+    put_text(page, sample.sample_id, _GAP_PX, 32, height_px=15, color=TITLE)
     left = _GAP_PX + text_width(sample.sample_id, 15) + 18
-    put_text(page, "   ".join(facts), left, 32, height_px=11, color=_MUTED)
+    put_text(page, "   ".join(facts), left, 32, height_px=11, color=MUTED)

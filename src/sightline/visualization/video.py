@@ -52,7 +52,8 @@ def write_video(
         height, width = first.shape[:2]
         if height % 2 or width % 2:
             raise ValueError(
-                f"{path} cannot be written: frames of {width}x{height} px have no codec"
+                f"{path} cannot be written: frames of {width}x{height} px (width x height), "
+                "expected even numbers; pad or crop them"
             )
         with _open_sink(temporary, (height, width), fps) as sink:
             for picture in _one_size(first, shown, path):
@@ -86,7 +87,7 @@ def _one_size(
         if picture.shape != first.shape:
             raise ValueError(
                 f"{path} cannot be written: a frame of {picture.shape[1]}x{picture.shape[0]} px "
-                f"follows one of {first.shape[1]}x{first.shape[0]}"
+                f"follows one of {first.shape[1]}x{first.shape[0]}; give all of them one size"
             )
         yield picture
 

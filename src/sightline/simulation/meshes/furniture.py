@@ -22,14 +22,13 @@ from sightline.simulation.meshes.primitives import (
 from sightline.simulation.scene import Mesh
 
 _STEEL: Final = Finish(Material.METAL, (0.38, 0.39, 0.40))
-_DARK_STEEL: Final = Finish(Material.METAL, (0.08, 0.09, 0.09))
+_SIGN_BACK: Final = Finish(Material.METAL, (0.42, 0.43, 0.44))
 _WHITE: Final = Finish(Material.RETRO_REFLECTOR, (0.80, 0.80, 0.78))
 _RED: Final = Finish(Material.RETRO_REFLECTOR, (0.55, 0.03, 0.03))
 _BLUE: Final = Finish(Material.RETRO_REFLECTOR, (0.02, 0.08, 0.36))
 _YELLOW: Final = Finish(Material.RETRO_REFLECTOR, (0.75, 0.52, 0.02))
 _BLACK: Final = Finish(Material.PLASTIC, (0.02, 0.02, 0.02))
 _HEAD_M: Final = 1.9
-_LAMP: Final = Finish(Material.HEADLIGHT, (0.75, 0.74, 0.70))
 
 
 class Item(Enum):
@@ -118,7 +117,7 @@ def _plate(
 def _sign(sides: int, radius: float, rings: list[tuple[float, Finish]], turn: float) -> Mesh:
     """A sign of nested polygons, each a share of the whole, on a post."""
     height = 2.35
-    back = _face(sides, radius, Finish(Material.METAL, (0.42, 0.43, 0.44)), 0.03, height, turn)
+    back = _face(sides, radius, _SIGN_BACK, 0.03, height, turn)
     faces = [
         _face(sides, radius * share, finish, 0.036 + 0.004 * row, height, turn)
         for row, (share, finish) in enumerate(rings)
@@ -147,7 +146,7 @@ def _no_parking_sign() -> Mesh:
 
 def _rectangular_sign(half: tuple[float, float], finish: Finish, mark: Mesh | None) -> Mesh:
     center = (0.0, 2.3)
-    back = _plate(half, Finish(Material.METAL, (0.42, 0.43, 0.44)), 0.03, center)
+    back = _plate(half, _SIGN_BACK, 0.03, center)
     rim = _plate(half, _WHITE, 0.036, center)
     face = _plate((half[0] - 0.015, half[1] - 0.015), finish, 0.040, center)
     parts = [_post(2.3 + half[1]), back, rim, face]
@@ -166,7 +165,7 @@ def _name_sign() -> Mesh:
 def _direction_sign() -> Mesh:
     posts = [moved(_post(3.4, 0.045), (0.0, y, 0.0)) for y in (-0.8, 0.8)]
     board = _plate((1.25, 0.75), _YELLOW, 0.06, (0.0, 2.6))
-    back = _plate((1.25, 0.75), Finish(Material.METAL, (0.42, 0.43, 0.44)), 0.05, (0.0, 2.6))
+    back = _plate((1.25, 0.75), _SIGN_BACK, 0.05, (0.0, 2.6))
     lines = [_plate((0.7, 0.05), _BLACK, 0.066, (-0.2, 2.25 + 0.33 * row)) for row in range(3)]
     return Mesh.joined((*posts, board, back, *lines))
 

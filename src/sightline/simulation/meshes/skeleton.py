@@ -104,23 +104,35 @@ class Skinned:
         self, transforms: Float64[np.ndarray, "num_bones 3 4"]
     ) -> Float64[np.ndarray, "num_vertices 3"]:
         """Where the vertices are after each bone moved by its transform from the resting pose."""
-        blended = (self.weights @ transforms.reshape(len(transforms), 12)).reshape(-1, 3, 4)
-        bent: Float64[np.ndarray, "num_vertices 3"] = (
-            np.einsum("vij,vj->vi", blended[:, :, :3], self.mesh.vertices) + blended[:, :, 3]
-        )
-        return bent
+        return self._moved(self._blended(transforms))
 
     def bent(self, transforms: Float64[np.ndarray, "num_bones 3 4"]) -> Mesh:
         """The mesh after each bone moved by its transform from the resting pose."""
-        blended = (self.weights @ transforms.reshape(len(transforms), 12)).reshape(-1, 3, 4)
-        rotation = blended[:, :, :3]
-        vertices = np.einsum("vij,vj->vi", rotation, self.mesh.vertices) + blended[:, :, 3]
-        normals = np.einsum("vij,vj->vi", rotation, self.mesh.normals)
+        blended = self._blended(transforms)
+        vertices = self._moved(blended)
+        normals = np.einsum("vij,vj->vi", blended[:, :, :3], self.mesh.normals)
         lengths = np.sqrt(np.square(normals).sum(axis=1, keepdims=True))
         normals /= np.maximum(lengths, 1e-9)
         return replace(
             self.mesh, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32)
         )
+
+    def _blended(
+        self, transforms: Float64[np.ndarray, "num_bones 3 4"]
+    ) -> Float64[np.ndarray, "num_vertices 3 4"]:
+        """The transform of each vertex: its bones', by their shares in it."""
+        blended: Float64[np.ndarray, "num_vertices 3 4"] = (
+            self.weights @ transforms.reshape(len(transforms), 12)
+        ).reshape(-1, 3, 4)
+        return blended
+
+    def _moved(
+        self, blended: Float64[np.ndarray, "num_vertices 3 4"]
+    ) -> Float64[np.ndarray, "num_vertices 3"]:
+        moved: Float64[np.ndarray, "num_vertices 3"] = (
+            np.einsum("vij,vj->vi", blended[:, :, :3], self.mesh.vertices) + blended[:, :, 3]
+        )
+        return moved
 
 
 def bone_transforms(

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sightline.simulation.materials import Material
-from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP, TINTED_GLASS
+from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP, TAIL_LIGHT, TINTED_GLASS
 from sightline.simulation.meshes.car_parts import CHROME, LAMP_GLASS, wheel, wheels
 from sightline.simulation.meshes.coachwork import Coachwork, Face, Panel, coachwork_mesh
 from sightline.simulation.meshes.edits import both_sides, fitted
@@ -22,7 +22,6 @@ from sightline.simulation.meshes.primitives import (
 )
 from sightline.simulation.meshes.sizes import Size
 from sightline.simulation.meshes.trucks import (
-    LAMP_RED,
     LIVERIES,
     RIM,
     STEEL,
@@ -153,7 +152,7 @@ def _caravan(rng: np.random.Generator, size: Size) -> list[Mesh]:
         Panel(Face.SIDES, -9, 9, 0.95, 1.08, stripe),
         *(Panel(Face.SIDES, x - 0.42, x + 0.42, sill, top, TINTED_GLASS) for x in places),
         *(Panel(face, 0, 0.75 * half, sill, top, TINTED_GLASS) for face in (Face.FRONT, Face.REAR)),
-        Panel(Face.REAR, 0.82 * half, 0.92 * half, 0.7, 1.1, LAMP_RED),
+        Panel(Face.REAR, 0.82 * half, 0.92 * half, 0.7, 1.1, TAIL_LIGHT),
     ]
     work = Coachwork(
         length=length,
@@ -211,7 +210,7 @@ def _motorcycle(rng: np.random.Generator, size: Size) -> list[Mesh]:
         ),
         tube(exhaust, (0.03, 0.05), CHROME),
         *(superellipsoid(*lump, exponents=(0.7, 0.7), num_rings=9) for lump in lumps),
-        box((rear - 0.28, 0, 0.68), (0.02, 0.07, 0.03), LAMP_RED),
+        box((rear - 0.28, 0, 0.68), (0.02, 0.07, 0.03), TAIL_LIGHT),
         box((rear - 0.27, 0, 0.52), (0.006, 0.10, 0.09), _WHITE),
     ]
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from sightline.simulation.materials import Material
-from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP
+from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP, TAIL_LIGHT, TINTED_GLASS
 from sightline.simulation.meshes.car_parts import LAMP_GLASS
 from sightline.simulation.meshes.coachwork import Coachwork, Face, Panel, coachwork_mesh
 from sightline.simulation.meshes.edits import both_sides, fitted
@@ -14,8 +14,6 @@ from sightline.simulation.meshes.primitives import Color, Finish, box, boxes, mo
 from sightline.simulation.meshes.sizes import KITTI_SIZES, Size
 from sightline.simulation.scene import Mesh, Pose
 
-_GLASS = Finish(Material.GLASS, (0.016, 0.019, 0.021))
-_LAMP_RED = Finish(Material.TAIL_LIGHT, (0.42, 0.012, 0.012))
 _ROOF = Finish(Material.METAL, (0.20, 0.20, 0.21))
 _LIVERIES: tuple[tuple[Color, Color], ...] = (  # walls, band below the windows
     ((0.62, 0.50, 0.06), (0.40, 0.02, 0.02)),
@@ -75,7 +73,7 @@ def _module(size: Size, count: int, index: int, wall: Finish, band: Finish) -> l
                 face,
                 size.width / 2,
                 high,
-                _LAMP_RED if face is Face.REAR or not first else LAMP_GLASS,
+                TAIL_LIGHT if face is Face.REAR or not first else LAMP_GLASS,
             )
     mesh = coachwork_mesh(work, wall, panels)
     if last and not first:  # its driver's front looks back
@@ -119,7 +117,7 @@ def _side_panels(length: float, high: float, band: Finish) -> list[Panel]:
             panels.append(Panel(Face.SIDES, start, end, 0.40, top + 0.06, BLACK_PLASTIC))
         leaves = ((start + 0.05, (start + end) / 2 - 0.03), ((start + end) / 2 + 0.03, end - 0.05))
         for first, last in leaves if door else ((start + 0.04, end - 0.04),):
-            panels.append(Panel(Face.SIDES, first, last, bottom, top, _GLASS))
+            panels.append(Panel(Face.SIDES, first, last, bottom, top, TINTED_GLASS))
     return panels
 
 
@@ -128,7 +126,7 @@ def _end_panels(face: Face, half_width: float, high: float, lamp: Finish) -> lis
     return [
         Panel(face, 0, half_width, 0, 0.42, BLACK_PLASTIC),
         Panel(face, 0, half_width, 1.15, 0.93 * high, BLACK_PLASTIC),
-        Panel(face, 0, half_width - 0.34, 1.22, top, _GLASS),
+        Panel(face, 0, half_width - 0.34, 1.22, top, TINTED_GLASS),
         Panel(face, 0, 0.55, top + 0.03, 0.92 * high, Finish(Material.PLASTIC, (0.35, 0.25, 0.02))),
         Panel(face, half_width - 0.62, half_width - 0.36, 0.62, 0.78, lamp),
         Panel(face, half_width - 0.36, half_width - 0.345, 0.62, 0.78, GAP),

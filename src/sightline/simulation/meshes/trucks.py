@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sightline.simulation.materials import Material
-from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP, TINTED_GLASS
+from sightline.simulation.meshes.body import BLACK_PLASTIC, GAP, TAIL_LIGHT, TINTED_GLASS
 from sightline.simulation.meshes.car_parts import (
     CHROME,
     LAMP_GLASS,
@@ -23,7 +23,6 @@ from sightline.simulation.scene import Mesh
 
 STEEL = Finish(Material.METAL, (0.05, 0.05, 0.052))
 RIM = Finish(Material.METAL, (0.22, 0.22, 0.23))
-LAMP_RED = Finish(Material.TAIL_LIGHT, (0.42, 0.012, 0.012))
 _MARKING = Finish(Material.RETRO_REFLECTOR, (0.75, 0.12, 0.02))
 WOOD = Finish(Material.WOOD, (0.22, 0.14, 0.08))
 LIVERIES = (
@@ -111,7 +110,7 @@ def rear_end(rng: np.random.Generator, x: float, size: Size, radius: float) -> l
     """Under-run bar, lamps, markings and plate at the rear end x [m]."""
     half, z = size.width / 2, 1.15 * radius
     bar = box((x + 0.06, 0, 0.95 * radius), (0.05, 0.9 * half, 0.06), STEEL)
-    lamp = box((x + 0.03, 0.78 * half, z + 0.12), (0.03, 0.16, 0.06), LAMP_RED)
+    lamp = box((x + 0.03, 0.78 * half, z + 0.12), (0.03, 0.16, 0.06), TAIL_LIGHT)
     marking = box((x + 0.02, 0.45 * half, z + 0.12), (0.012, 0.22, 0.05), _MARKING)
     strut = box((x + 0.06, 0.42, 1.45 * radius), (0.04, 0.04, 0.5 * radius), STEEL)
     flap = box((x + 0.35, half - 0.2, 0.6 * radius), (0.01, 0.17, 0.25), BLACK_PLASTIC)

@@ -1,0 +1,104 @@
+"""How a training updates the weights: the optimiser and the schedule of its learning rate."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from torch import nn
+from torch.optim import SGD, Adam, AdamW, Optimizer
+from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
+
+_FEWEST_STEPS: Final = 4  # of a one-cycle schedule: two of warm-up, two of cooling down
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizerConfig:
+    """How the weights are updated. Clipping is the Trainer's: `trainer.gradient_clip_val`."""
+
+    name: Literal["adam", "adamw", "sgd"] = "adamw"
+    """adam: Kingma and Ba 2015 (arXiv:1412.6980); adamw: Loshchilov and Hutter 2019
+    (arXiv:1711.05101); sgd: gradient descent with momentum."""
+    learning_rate: float = 1e-3
+    """The highest rate of the schedule."""
+    weight_decay: float = 0.0
+    """Of all weights; adam and sgd add it to the gradient, adamw takes it off the weights."""
+    momentum: float = 0.9
+    """Of sgd."""
+    schedule: Literal["constant", "one_cycle", "cosine", "steps"] = "constant"
+    """The learning rate after the warm-up: stays, falls to 0 by the last step, or is multiplied by
+    `drop_factor` at each of `drop_shares`. one_cycle (Smith and Topin 2018, arXiv:1708.07120) also
+    moves the (first) momentum."""
+    warm_up_share: float = 0.0
+    """Share of all steps during which the learning rate rises."""
+    drop_shares: tuple[float, ...] = ()
+    """Shares of all steps after which schedule steps lowers the rate, in their order."""
+    drop_factor: float = 0.1
+    """Factor by which the schedule steps multiplies the learning rate."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        if self.learning_rate <= 0:
+            raise ValueError(f"learning_rate must be positive, got {self.learning_rate}")
+        if self.weight_decay < 0:
+            raise ValueError(f"weight_decay must not be negative, got {self.weight_decay}")
+        if not 0 <= self.warm_up_share < 1:
+            raise ValueError(f"warm_up_share must be in [0, 1), got {self.warm_up_share}")
+        if not 0 <= self.momentum < 1:
+            raise ValueError(f"momentum must be in [0, 1), got {self.momentum}")
+        if not 0 < self.drop_factor <= 1:
+            raise ValueError(f"drop_factor must be in (0, 1], got {self.drop_factor}")
+        ends = (self.warm_up_share, *self.drop_shares, 1)
+        if list(ends) != sorted(ends):
+            raise ValueError(
+                f"drop_shares must rise from warm_up_share {self.warm_up_share} to 1 at most, got "
+                f"{self.drop_shares}"
+            )
+        if bool(self.drop_shares) != (self.schedule == "steps"):
+            raise ValueError(
+                f"drop_shares belong to schedule steps, got schedule {self.schedule} and "
+                f"drop_shares {self.drop_shares}; set both or neither"
+            )
+
+
+def make_optimizer(parameters: Sequence[nn.Parameter], config: OptimizerConfig) -> Optimizer:
+    """What updates the parameters."""
+    rate, decay = config.learning_rate, config.weight_decay
+    if config.name == "sgd":
+        return SGD(parameters, lr=rate, momentum=config.momentum, weight_decay=decay)
+    kind = Adam if config.name == "adam" else AdamW
+    return kind(parameters, lr=rate, weight_decay=decay)
+
+
+def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:
+    """The learning rate over `total_steps` updates; stepped after each.
+
+    Args:
+        optimizer: Its learning rate is set.
+        config: Which schedule.
+        total_steps: Length of the training; a one-cycle schedule takes four at least.
+    """
+    warm_up_steps = round(config.warm_up_share * total_steps)
+    if config.schedule == "one_cycle":
+        total_steps = max(total_steps, _FEWEST_STEPS)
+        # PyTorch divides by the length of each phase, less one.
+        warm_up_steps = min(max(warm_up_steps, 2), total_steps - 2)
+        return OneCycleLR(
+            optimizer,
+            max_lr=config.learning_rate,
+            total_steps=total_steps,
+            pct_start=warm_up_steps / total_steps,
+        )
+
+    def factor(step: int) -> float:
+        if step < warm_up_steps:
+            return (step + 1) / (warm_up_steps + 1)
+        if config.schedule == "constant":
+            return 1.0
+        if config.schedule == "steps":
+            drops = (round(share * total_steps) for share in config.drop_shares)
+            return config.drop_factor ** sum(step >= drop for drop in drops)
+        progress = (step - warm_up_steps) / max(total_steps - warm_up_steps, 1)
+        return (1 + math.cos(math.pi * min(progress, 1.0))) / 2
+
+    return LambdaLR(optimizer, factor)
