@@ -5,6 +5,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sightline.depth_completion.config import PlaneSmoothing
 from sightline.depth_completion.postprocess import (
     FARTHEST_M,
     NEAREST_M,
@@ -77,3 +78,21 @@ def test_without_guesses_a_map_has_its_valid_depths_and_nothing_else(with_error)
     else:
         assert kept.uncertainty_m is None
     assert torch.equal(only_valid(kept).depth_m, kept.depth_m)
+
+
+def test_smoothing_invents_no_depth_and_stays_within_the_sensors_range():
+    depth_m = torch.full((9, 9), 130.0)
+    depth_m[:, 4] = 0.1
+    depth_m[3, 3] = math.nan
+    result = to_depth_map(
+        depth_m,
+        None,
+        is_supported=torch.ones(9, 9, dtype=torch.bool),
+        smoothing=PlaneSmoothing(windows_px=(3,), noise_m=5.0),
+    )
+    assert result.depth_m[3, 3] == 0
+    assert not result.valid[3, 3]
+    others = result.depth_m[result.valid]
+    assert len(others) == 80
+    assert others.min() >= NEAREST_M
+    assert others.max() <= FARTHEST_M

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.depth_completion.config import PlaneSmoothing
+from sightline.depth_completion.flip_test import answer_with_mirror
 from sightline.depth_completion.methods import complete_depth
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
 from sightline.depth_completion.predictor import (
@@ -18,6 +20,7 @@ from sightline.inference.network import load_network
 from sightline.structures.sample import CameraLidarSample
 from tests.depth_completion.networks import write_tiny_weights
 from tests.inference.trees import IMAGE_SIZE, small_calibration
+from tests.reference.plane_smoothing import smoothed
 
 FILLED = {"filled_input": True, "residual": True, "uncertainty": True}
 
@@ -61,6 +64,41 @@ def test_a_network_without_a_completion_to_start_from_is_valid_among_the_measure
     dense = DepthPredictor.load(weights).complete(sparse, image)
     assert dense.uncertainty_m is None
     assert np.array_equal(dense.valid.numpy(), inside_hull(sparse.numpy() > 0))
+
+
+def test_a_map_is_smoothed_as_the_settings_say(tmp_path):
+    smoothing = PlaneSmoothing(windows_px=(2, 3), noise_m=0.5)
+    settings = {**FILLED, "correction": "log"}  # a factor of 4 at most: within the range
+    plain, smooth = (
+        DepthPredictor.load(
+            write_tiny_weights(tmp_path / name, smoothing=each, **settings)
+        ).complete(*random_frame(15, 19))
+        for name, each in (("plain.safetensors", None), ("smooth.safetensors", smoothing))
+    )
+    expected = smoothed(plain.depth_m.numpy(), smoothing.windows_px, smoothing.noise_m)
+    np.testing.assert_allclose(smooth.depth_m, expected.clip(NEAREST_M, FARTHEST_M), rtol=1e-4)
+    assert not torch.equal(smooth.depth_m, plain.depth_m)
+    assert torch.equal(smooth.uncertainty_m, plain.uncertainty_m)
+
+
+def test_a_flip_test_is_made_where_the_settings_say_so(tmp_path):
+    sparse, image = random_frame(16, 20)
+    weights = write_tiny_weights(tmp_path / "w.safetensors", flip_test=True, **FILLED)
+    network = load_network(TASK, weights).network
+    filled_m = complete_depth(sparse, "adaptive").depth_m
+    inputs = {
+        "image": image / 255,
+        "sparse_depth_m": sparse[None],
+        "filled_depth_m": filled_m[None],
+    }
+    expected = answer_with_mirror(
+        lambda each: {"depth_m": network(**each).depth_m},
+        {name: plane[None] for name, plane in inputs.items()},
+    )
+    dense = DepthPredictor.load(weights).complete(sparse, image)
+    torch.testing.assert_close(
+        dense.depth_m, expected["depth_m"][0, 0].clamp(NEAREST_M, FARTHEST_M), rtol=1e-5, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("size", [(15, 20), (16, 19), (13, 17), (1, 1), (2, 1)])

@@ -1,7 +1,10 @@
 """Settings of the depth completion networks. The defaults are Yu and Kee's as we read it."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import Literal, get_args, get_origin, get_type_hints
+
+from sightline.data.settings import IN_USE_ALONE
 
 TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
@@ -10,6 +13,8 @@ TAPS = 9
 _LONGEST_SHIFT_PX = 1024
 _MOST_SCALES = 8
 _MOST_PROPAGATION_STEPS = 64
+_WIDEST_WINDOW_PX = 1024
+_MOST_WINDOWS = 8
 
 
 def _check_at_least(name: str, value: int, smallest: int) -> None:
@@ -101,6 +106,28 @@ class TrunkConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlaneSmoothing:
+    """How a finished map is smoothed; see `smooth_planes`."""
+
+    windows_px: tuple[int, ...] = (12, 24)
+    """How far the window of each pass goes to all sides of its pixel."""
+    noise_m: float = 0.02
+    """Standard deviation of the measurements [m]: at most this by the HDL-64E's data sheet."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        if not self.windows_px or min(self.windows_px) < 1:
+            raise ValueError(
+                "smoothing.windows_px must hold one window or more of at least 1 pixel, got "
+                f"{self.windows_px}"
+            )
+        _check_at_most("smoothing.windows_px", max(self.windows_px), _WIDEST_WINDOW_PX)
+        _check_at_most("the number of smoothing.windows_px", len(self.windows_px), _MOST_WINDOWS)
+        if not 0 <= self.noise_m < math.inf:
+            raise ValueError(f"smoothing.noise_m must be at least 0 and finite, got {self.noise_m}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class DepthCompletionConfig:
     """A depth completion network."""
 
@@ -143,11 +170,15 @@ class DepthCompletionConfig:
     """Predicts the expected absolute error too."""
     propagation_steps: int = 0
     """Steps in which each pixel's depth is mixed with its neighbours' at the end; 0 = none."""
+    flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
+    """Predictors ask for the frame's mirror image, too; see `answer_with_mirror`."""
+    smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
+    """Of the finished map, by predictors."""
 
     def __post_init__(self) -> None:
         """Checks the choices, the numbers, and what belongs together."""
         _check_choices(self)
-        if not 0 < self.depth_scale_m < float("inf"):
+        if not 0 < self.depth_scale_m < math.inf:
             raise ValueError(f"depth_scale_m must be positive and finite, got {self.depth_scale_m}")
         _check_at_least("stem_channels", self.stem_channels, 1)
         _check_at_least("refinement_channels", self.refinement_channels, 0)

@@ -5,6 +5,8 @@ import torch
 from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
+from sightline.depth_completion.config import PlaneSmoothing
+from sightline.depth_completion.plane_smoothing import smooth_planes
 from sightline.structures.predictions import DepthMap
 
 NEAREST_M = 0.5
@@ -20,6 +22,7 @@ def to_depth_map(
     uncertainty_m: Float[Tensor, "height width"] | None,
     *,
     is_supported: Bool[Tensor, "height width"],
+    smoothing: PlaneSmoothing | None = None,
 ) -> DepthMap:
     """A network's output for one frame as a depth map on the CPU.
 
@@ -32,10 +35,14 @@ def to_depth_map(
         depth_m: Metres along the optical axis, not clamped.
         uncertainty_m: Expected absolute error.
         is_supported: Pixels that lie among measurements.
+        smoothing: Of the planes; None: depth stays as the network gives it.
     """
-    depth, supported = _to_array(depth_m), is_supported.numpy(force=True)
-    has_value = np.isfinite(depth)
-    depth = np.where(has_value, depth.clip(NEAREST_M, FARTHEST_M), np.float32(0))
+    given, supported = _to_array(depth_m), is_supported.numpy(force=True)
+    has_value = np.isfinite(given)
+    depth = np.where(has_value, given.clip(NEAREST_M, FARTHEST_M), np.float32(0))
+    if smoothing is not None:
+        smooth = smooth_planes(depth, windows_px=smoothing.windows_px, noise_m=smoothing.noise_m)
+        depth = np.where(has_value, smooth.clip(NEAREST_M, FARTHEST_M), np.float32(0))
     if uncertainty_m is None:
         return DepthMap(
             depth_m=torch.from_numpy(depth), valid=torch.from_numpy(has_value & supported)

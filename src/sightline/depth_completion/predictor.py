@@ -11,6 +11,7 @@ from torch import Tensor
 
 from sightline.data.object_tree import Part
 from sightline.depth_completion.export_graph import export_graph
+from sightline.depth_completion.flip_test import answer_with_mirror
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth
 from sightline.depth_completion.model import DepthCompletionNet
@@ -212,10 +213,16 @@ class DepthPredictor:
             is_supported = filled.valid
         else:
             is_supported = torch.from_numpy(inside_hull(sparse.numpy() > 0))
-        outputs = self._run(inputs)
+        settings = self._network.config
+        outputs = answer_with_mirror(self._run, inputs) if settings.flip_test else self._run(inputs)
         top, width = -sparse.shape[0] % stride, sparse.shape[1]
         cut = {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
-        return to_depth_map(cut["depth_m"], cut.get("uncertainty_m"), is_supported=is_supported)
+        return to_depth_map(
+            cut["depth_m"],
+            cut.get("uncertainty_m"),
+            is_supported=is_supported,
+            smoothing=settings.smoothing,
+        )
 
     def _empty_map(self, sparse: Float32[Tensor, "height width"]) -> DepthMap:
         return DepthMap(

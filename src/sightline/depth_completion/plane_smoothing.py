@@ -1,0 +1,96 @@
+"""Takes the LiDAR's noise off the planes of a depth map; edges and bends stay as they are."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray
+
+from sightline.depth_completion.adaptive_kernels import inverse
+from sightline.ops.compiled import compiled
+
+_LEAST_SPREAD = 1e-9  # where a window is one row or column, which has no slope
+
+
+def smooth_planes(
+    depth_m: Float32[ndarray, "height width"], *, windows_px: Sequence[int], noise_m: float
+) -> Float32[ndarray, "height width"]:
+    """A depth map with its planes smoothed, by one window after the other.
+
+    In inverse depth, in which planes are linear, a plane is fitted to the window around each pixel.
+    The pixel is drawn towards it as Lee 1980 ("Digital Image Enhancement and Noise Filtering by Use
+    of Local Statistics") draws pixels towards means: all the way where the window leaves the plane
+    by no more than the noise, the less the more it does.
+
+    Args:
+        depth_m: Metres, 0 = none. What has no depth gets none, and nothing is smoothed across it.
+        windows_px: How far each window goes to all sides of its pixel; at the image's edge, as far
+            as the image.
+        noise_m: Standard deviation of the measurements [m].
+    """
+    inverse_depth = inverse(depth_m)
+    for reach in windows_px:
+        inverse_depth = _draw_to_planes(inverse_depth, reach, noise_m)
+    return inverse(inverse_depth)
+
+
+@compiled
+def _draw_to_planes(
+    inverse_depth: Float32[ndarray, "height width"], reach: int, noise_m: float
+) -> Float32[ndarray, "height width"]:
+    """One window. No depth counts as infinitely far, so beside it nothing is planar."""
+    height, width = inverse_depth.shape
+    smooth = np.empty_like(inverse_depth)
+    # float64: what is left is small beside what is summed.
+    sums = np.zeros((3, width))  # over the window's rows, by column: value, square, row times value
+    left_of = np.zeros((4, width + 1))  # the same and column times value, summed along the row
+    for row in range(-reach, height):
+        _add_row(inverse_depth, row + reach, 1.0, sums)
+        _add_row(inverse_depth, row - reach - 1, -1.0, sums)
+        if row < 0:
+            continue
+        for column in range(width):
+            for each in range(3):
+                left_of[each, column + 1] = left_of[each, column] + sums[each, column]
+            left_of[3, column + 1] = left_of[3, column] + column * sums[0, column]
+        top, bottom = max(row - reach, 0), min(row + reach, height - 1)
+        rows, middle_row = bottom - top + 1, 0.5 * (top + bottom)
+        row_spread = max((rows**2 - 1) / 12, _LEAST_SPREAD)  # mean square from the middle
+        for column in range(width):
+            left, right = max(column - reach, 0), min(column + reach, width - 1)
+            columns, middle_column = right - left + 1, 0.5 * (left + right)
+            column_spread = max((columns**2 - 1) / 12, _LEAST_SPREAD)
+            share = 1.0 / (rows * columns)
+            mean = (left_of[0, right + 1] - left_of[0, left]) * share
+            mean_square = (left_of[1, right + 1] - left_of[1, left]) * share
+            down = (left_of[2, right + 1] - left_of[2, left]) * share - middle_row * mean
+            across = (left_of[3, right + 1] - left_of[3, left]) * share - middle_column * mean
+            down, across = down / row_spread, across / column_spread  # slopes of the plane
+            planar = mean**2 + down**2 * row_spread + across**2 * column_spread
+            variance = mean_square - planar  # of what the plane leaves
+            plane = mean + down * (row - middle_row) + across * (column - middle_column)
+            value = np.float64(inverse_depth[row, column])
+            if value == 0:
+                smooth[row, column] = 0
+                continue
+            noise = (noise_m * value * value) ** 2  # of inverse depth
+            kept = 1 - noise / variance if variance > noise else 0.0
+            drawn = plane + kept * (value - plane)
+            smooth[row, column] = drawn if drawn > 0 else value
+    return smooth
+
+
+@compiled
+def _add_row(
+    inverse_depth: Float32[ndarray, "height width"],
+    row: int,
+    sign: float,
+    sums: Float64[ndarray, "3 width"],
+) -> None:
+    """Adds a row, or takes it off; one outside the image counts nothing."""
+    if 0 <= row < inverse_depth.shape[0]:
+        for column in range(inverse_depth.shape[1]):
+            value = sign * np.float64(inverse_depth[row, column])
+            sums[0, column] += value
+            sums[1, column] += value * inverse_depth[row, column]
+            sums[2, column] += value * row
