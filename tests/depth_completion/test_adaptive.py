@@ -101,6 +101,16 @@ def test_where_a_part_of_the_sweep_is_hidden_the_plane_beside_it_goes_on(hidden)
     assert not dense.valid[middle, 160:240].any()
 
 
+def test_near_things_on_either_side_do_not_reach_across_what_no_ring_reaches():
+    sparse = np.zeros((120, 300), np.float32)
+    sparse[60::5] = 50.0
+    for pole in (slice(5, 20), slice(280, 295)):
+        sparse[20::5, pole] = 5.0
+    dense = adaptive_depth(sparse)
+    np.testing.assert_allclose(dense.depth_m[25:55, 60:240], 50.0, rtol=1e-5)
+    np.testing.assert_allclose(dense.depth_m[25:55, 8:17], 5.0, rtol=1e-5)
+
+
 def test_a_far_measurement_between_near_ones_is_dropped_and_one_above_them_is_kept():
     sparse = np.zeros((60, 60), np.float32)
     sparse[20:50:5, ::3] = 6.0

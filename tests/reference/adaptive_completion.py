@@ -85,6 +85,9 @@ def bridge_row(values, distances, trusted, least_distance):
         if distances[a + 1] < least_distance or distances[b - 1] < least_distance:
             bridged.append(value)  # beside a ring that bends
             continue
+        if b - a - 1 > 2 * sum(trusted):
+            bridged.append(value)  # above all rings
+            continue
         bridged.append(((b - x) * values[a] + (x - a) * values[b]) / (b - a))
     return bridged
 

@@ -13,6 +13,7 @@ NO_NEIGHBOUR = 0
 """Gap that stands for no neighbour."""
 
 _RING_SLOPE = 0.4  # rows per column that a ring may rise or fall on its way to the next return
+_WIDEST_HOLE = 2  # for each trusted pixel of its row
 _GROWTH_BELOW = 2  # below the lowest ring the ground goes on for so many times the last gap
 
 
@@ -242,17 +243,22 @@ def bridge_rows(
 
     A hole is a run of pixels that are not trusted whose first and last are `least_distance` or more
     from the nearest ring of their columns: nearer ones lie beside a ring that bends, such as the
-    top one. Without a trusted pixel on one side a run stays as it is.
+    top one. Nor is a hole more than twice as wide as what is trusted in its row: a wider run is
+    what no ring reaches, between near things on either side that rise into it. Without a trusted
+    pixel on one side a run stays as it is.
     """
     height, width = filled.shape
     bridged = filled.copy()
     for row in range(height):
+        widest = 0
+        for column in range(width):
+            widest += _WIDEST_HOLE * trusted[row, column]
         left = -1
         for right in range(width):
             if not trusted[row, right]:
                 continue
             if (
-                0 <= left < right - 1
+                0 <= left < right - 1 <= left + widest
                 and min(distance[row, left + 1], distance[row, right - 1]) >= least_distance
             ):
                 start = filled[row, left]
