@@ -101,6 +101,16 @@ def test_where_a_part_of_the_sweep_is_hidden_the_plane_beside_it_goes_on(hidden)
     assert not dense.valid[middle, 160:240].any()
 
 
+@pytest.mark.parametrize("hidden_rows", [slice(0, 200), slice(60, 200)])
+def test_a_road_of_which_the_sweep_shows_a_fifth_goes_on_where_rings_were(hidden_rows):
+    depth = plane((200, 600), per_row=0.0005)
+    sparse = rings(depth, row_spacing=5)
+    sparse[hidden_rows, 60:540] = 0
+    dense = adaptive_depth(sparse)
+    error = np.abs(dense.depth_m.numpy() / depth - 1)[80:190]
+    assert error.max() < 0.1
+
+
 def test_near_things_on_either_side_do_not_reach_across_what_no_ring_reaches():
     sparse = np.zeros((120, 300), np.float32)
     sparse[60::5] = 50.0
@@ -267,11 +277,12 @@ def test_columns_are_linear_between_rings_level_above_and_like_the_ground_below(
 def test_holes_are_linear_between_the_trusted_pixels_of_their_rows(seed, width):
     filled = random_map(seed, (3, width), 1.0)
     rng = np.random.default_rng(seed)
-    trusted = rng.random(filled.shape) < 0.3
+    trusted = rng.random(filled.shape) < rng.choice((0.1, 0.3))
     distance = rng.integers(0, 6, filled.shape).astype(np.float32)
+    distance[:, rng.random(width) < 0.2] = np.inf  # columns without a ring
     bridged = bridge_rows(filled, distance, trusted, 2.0)
     for row in range(3):
-        of_row = (filled[row], distance[row], trusted[row])
+        of_row = (filled[row], distance[row], trusted[row], distance[:row])
         expected = reference.bridge_row(*(values.tolist() for values in of_row), 2.0)
         np.testing.assert_allclose(bridged[row], expected, rtol=1e-5)
 

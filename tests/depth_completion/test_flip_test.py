@@ -1,4 +1,4 @@
-"""A network asked for a frame and for its mirror image."""
+"""A network run on a frame and on its mirror image."""
 
 import math
 
@@ -11,35 +11,23 @@ from sightline.depth_completion.model import DepthCompletionNet
 from tests.depth_completion.networks import tiny_config
 
 
-def corrected(inputs):
-    """Corrects by the column, so that left and right differ, and leaves the first columns."""
-    filled = inputs["filled_depth_m"]
-    columns = torch.arange(filled.shape[-1], dtype=torch.float32)
-    return {"depth_m": torch.where(columns < 2, filled, filled * (1 + columns / 10))}
+def by_column(inputs):
+    """An answer in which left and right differ."""
+    sparse = inputs["sparse_depth_m"]
+    columns = torch.arange(sparse.shape[-1], dtype=torch.float32)
+    return {"depth_m": sparse * columns, "uncertainty_m": sparse + columns}
 
 
 @given(seed=st.integers(0, 10**6), height=st.integers(1, 4), width=st.integers(1, 9))
-def test_it_is_the_mean_where_both_correct_and_else_the_completion(seed, height, width):
-    generator = torch.Generator().manual_seed(seed)
-    filled = 5 + 40 * torch.rand(1, 1, height, width, generator=generator)
-    answer = answer_with_mirror(corrected, {"filled_depth_m": filled})["depth_m"]
+def test_it_is_the_mean_of_both_answers(seed, height, width):
+    sparse = torch.rand(1, 1, height, width, generator=torch.Generator().manual_seed(seed))
+    answer = answer_with_mirror(by_column, {"sparse_depth_m": sparse})
     for row in range(height):
         for column in range(width):
-            value, mirrored = float(filled[0, 0, row, column]), width - 1 - column
-            first, second = (value * (1 + each / 10) for each in (column, mirrored))
-            expected = value if min(column, mirrored) < 2 else (first + second) / 2
-            assert math.isclose(answer[0, 0, row, column], expected, rel_tol=1e-5)
-
-
-def test_without_a_completion_it_is_the_mean_of_all_outputs():
-    sparse = torch.tensor([[[[1.0, 2.0, 6.0]]]])
-    weights = torch.tensor([1.0, 2.0, 3.0])
-    answer = answer_with_mirror(
-        lambda given: dict.fromkeys(("depth_m", "other"), given["sparse_depth_m"] * weights),
-        {"sparse_depth_m": sparse},
-    )
-    for each in answer.values():
-        assert each.flatten().tolist() == [2.0, 4.0, 12.0]
+            value, mean = float(sparse[0, 0, row, column]), (column + width - 1 - column) / 2
+            for name, expected in (("depth_m", value * mean), ("uncertainty_m", value + mean)):
+                found = float(answer[name][0, 0, row, column])
+                assert math.isclose(found, expected, rel_tol=1e-5, abs_tol=1e-6)
 
 
 def test_a_mirrored_frame_gives_the_mirrored_answer():
@@ -60,3 +48,9 @@ def test_a_mirrored_frame_gives_the_mirrored_answer():
     mirrored = answer_with_mirror(run, {name: each.flip(3) for name, each in inputs.items()})
     torch.testing.assert_close(mirrored["depth_m"].flip(3), answer)
     assert not torch.allclose(run(inputs)["depth_m"], answer)
+
+
+def test_what_is_not_finite_stays_so_without_a_warning():
+    endless = torch.tensor([[[[math.inf, 1.0, -math.inf, 3e38]]]])
+    answer = answer_with_mirror(lambda _: {"depth_m": endless}, {"image": endless})["depth_m"]
+    assert not answer[..., [0, 3]].isfinite().any()

@@ -73,7 +73,8 @@ def growth_below(column, given, y):
     return max(slope, 0) * min(y - lowest, 2 * gap)
 
 
-def bridge_row(values, distances, trusted, least_distance):
+def bridge_row(values, distances, trusted, rows_above, least_distance):
+    """`rows_above`: the distances of the rows above, from the top."""
     bridged = []
     for x, value in enumerate(values):
         left = [u for u in range(x) if trusted[u]]
@@ -85,8 +86,13 @@ def bridge_row(values, distances, trusted, least_distance):
         if distances[a + 1] < least_distance or distances[b - 1] < least_distance:
             bridged.append(value)  # beside a ring that bends
             continue
-        if b - a - 1 > 2 * sum(trusted):
-            bridged.append(value)  # above all rings
+        above = [
+            u
+            for u in range(a + 1, b)
+            if distances[u] not in (0, math.inf) and all(row[u] != 0 for row in rows_above)
+        ]
+        if b - a - 1 > 2 * sum(trusted) and len(above) > (b - a - 1) / 2:
+            bridged.append(value)  # no ring reaches it
             continue
         bridged.append(((b - x) * values[a] + (x - a) * values[b]) / (b - a))
     return bridged

@@ -243,29 +243,41 @@ def bridge_rows(
 
     A hole is a run of pixels that are not trusted whose first and last are `least_distance` or more
     from the nearest ring of their columns: nearer ones lie beside a ring that bends, such as the
-    top one. Nor is a hole more than twice as wide as what is trusted in its row: a wider run is
-    what no ring reaches, between near things on either side that rise into it. Without a trusted
-    pixel on one side a run stays as it is.
+    top one. Nor is a hole a run above the rings of most of its columns that is more than twice as
+    wide as what is trusted in its row: it is what no ring reaches, between near things on either
+    side that rise into it. Without a trusted pixel on one side a run stays as it is.
+
+    Distances are 0 on rings, and infinite in columns without any.
     """
     height, width = filled.shape
     bridged = filled.copy()
+    is_below_top = np.zeros(
+        width, dtype=np.bool_
+    )  # has a ring in this row or above, or none at all
+    for column in range(width):
+        is_below_top[column] = np.isinf(distance[0, column])
     for row in range(height):
-        widest = 0
+        widest, above = 0, 0  # above: columns since the last trusted one that have all rings below
         for column in range(width):
             widest += _WIDEST_HOLE * trusted[row, column]
+            is_below_top[column] |= distance[row, column] == 0
         left = -1
         for right in range(width):
             if not trusted[row, right]:
+                above += not is_below_top[right]
                 continue
+            gap = right - left - 1
             if (
-                0 <= left < right - 1 <= left + widest
+                left >= 0
+                and gap > 0
+                and (gap <= widest or 2 * above <= gap)
                 and min(distance[row, left + 1], distance[row, right - 1]) >= least_distance
             ):
                 start = filled[row, left]
                 slope = (filled[row, right] - start) / np.float32(right - left)
                 for at in range(left + 1, right):
                     bridged[row, at] = start + slope * np.float32(at - left)
-            left = right
+            left, above = right, 0
     return bridged
 
 

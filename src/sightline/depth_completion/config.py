@@ -171,7 +171,7 @@ class DepthCompletionConfig:
     propagation_steps: int = 0
     """Steps in which each pixel's depth is mixed with its neighbours' at the end; 0 = none."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
-    """Predictors ask for the frame's mirror image, too; see `answer_with_mirror`."""
+    """Predictors run the network on the frame's mirror image, too; see `answer_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
     """Of the finished map, by predictors."""
 

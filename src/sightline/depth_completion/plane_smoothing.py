@@ -23,7 +23,8 @@ def smooth_planes(
     by no more than the noise, the less the more it does.
 
     Args:
-        depth_m: Metres, 0 = none. What has no depth gets none, and nothing is smoothed across it.
+        depth_m: Metres, 0 = none. What has no depth gets none, and counts as infinitely far: next
+            to it all stays as it is, as at any edge that is large beside the noise.
         windows_px: How far each window goes to all sides of its pixel; at the image's edge, as far
             as the image.
         noise_m: Standard deviation of the measurements [m].
@@ -38,7 +39,7 @@ def smooth_planes(
 def _draw_to_planes(
     inverse_depth: Float32[ndarray, "height width"], reach: int, noise_m: float
 ) -> Float32[ndarray, "height width"]:
-    """One window. No depth counts as infinitely far, so beside it nothing is planar."""
+    """One window."""
     height, width = inverse_depth.shape
     smooth = np.empty_like(inverse_depth)
     # float64: what is left is small beside what is summed.
