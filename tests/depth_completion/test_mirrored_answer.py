@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.depth_completion.flip_test import answer_with_mirror
+from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.model import DepthCompletionNet
 from tests.depth_completion.networks import tiny_config
 
