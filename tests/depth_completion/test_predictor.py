@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from sightline.depth_completion.config import PlaneSmoothing
-from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
 from sightline.depth_completion.predictor import (
     DepthCompleter,

@@ -11,9 +11,9 @@ from torch import Tensor
 
 from sightline.data.object_tree import Part
 from sightline.depth_completion.export_graph import export_graph
-from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.network_task import NETWORK_TASK
 from sightline.depth_completion.postprocess import to_depth_map
