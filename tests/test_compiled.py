@@ -28,6 +28,9 @@ from sightline.ops.three_nearest import three_nearest
 BACKEND = "aot_eager"
 BEV_COLUMNS = [0, 1, 3, 4, 6]
 
+# PyTorch warns so on Python 3.13.0 alone, and warnings are errors here.
+pytestmark = pytest.mark.filterwarnings("ignore:Guards may run slower:RuntimeWarning")
+
 
 def some_boxes(seed: int, count: int) -> torch.Tensor:
     boxes = torch.randn(count, 7, generator=torch.Generator().manual_seed(seed))
