@@ -20,6 +20,7 @@ from sightline.inference.network import load_network
 from sightline.structures.sample import CameraLidarSample
 from tests.depth_completion.networks import write_tiny_weights
 from tests.inference.trees import IMAGE_SIZE, small_calibration
+from tests.reference.corrections import counted
 from tests.reference.plane_smoothing import smoothed
 
 FILLED = {"filled_input": True, "residual": True, "uncertainty": True}
@@ -79,6 +80,25 @@ def test_a_map_is_smoothed_as_the_settings_say(tmp_path):
     np.testing.assert_allclose(smooth.depth_m, expected.clip(NEAREST_M, FARTHEST_M), rtol=1e-4)
     assert not torch.equal(smooth.depth_m, plain.depth_m)
     assert torch.equal(smooth.uncertainty_m, plain.uncertainty_m)
+
+
+def test_small_corrections_are_left_out_as_the_settings_say(tmp_path):
+    sparse, image = random_frame(70, 19)
+    sparse[:55] = 0
+    settings = {**FILLED, "correction": "log"}
+    plain_m, careful_m = (
+        DepthPredictor.load(write_tiny_weights(tmp_path / name, **settings, **extra))
+        .complete(sparse, image)
+        .depth_m.numpy()
+        for name, extra in (
+            ("plain.safetensors", {}),
+            ("careful.safetensors", {"least_correction": 0.1, "least_correction_above": 0.4}),
+        )
+    )
+    filled_m = complete_depth(sparse, "adaptive").depth_m.numpy()
+    expected_m = counted(plain_m, filled_m, sparse.numpy() > 0, 0.1, 0.4)
+    np.testing.assert_allclose(careful_m, expected_m, rtol=1e-4)
+    assert (careful_m != plain_m).any()
 
 
 def test_a_flip_test_is_made_where_the_settings_say_so(tmp_path):

@@ -159,9 +159,6 @@ class DepthCompletionConfig:
     dead_zone: float = 0.0
     """Corrections smaller than this (the logarithm of a factor) are dropped and larger ones reduced
     by it, so that what the classical completion knows to the centimetre stays as it is."""
-    least_correction: float = 0.0
-    """Outside training, what the dead zone leaves of a correction is applied only above this, and
-    fully from twice this."""
     validity_channel: bool = False
     """Tells the network by a channel of its own where the sparse map holds a measurement."""
     presence_channel: bool = False
@@ -170,6 +167,11 @@ class DepthCompletionConfig:
     """Predicts the expected absolute error too."""
     propagation_steps: int = 0
     """Steps in which each pixel's depth is mixed with its neighbours' at the end; 0 = none."""
+    least_correction: float = field(default=0.0, metadata=IN_USE_ALONE)
+    """Predictors apply what the dead zone leaves of a correction only above this, and fully from
+    twice this; see `drop_small_corrections`."""
+    least_correction_above: float | None = field(default=None, metadata=IN_USE_ALONE)
+    """The same far above what is measured; see `least_corrections`. None: as everywhere."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
     """Predictors run the network on the frame's mirror image, too; see `answer_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
@@ -195,8 +197,8 @@ class DepthCompletionConfig:
             raise ValueError("residual corrects the classical completion: set filled_input too")
         if self.correction == "log" and not self.residual:
             raise ValueError("correction log is a factor on the classical completion: set residual")
-        for name in ("dead_zone", "least_correction"):
-            value = getattr(self, name)
+        for name in ("dead_zone", "least_correction", "least_correction_above"):
+            value = getattr(self, name) or 0.0
             if not 0 <= value < 1:
                 raise ValueError(f"{name} must be from 0 to below 1, got {value}")
             if value and self.correction != "log":

@@ -164,9 +164,6 @@ class DepthCompletionNet(nn.Module):
             # Detached: within the zone the gradient is as outside, else nothing ever left it.
             zone = self.config.dead_zone
             bounded = bounded - bounded.detach().clamp(-zone, zone)
-        least = self.config.least_correction
-        if least and not self.training:  # a ramp: a step would magnify the last digit of an engine
-            bounded = bounded * (bounded.abs() / least - 1).clamp(0, 1)
         return filled_depth_m * bounded.exp()
 
 

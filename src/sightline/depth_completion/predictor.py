@@ -10,6 +10,8 @@ from jaxtyping import Float, Float32, Real
 from torch import Tensor
 
 from sightline.data.object_tree import Part
+from sightline.depth_completion.config import DepthCompletionConfig
+from sightline.depth_completion.corrections import drop_small_corrections, least_corrections
 from sightline.depth_completion.export_graph import export_graph
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth
@@ -207,8 +209,8 @@ class DepthPredictor:
             "image": _padded(rgb, stride, "edge"),
             "sparse_depth_m": _padded(sparse[None], stride, "constant"),  # no invented returns
         }
-        if self._network.takes_filled_depth:
-            filled = complete_depth(sparse, _PREFILL)
+        filled = complete_depth(sparse, _PREFILL) if self._network.takes_filled_depth else None
+        if filled is not None:
             inputs["filled_depth_m"] = _padded(filled.depth_m[None], stride, "edge")
             is_supported = filled.valid
         else:
@@ -217,8 +219,11 @@ class DepthPredictor:
         outputs = answer_with_mirror(self._run, inputs) if settings.flip_test else self._run(inputs)
         top, width = -sparse.shape[0] % stride, sparse.shape[1]
         cut = {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
+        depth_m = cut["depth_m"]
+        if filled is not None:
+            depth_m = _with_counted_corrections(depth_m, filled.depth_m, sparse, settings)
         return to_depth_map(
-            cut["depth_m"],
+            depth_m,
             cut.get("uncertainty_m"),
             is_supported=is_supported,
             smoothing=settings.smoothing,
@@ -232,6 +237,22 @@ class DepthPredictor:
                 torch.full_like(sparse, torch.inf) if self.estimates_uncertainty else None
             ),
         )
+
+
+def _with_counted_corrections(
+    depth_m: Float[Tensor, "height width"],
+    filled_m: Float32[Tensor, "height width"],
+    sparse_m: Float32[Tensor, "height width"],
+    settings: DepthCompletionConfig,
+) -> Float[Tensor, "height width"]:
+    """The network's depth without the corrections that the settings leave out."""
+    least, least_above = settings.least_correction, settings.least_correction_above
+    least_above = least if least_above is None else least_above
+    if not (least or least_above):
+        return depth_m
+    thresholds = least_corrections(sparse_m.numpy() > 0, least=least, least_above=least_above)
+    given_m = depth_m.float().numpy(force=True)
+    return torch.from_numpy(drop_small_corrections(given_m, filled_m.numpy(), thresholds))
 
 
 Completer = DepthCompleter | DepthPredictor

@@ -25,6 +25,7 @@ quality."""
 AXIS: Final = slice(6, 8)
 FRONT: Final = slice(8, 10)
 QUALITY: Final = 10
+_ASIDE: Final = 1
 _LARGEST_LOG: Final = 1.0  # sizes stay within a factor of e of the mean
 
 
@@ -76,6 +77,18 @@ def decode_centers(
     is_front = ahead * axis.cos() + aside * axis.sin() >= 0
     yaw = wrap_angle(torch.where(is_front, axis, axis + math.pi))
     return torch.cat((center, sizes, yaw[:, None]), dim=1)
+
+
+def mirror_centers(
+    values: Float[Tensor, "batch classes values rows columns"],
+) -> Float[Tensor, "batch classes values rows columns"]:
+    """What cells tell of a scene mirrored left to right, from what they tell of it as it is.
+
+    The grid must reach as far to the left as to the right.
+    """
+    sign = values.new_ones(CENTER_VALUES)
+    sign[[_ASIDE, AXIS.start, FRONT.stop - 1]] = -1  # y, the sines of twice the yaw and of the yaw
+    return values.flip(-1) * sign[:, None, None]
 
 
 def _mean_height(mean_sizes: Float[Tensor, "n 3"]) -> Float[Tensor, "n 1"]:

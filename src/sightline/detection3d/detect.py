@@ -1,15 +1,23 @@
 """From a sweep to detections, by a detector's stages."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from functools import partial
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.stages import Proposed, Run, SecondStage, Sweep, full_precision
+from sightline.detection3d.stages import (
+    FirstStage,
+    Proposed,
+    Run,
+    SecondStage,
+    Sweep,
+    full_precision,
+)
 from sightline.detection3d.suppression import suppress_boxes
+from sightline.detection3d.views import View, answer_of_views
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D
 
@@ -22,6 +30,7 @@ def propose(
     run: Run | None = None,
     *,
     training: Sequence[bool] = (False,),
+    flip_test: bool | None = None,
 ) -> list[Proposed]:
     """The first stage's proposals for a sweep of one point or more, in as many ways as asked for.
 
@@ -30,10 +39,12 @@ def propose(
         sweep: As `sweeps` prepares it.
         run: Runs the stage's module. None: PyTorch, where the module is.
         training: For each way, whether they are for a second stage's training.
+        flip_test: Whether it sees the sweep mirrored, too. None: as the settings say.
     """
     first = detector.first
     inputs = first.inputs([sweep])
-    output = _here(first, inputs) if run is None else run(inputs)
+    is_flipped = detector.config.flip_test if flip_test is None else flip_test
+    output = answer_of_views(run or _here(first), inputs, _views(first, flip_test=is_flipped))
     with full_precision(sweep):
         return [first.propose(output, [sweep], training=each)[0] for each in training]
 
@@ -52,17 +63,18 @@ def refine(
     Returns:
         The surest first, in the labels' frame.
     """
-    scores = proposed.scores
+    scores, config = proposed.scores, detector.config
     if detector.second is not None:
-        proposed, scores = _all_passes(detector.second, sweep, proposed, run)
-    config = detector.config
+        views = _views(detector.second, flip_test=config.flip_test)
+        ask = partial(answer_of_views, run or _here(detector.second), views=views)
+        proposed, scores = _all_passes(detector.second, sweep, proposed, ask)
     with full_precision(sweep):
         kept = suppress_boxes(proposed.boxes, scores, config.suppression, labels=proposed.classes)
     return as_detections(detector, proposed.boxes[kept], proposed.classes[kept], scores[kept])
 
 
 def _all_passes(
-    second: SecondStage, sweep: Sweep, proposed: Proposed, run: Run | None
+    second: SecondStage, sweep: Sweep, proposed: Proposed, ask: Run
 ) -> tuple[Proposed, Float[Tensor, " num_boxes"]]:
     """The refined boxes with the proposals' scores, where each pass starts; the last scores."""
     scores = proposed.scores
@@ -73,7 +85,7 @@ def _all_passes(
             regions = second.regions(sweep, proposed, seed=_SEED)
         boxes, scores, classes = regions.boxes, regions.scores, proposed.classes[regions.places]
         if len(boxes):
-            output = _here(second, regions.inputs) if run is None else run(regions.inputs)
+            output = ask(regions.inputs)
             with full_precision(sweep):
                 boxes, scores = second.refine(output, regions)
         proposed = Proposed(boxes, classes, regions.scores, proposed.features)
@@ -102,8 +114,10 @@ def nothing_proposed(sweep: Sweep) -> Proposed:
     return Proposed(sweep.new_zeros(0, 7), none, sweep.new_zeros(0))
 
 
-def _here(
-    stage: Any,  # noqa: ANN401 - either protocol
-    inputs: Mapping[str, Tensor],
-) -> Any:  # noqa: ANN401 - the stage's own output
-    return stage(**inputs)
+def _here(stage: FirstStage | SecondStage) -> Run:
+    """Runs a stage by PyTorch, where its module is."""
+    return lambda inputs: stage(**inputs)
+
+
+def _views(stage: FirstStage | SecondStage, *, flip_test: bool) -> tuple[View, ...]:
+    return stage.views if flip_test else stage.views[:1]

@@ -84,6 +84,9 @@ class Detection3DConfig:
     """What of the sweep is around a proposal, for the plain second stage."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
     """Which boxes are given as detections."""
+    flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
+    """Whether the compact stages, in use and when a training scores them, see everything mirrored,
+    too, and regions turned round; see `views`."""
     alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
     """How detections are fitted to the labels of other sensors, in use alone: a training scores
     boxes as they were learned, and the weights that it writes have none."""
@@ -114,6 +117,7 @@ class Detection3DConfig:
             )
         self._check_second()
         self._check_alignment()
+        self._check_flip_test()
 
     @property
     def classes(self) -> tuple[RoadUserClass, ...]:
@@ -132,6 +136,20 @@ class Detection3DConfig:
                 raise ValueError(
                     f"alignment names {each.name}, but the classes are {', '.join(known)}"
                 )
+
+    def _check_flip_test(self) -> None:
+        if not self.flip_test:
+            return
+        if self.pillars is None or self.refinement is not None:
+            raise ValueError("flip_test is of the compact stages: set pillars, and no refinement")
+        if self.regions is not None and not self.regions.canonical:
+            raise ValueError("flip_test needs regions in their own frames: set regions.canonical")
+        right, left = self.pillars.grid.y_m
+        if not math.isclose(-right, left, abs_tol=1e-6):
+            raise ValueError(
+                f"flip_test needs a grid as far to the left as to the right, got pillars.grid.y_m "
+                f"{right} to {left}"
+            )
 
     def _check_points(self, points: ProposalNetworkConfig) -> None:
         if self.input.num_points is None:

@@ -11,6 +11,7 @@ from torch import Tensor
 from sightline.detection3d.pillar_config import PillarGridConfig
 
 _COUNT_SCALE = 0.5  # of the logarithm of 1 + the number of points
+_ASIDE_AFTER_SLICES = 5  # the channel of the mean offset along y, counted from that of the number
 _GROUND_SHIFT_M = 1.0  # heights are told about the middle of road users, 1 m below the sensor
 
 
@@ -64,6 +65,18 @@ def pillar_features(
     )
     together = torch.cat(columns, dim=1).float()
     return together.reshape(grid.rows, grid.columns, -1).permute(2, 0, 1)
+
+
+def mirror_pillars(
+    pillars: Float32[Tensor, "batch channels rows columns"], grid: PillarGridConfig
+) -> Float32[Tensor, "batch channels rows columns"]:
+    """The maps of scenes mirrored left to right, on a grid as far to the left as to the right.
+
+    A point right on the border of two pillars is then in the other one.
+    """
+    mirrored = pillars.flip(-1)
+    mirrored[:, grid.slices + _ASIDE_AFTER_SLICES] *= -1
+    return mirrored
 
 
 def _within(

@@ -13,6 +13,7 @@ from sightline.detection3d.pillar_features import pillar_features
 from sightline.detection3d.pillar_loss import PillarLosses, pillar_loss
 from sightline.detection3d.pillar_network import PillarNetwork, PillarOutput
 from sightline.detection3d.pillar_targets import PillarTargets, pillar_targets
+from sightline.detection3d.pillar_views import pillar_views
 from sightline.detection3d.stages import Proposed, Sweep
 from sightline.detection3d.targets import SweepTruth
 
@@ -28,6 +29,7 @@ class PillarProposals(nn.Module):
         self.config = config
         self.centers = centers
         self.max_proposals = centers.max_boxes
+        self.views = pillar_views(config.grid)
         self.network = PillarNetwork(config)
 
     def forward(self, pillars: Float[Tensor, "batch channels rows columns"]) -> PillarOutput:

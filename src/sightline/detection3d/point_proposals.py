@@ -19,12 +19,14 @@ from sightline.detection3d.proposal_network import (
 from sightline.detection3d.proposals import ProposalConfig, choose_proposals
 from sightline.detection3d.stages import Proposed, Sweep
 from sightline.detection3d.targets import SweepTruth
+from sightline.detection3d.views import AS_IT_IS
 
 
 class PointProposals(nn.Module):
     """A `FirstStage` of sweeps with one number of points."""
 
     output_type = ProposalNetworkOutput
+    views = (AS_IT_IS,)
 
     def __init__(
         self,

@@ -18,6 +18,7 @@ from sightline.detection3d.refinement_network import RefinementNetwork, Refineme
 from sightline.detection3d.roi_pooling import RoiPoolingConfig, pool_rois
 from sightline.detection3d.stages import Proposed, Refined, Regions, Sweep
 from sightline.detection3d.targets import SweepTruth
+from sightline.detection3d.views import AS_IT_IS
 from sightline.geometry.transforms import wrap_angle
 from sightline.ops.rotated_iou import pairwise_iou_3d
 
@@ -37,6 +38,7 @@ class PointRefinement(nn.Module):
     """A `SecondStage`: `RefinementNetwork` on what `pool_rois` draws."""
 
     output_type = RefinementOutput
+    views = (AS_IT_IS,)
     passes = 1
 
     def __init__(self, config: RefinementConfig, pooling: RoiPoolingConfig) -> None:

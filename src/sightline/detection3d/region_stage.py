@@ -12,6 +12,7 @@ from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.region_examples import RegionExamples, region_examples
 from sightline.detection3d.region_loss import RegionLosses, region_loss
 from sightline.detection3d.region_network import RegionNetwork, RegionOutput
+from sightline.detection3d.region_views import REGION_VIEWS
 from sightline.detection3d.regions import cut_regions
 from sightline.detection3d.stages import Proposed, Refined, Regions, Sweep
 from sightline.detection3d.targets import SweepTruth
@@ -21,6 +22,7 @@ class RegionStage(nn.Module):
     """A `SecondStage`: `RegionNetwork` on what `cut_regions` draws."""
 
     output_type = RegionOutput
+    views = REGION_VIEWS
 
     def __init__(self, config: RegionConfig) -> None:
         super().__init__()

@@ -70,6 +70,26 @@ def cut_regions(
     )
 
 
+def mirror_cut(cut: CutRegions) -> CutRegions:
+    """Canonical regions mirrored left to right."""
+    points = cut.points.clone()
+    points[..., 1] *= -1
+    points[..., [4, 7]] = cut.points[..., [7, 4]]  # the distances to the left and the right face
+    context = cut.context.clone()
+    context[:, 5] *= -1  # the sine of the bearing
+    return CutRegions(points, context)
+
+
+def turn_cut(cut: CutRegions) -> CutRegions:
+    """Canonical regions of proposals whose fronts are at their other ends."""
+    points = cut.points.clone()
+    points[..., :2] *= -1
+    points[..., [3, 4, 6, 7]] = cut.points[..., [6, 7, 3, 4]]  # to all faces but top and bottom
+    context = cut.context.clone()
+    context[:, 4:6] *= -1  # cosine and sine of the bearing
+    return CutRegions(points, context)
+
+
 def _canonical(
     points: Float[Tensor, "num_regions roi_points 3"], boxes: Float[Tensor, "num_regions 7"]
 ) -> Float[Tensor, "num_regions roi_points 3"]:

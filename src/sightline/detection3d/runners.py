@@ -48,10 +48,12 @@ class StageRunners:
         return propose(self.detector, sweep, self._first)[0]
 
     def propose_both(self, sweep: Sweep) -> tuple[Proposed, Proposed]:
-        """The same as for use, and as for the second stage's training."""
+        """As a second stage's training scores and draws them: without the flip test."""
         if not len(sweep):
             return nothing_proposed(sweep), nothing_proposed(sweep)
-        in_use, in_training = propose(self.detector, sweep, self._first, training=(False, True))
+        in_use, in_training = propose(
+            self.detector, sweep, self._first, training=(False, True), flip_test=False
+        )
         return in_use, in_training
 
     def refine(self, sweep: Sweep, proposed: Proposed) -> Detections3D:

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.targets import SweepTruth
+from sightline.detection3d.views import View
 from sightline.training.module import Losses
 
 Run = Callable[[Mapping[str, Tensor]], Any]
@@ -60,6 +61,11 @@ class FirstStage(Protocol):
     @property
     def output_type(self) -> Callable[..., tuple[Any, ...]]:
         """What the module gives."""
+        ...
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """What a flip test asks the module about; the first is the scene as it is."""
         ...
 
     def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
@@ -125,6 +131,11 @@ class SecondStage(Protocol):
     @property
     def output_type(self) -> Callable[..., tuple[Any, ...]]:
         """What the module gives."""
+        ...
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """What a flip test asks the module about; the first is each region as it is."""
         ...
 
     def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`

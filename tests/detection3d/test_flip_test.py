@@ -1,0 +1,228 @@
+"""The flip test of the compact detector: each mirror image exact, and answers that mirror along."""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from sightline.cli.main import main
+from sightline.detection3d.center_coding import (
+    cell_middles,
+    encode_centers,
+    mirror_centers,
+)
+from sightline.detection3d.detect import propose, refine
+from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.pillar_config import PillarGridConfig
+from sightline.detection3d.pillar_features import mirror_pillars, pillar_features
+from sightline.detection3d.predictor import network_sweep
+from sightline.detection3d.proposal_cache import read_record
+from sightline.detection3d.region_coding import (
+    encode_regions,
+    keeps_front,
+    mirror_regions,
+    turn_regions,
+)
+from sightline.detection3d.region_config import RegionConfig
+from sightline.detection3d.region_network import RegionOutput
+from sightline.detection3d.region_views import REGION_VIEWS
+from sightline.detection3d.regions import cut_regions, mirror_cut, turn_cut
+from sightline.detection3d.views import AS_IT_IS, View, answer_of_views
+from sightline.geometry.transforms import wrap_angle
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.detection3d.frames import COMPACT, TINY, simulated_frames, write_network
+
+MIRROR = torch.tensor([1.0, -1, 1, 1, 1, 1, -1], dtype=torch.float64)
+"""Of a box: y and the yaw change signs."""
+seeds = st.integers(0, 10**6)
+
+
+def some_boxes(seed, count=5):
+    """x, y, z, length, width, height, yaw."""
+    rng = torch.Generator().manual_seed(seed)
+    drawn = torch.rand(count, 7, generator=rng, dtype=torch.float64)
+    low = torch.tensor([2.0, -6, -2, 3, 1, 1, -3], dtype=torch.float64)
+    high = torch.tensor([12.0, 6, 0, 5, 2, 2, 3], dtype=torch.float64)
+    return low + (high - low) * drawn
+
+
+@pytest.mark.parametrize("reflectance", [False, True])
+@given(seed=seeds)
+def test_pillars_of_mirrored_points_are_the_mirrored_pillars(reflectance, seed):
+    grid = PillarGridConfig(x_m=(0.0, 8.0), y_m=(-8.0, 8.0), cell_m=0.5, reflectance=reflectance)
+    drawn = torch.randint(128, (200, 4), generator=torch.Generator().manual_seed(seed))
+    points = (drawn + 0.5) / 128  # off the borders of pillars, and exact in float32
+    points = points * torch.tensor([8.0, 16, 4, 1]) - torch.tensor([0.0, 8, 3, 0])
+    mirrored = pillar_features(points * torch.tensor([1.0, -1, 1, 1]), grid)
+    torch.testing.assert_close(
+        mirror_pillars(pillar_features(points, grid)[None], grid)[0], mirrored
+    )
+
+
+@given(seed=seeds)
+def test_centers_of_mirrored_boxes_are_the_mirrored_centers(seed):
+    grid = PillarGridConfig(x_m=(0.0, 8.0), y_m=(-4.0, 4.0), cell_m=0.5)
+    rows, columns = grid.head_size
+    cells = torch.cartesian_prod(torch.arange(rows), torch.arange(columns))
+    middles, sizes = cell_middles(cells, grid).double(), torch.ones(len(cells), 3).double()
+    boxes = some_boxes(seed, rows * columns)  # one for each cell
+
+    def told(of_cells):
+        quality = torch.arange(len(of_cells)).double()[:, None]
+        code = torch.cat((encode_centers(of_cells, middles, sizes), quality * 0), dim=1)
+        return code.reshape(1, 1, rows, columns, -1).movedim(-1, 2)
+
+    there = (boxes * MIRROR).reshape(rows, columns, 7).flip(1).reshape(-1, 7)
+    torch.testing.assert_close(mirror_centers(told(boxes)), told(there))
+
+
+@given(seed=seeds)
+def test_changes_of_mirrored_and_of_turned_proposals(seed):
+    boxes, proposals = some_boxes(seed), some_boxes(seed + 1)
+    code = encode_regions(boxes, proposals)
+    torch.testing.assert_close(
+        mirror_regions(code), encode_regions(boxes * MIRROR, proposals * MIRROR)
+    )
+    turned = proposals + torch.tensor([0, 0, 0, 0, 0, 0, math.pi], dtype=torch.float64)
+    torch.testing.assert_close(turn_regions(code), encode_regions(boxes, turned))
+    assert (keeps_front(boxes, turned) == ~keeps_front(boxes, proposals)).all()
+
+
+@given(seed=seeds)
+def test_regions_of_mirrored_and_of_turned_proposals(seed):
+    config = RegionConfig(num_points=32, in_channels=1)
+    boxes, classes = some_boxes(seed), torch.arange(5) % 3
+    near = boxes[:, :3].repeat(60, 1)
+    noise = torch.randn(300, 3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    points, features = near + noise, noise[:, :1]
+
+    def cut(points, boxes):
+        return cut_regions(points, features, boxes, classes, config, seed=1)
+
+    plain = cut(points, boxes)
+    mirrored = cut(points * torch.tensor([1.0, -1, 1], dtype=torch.float64), boxes * MIRROR)
+    turned = boxes + torch.tensor([0, 0, 0, 0, 0, 0, math.pi], dtype=torch.float64)
+    for given_cut, expected in (
+        (mirror_cut(plain), mirrored),
+        (turn_cut(plain), cut(points, turned)),
+    ):
+        torch.testing.assert_close(given_cut.points, expected.points)
+        torch.testing.assert_close(given_cut.context, expected.context)
+    assert torch.equal(turn_cut(turn_cut(plain)).points, plain.points)
+
+
+class _Answer(NamedTuple):
+    first: Tensor
+    second: Tensor
+
+
+def test_the_mean_is_over_all_views_and_one_view_is_left_as_it_is():
+    tenfold = View(
+        lambda inputs: {"x": 10 * inputs["x"]},
+        lambda answer: answer._replace(first=-answer.first),
+    )
+    inputs = {"x": torch.tensor([1.0, 2.0])}
+
+    def run(given_inputs):
+        return _Answer(given_inputs["x"], given_inputs["x"] + 1)
+
+    both = answer_of_views(run, inputs, (AS_IT_IS, tenfold))
+    assert both.first.tolist() == [-4.5, -9.0]
+    assert both.second.tolist() == [6.5, 12.0]
+    one = answer_of_views(run, inputs, (AS_IT_IS,))
+    assert one.first is inputs["x"]
+
+
+def test_a_network_that_answers_by_the_front_alone_is_asked_from_both_ends():
+    """The front's logit changes its sign, so what a network always says cancels out."""
+    context = torch.zeros(2, 10)
+
+    def always(inputs):
+        count = len(inputs["points"])
+        return RegionOutput(torch.ones(count, 8), torch.full((count,), 3.0), torch.zeros(count))
+
+    answer = answer_of_views(always, {"points": torch.zeros(2, 4, 9), "context": context},
+                             REGION_VIEWS)  # fmt: skip
+    assert answer.front_logits.tolist() == [0, 0]
+    assert answer.values[0].tolist() == [0, 0, 1, 1, 1, 1, 0, 1]
+
+
+def trained(config):
+    """A detector whose second stage changes something, as after training."""
+    torch.manual_seed(0)
+    detector = Detector3D(config).eval().requires_grad_(requires_grad=False)
+    for parameter in detector.regions.parameters():
+        parameter.add_(0.1 * torch.randn_like(parameter))
+    return detector
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    """Half a millimetre aside, so that no point lies on the border of two pillars."""
+    seen = network_sweep(simulated_frames()[0], COMPACT.input)
+    return seen + seen.new_tensor([0, 0.0005, 0, 0])
+
+
+def test_with_a_flip_test_the_answer_to_a_mirrored_sweep_is_the_mirrored_answer(sweep):
+    mirrored = sweep * sweep.new_tensor([1, -1, 1, 1])
+    both = {}
+    for flip_test in (False, True):
+        detector = trained(replace(COMPACT, flip_test=flip_test))
+        both[flip_test] = [
+            refine(detector, each, propose(detector, each)[0]) for each in (sweep, mirrored)
+        ]
+    here, there = both[True]
+    torch.testing.assert_close(there.scores, here.scores, atol=1e-4, rtol=0)
+    assert there.class_names == here.class_names
+    expected = here.boxes.tensor * MIRROR.float()
+    torch.testing.assert_close(there.boxes.tensor[:, :6], expected[:, :6], atol=1e-3, rtol=0)
+    turn = wrap_angle(there.boxes.tensor[:, 6] - expected[:, 6])
+    assert turn.abs().max() < 1e-3
+    plain, other = both[False]
+    assert not torch.equal(plain.scores, here.scores)
+    assert len(plain.scores) != len(other.scores) or not torch.allclose(plain.scores, other.scores)
+
+
+def test_a_cache_of_proposals_for_training_knows_no_flip_test(tmp_path):
+    weights, cache = tmp_path / "w.safetensors", tmp_path / "cache"
+    flipped = replace(COMPACT, flip_test=True)
+    detector = write_network(weights, flipped)
+    command = ["proposals", str(PACKAGED_FRAMES), str(cache), "--weights", str(weights)]
+    assert main([*command, "--workers", "1"]) == 0
+    sample = simulated_frames()[0]
+    points = network_sweep(sample, COMPACT.input)
+    by_cache = read_record(cache, sample, training=False)[1].boxes
+    with torch.no_grad():
+        plain, seen_twice = (
+            propose(detector, points, flip_test=each)[0].boxes for each in (False, None)
+        )
+    torch.testing.assert_close(by_cache, plain)
+    assert not torch.equal(seen_twice, plain)
+
+
+@pytest.mark.parametrize(
+    ("config", "changes", "message"),
+    [
+        (TINY, {}, "flip_test is of the compact stages: set pillars, and no refinement"),
+        (
+            COMPACT,
+            {"regions": replace(COMPACT.regions, canonical=False)},
+            "flip_test needs regions in their own frames: set regions.canonical",
+        ),
+        (
+            COMPACT,
+            {"pillars": replace(COMPACT.pillars, grid=PillarGridConfig(y_m=(-16.0, 32.0)))},
+            "as far to the left as to the right, got pillars.grid.y_m -16.0 to 32.0",
+        ),
+    ],
+)
+def test_designs_without_mirror_images_are_refused(config, changes, message):
+    assert isinstance(config, Detection3DConfig)
+    with pytest.raises(ValueError, match=message):
+        replace(config, flip_test=True, **changes)
