@@ -82,10 +82,11 @@ def test_a_map_is_smoothed_as_the_settings_say(tmp_path):
     assert torch.equal(smooth.uncertainty_m, plain.uncertainty_m)
 
 
-def test_small_corrections_are_left_out_as_the_settings_say(tmp_path):
+@pytest.mark.parametrize("flip_test", [False, True])  # of the mean, where there is one
+def test_small_corrections_are_left_out_as_the_settings_say(flip_test, tmp_path):
     sparse, image = random_frame(70, 19)
     sparse[:55] = 0
-    settings = {**FILLED, "correction": "log"}
+    settings = {**FILLED, "correction": "log", "flip_test": flip_test}
     plain_m, careful_m = (
         DepthPredictor.load(write_tiny_weights(tmp_path / name, **settings, **extra))
         .complete(sparse, image)

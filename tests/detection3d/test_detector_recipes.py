@@ -39,8 +39,9 @@ def test_examples_are_made_for_the_network(recipe):
     assert settings.class_names == tuple(each.name for each in network.classes)
 
 
-def test_the_compact_recipes_differ_in_size_and_passes_alone():
+def test_the_compact_recipes_differ_in_size_passes_and_flip_test_alone():
     best, fast = read("detection3d-best"), read("detection3d-fast-cpu")
+    assert best["model"]["init_args"]["network"].pop("flip_test")
     for recipe in (best, fast):
         network = recipe["model"]["init_args"]["network"]
         assert network.pop("pillars") is not None

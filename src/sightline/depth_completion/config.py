@@ -168,10 +168,11 @@ class DepthCompletionConfig:
     propagation_steps: int = 0
     """Steps in which each pixel's depth is mixed with its neighbours' at the end; 0 = none."""
     least_correction: float = field(default=0.0, metadata=IN_USE_ALONE)
-    """Predictors apply what the dead zone leaves of a correction only above this, and fully from
-    twice this; see `drop_small_corrections`."""
+    """Predictors undo what the network, its propagation included, changes of the completion by less
+    than this (the logarithm of a factor), and leave it from twice this on; see
+    `drop_small_corrections`."""
     least_correction_above: float | None = field(default=None, metadata=IN_USE_ALONE)
-    """The same far above what is measured; see `least_corrections`. None: as everywhere."""
+    """The same far above what is measured in a pixel's columns; see `least_corrections`. None: as everywhere."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
     """Predictors run the network on the frame's mirror image, too; see `answer_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)

@@ -7,7 +7,7 @@ from numpy import ndarray
 
 _FIRST_ROWS, _LAST_ROWS = 20, 50  # above what is measured, the threshold rises between them
 _NEIGHBOURS = 7  # columns to either side whose measurements count as a column's own
-_NO_CORRECTION = 1e-9  # where the threshold is 0
+_LEAST_THRESHOLD = 1e-9  # to divide by
 
 
 def least_corrections(
@@ -15,8 +15,9 @@ def least_corrections(
 ) -> Float32[ndarray, "height width"]:
     """How large a correction must be to count, pixel by pixel: the logarithm of a factor.
 
-    Far above the highest measurement, where a completion and a network guess alike, most
-    corrections lower the mean error and raise the median: only large ones shall count.
+    Far above the highest measurement of its columns, where a completion and a network guess alike,
+    most corrections lower the mean error and raise the median: only large ones shall count. The
+    rows are of a camera like KITTI's, with a focal length of 721 px.
 
     Args:
         is_measured: Where there are measurements.
@@ -50,6 +51,6 @@ def drop_small_corrections(
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         correction = np.log(depth_m / filled_m)
-        share = (np.abs(correction) / np.maximum(least, _NO_CORRECTION) - 1).clip(0, 1)
+        share = (np.abs(correction) / np.maximum(least, _LEAST_THRESHOLD) - 1).clip(0, 1)
         counted: Float32[ndarray, "height width"] = filled_m * np.exp(share * correction)
     return np.where(np.isfinite(correction), counted, depth_m).astype(np.float32)

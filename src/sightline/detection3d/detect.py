@@ -11,13 +11,12 @@ from sightline.detection3d.model import Detector3D
 from sightline.detection3d.stages import (
     FirstStage,
     Proposed,
-    Run,
     SecondStage,
     Sweep,
     full_precision,
 )
 from sightline.detection3d.suppression import suppress_boxes
-from sightline.detection3d.views import View, answer_of_views
+from sightline.detection3d.views import Run, View, answer_of_views
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D
 
@@ -43,14 +42,19 @@ def propose(
     """
     first = detector.first
     inputs = first.inputs([sweep])
-    is_flipped = detector.config.flip_test if flip_test is None else flip_test
-    output = answer_of_views(run or _here(first), inputs, _views(first, flip_test=is_flipped))
+    views = _views(detector, first, flip_test=flip_test)
+    output = answer_of_views(run or _here(first), inputs, views)
     with full_precision(sweep):
         return [first.propose(output, [sweep], training=each)[0] for each in training]
 
 
 def refine(
-    detector: Detector3D, sweep: Sweep, proposed: Proposed, run: Run | None = None
+    detector: Detector3D,
+    sweep: Sweep,
+    proposed: Proposed,
+    run: Run | None = None,
+    *,
+    flip_test: bool | None = None,
 ) -> Detections3D:
     """What is answered of proposals: refined where there is a second stage, then suppressed.
 
@@ -59,13 +63,14 @@ def refine(
         sweep: As the proposals' first stage saw it.
         proposed: What it proposed.
         run: Runs the second stage's module. None: PyTorch, where the module is.
+        flip_test: Whether it sees regions turned round, too. None: as the settings say.
 
     Returns:
         The surest first, in the labels' frame.
     """
     scores, config = proposed.scores, detector.config
     if detector.second is not None:
-        views = _views(detector.second, flip_test=config.flip_test)
+        views = _views(detector, detector.second, flip_test=flip_test)
         ask = partial(answer_of_views, run or _here(detector.second), views=views)
         proposed, scores = _all_passes(detector.second, sweep, proposed, ask)
     with full_precision(sweep):
@@ -119,5 +124,8 @@ def _here(stage: FirstStage | SecondStage) -> Run:
     return lambda inputs: stage(**inputs)
 
 
-def _views(stage: FirstStage | SecondStage, *, flip_test: bool) -> tuple[View, ...]:
-    return stage.views if flip_test else stage.views[:1]
+def _views(
+    detector: Detector3D, stage: FirstStage | SecondStage, *, flip_test: bool | None
+) -> tuple[View, ...]:
+    is_asked = detector.config.flip_test if flip_test is None else flip_test
+    return stage.views if is_asked else stage.views[:1]

@@ -85,8 +85,8 @@ class Detection3DConfig:
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
     """Which boxes are given as detections."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
-    """Whether the compact stages, in use and when a training scores them, see everything mirrored,
-    too, and regions turned round; see `views`."""
+    """Whether predictors ask the compact first stage about the mirrored sweep, too, and the second
+    about regions turned round; see `answer_of_views`."""
     alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
     """How detections are fitted to the labels of other sensors, in use alone: a training scores
     boxes as they were learned, and the weights that it writes have none."""
@@ -141,14 +141,18 @@ class Detection3DConfig:
         if not self.flip_test:
             return
         if self.pillars is None or self.refinement is not None:
-            raise ValueError("flip_test is of the compact stages: set pillars, and no refinement")
+            raise ValueError(
+                "flip_test is of the compact stages: set it to false, or pillars and no refinement"
+            )
         if self.regions is not None and not self.regions.canonical:
-            raise ValueError("flip_test needs regions in their own frames: set regions.canonical")
+            raise ValueError(
+                "flip_test needs regions in their own frames: set it to false, or regions.canonical"
+            )
         right, left = self.pillars.grid.y_m
         if not math.isclose(-right, left, abs_tol=1e-6):
             raise ValueError(
-                f"flip_test needs a grid as far to the left as to the right, got pillars.grid.y_m "
-                f"{right} to {left}"
+                "flip_test needs a grid as far to the left as to the right, got pillars.grid.y_m "
+                f"{right} to {left}: change it, or set flip_test to false"
             )
 
     def _check_points(self, points: ProposalNetworkConfig) -> None:

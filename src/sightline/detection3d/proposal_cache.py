@@ -5,7 +5,7 @@ holds
 
 * points: float32, num_points x 4, the sweep as the first stage saw it,
 * features: float16, num_points x channels, what it gave each point,
-* boxes, classes, scores: float32 num x 7, int64, float32, the proposals as for use and scoring,
+* boxes, classes, scores: float32 num x 7, int64, float32, the proposals as a training scores them,
 * training_boxes, training_classes, training_scores: the same as for training,
 
 and in its metadata, as JSON under "sightline", the version of this format, the identity of the
@@ -82,7 +82,7 @@ def write_record(
         made_by: See `first_stage_identity`.
         points: As the first stage saw them.
         features: What it gave them.
-        proposed: Its proposals for use and scoring.
+        proposed: Its proposals for scoring.
         training_proposed: Those for training.
     """
     columns = {"points": points, "features": features.half()}

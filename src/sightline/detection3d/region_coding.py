@@ -40,11 +40,6 @@ def encode_regions(
     return torch.cat(parts, dim=1)
 
 
-def mirror_regions(values: Float[Tensor, "n 8"]) -> Float[Tensor, "n 8"]:
-    """The code of each change in its proposal's mirror image, left to right."""
-    return values * values.new_tensor([1, -1, 1, 1, 1, 1, -1, 1])
-
-
 def turn_regions(values: Float[Tensor, "n 8"]) -> Float[Tensor, "n 8"]:
     """The code of each change if its proposal had its front at its other end."""
     return values * values.new_tensor([-1, -1, 1, 1, 1, 1, 1, 1])

@@ -70,16 +70,6 @@ def cut_regions(
     )
 
 
-def mirror_cut(cut: CutRegions) -> CutRegions:
-    """Canonical regions mirrored left to right."""
-    points = cut.points.clone()
-    points[..., 1] *= -1
-    points[..., [4, 7]] = cut.points[..., [7, 4]]  # the distances to the left and the right face
-    context = cut.context.clone()
-    context[:, 5] *= -1  # the sine of the bearing
-    return CutRegions(points, context)
-
-
 def turn_cut(cut: CutRegions) -> CutRegions:
     """Canonical regions of proposals whose fronts are at their other ends."""
     points = cut.points.clone()

@@ -48,7 +48,7 @@ class StageRunners:
         return propose(self.detector, sweep, self._first)[0]
 
     def propose_both(self, sweep: Sweep) -> tuple[Proposed, Proposed]:
-        """As a second stage's training scores and draws them: without the flip test."""
+        """As a second stage's training scores them, and as it draws from them."""
         if not len(sweep):
             return nothing_proposed(sweep), nothing_proposed(sweep)
         in_use, in_training = propose(

@@ -4,7 +4,7 @@ A stage's module is what leaves PyTorch: tensors in by name, a NamedTuple out. S
 suppression, which other engines do not know, come before it (`inputs`) and after it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import torch
@@ -15,9 +15,6 @@ from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.targets import SweepTruth
 from sightline.detection3d.views import View
 from sightline.training.module import Losses
-
-Run = Callable[[Mapping[str, Tensor]], Any]
-"""Runs a stage's module, here or by another engine; gives its NamedTuple."""
 
 Sweep = Float32[Tensor, "_ 4"]
 """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""

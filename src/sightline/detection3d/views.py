@@ -1,10 +1,13 @@
-"""Stages asked about mirror images as well: the flip test."""
+"""Stages asked twice, the second time about what is turned or mirrored: the flip test."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import torch
 from torch import Tensor
+
+Run = Callable[[Mapping[str, Tensor]], Any]
+"""Runs a stage's module, here or by another engine; gives its NamedTuple."""
 
 
 class View(NamedTuple):
@@ -23,9 +26,7 @@ def _same(given: Any) -> Any:  # noqa: ANN401 - inputs or an output
 AS_IT_IS: Final = View(_same, _same)
 
 
-def answer_of_views(
-    run: Callable[[Mapping[str, Tensor]], Any], inputs: Mapping[str, Tensor], views: Sequence[View]
-) -> Any:  # noqa: ANN401 - the stage's NamedTuple
+def answer_of_views(run: Run, inputs: Mapping[str, Tensor], views: Sequence[View]) -> Any:  # noqa: ANN401 - the stage's NamedTuple
     """The mean of a stage's answers to all views, each changed back.
 
     Args:
