@@ -192,7 +192,7 @@ def same_boxes(one, other):
 
 
 @pytest.mark.parametrize("is_cached", [False, True])
-def test_a_training_scores_without_the_flip_test(is_cached, tmp_path, sweep):
+def test_a_training_scores_without_the_flip_test(is_cached, tmp_path):
     weights = tmp_path / "w.safetensors"
     write_network(weights, replace(COMPACT, flip_test=True))
     answers = []

@@ -172,7 +172,8 @@ class DepthCompletionConfig:
     than this (the logarithm of a factor), and leave it from twice this on; see
     `drop_small_corrections`."""
     least_correction_above: float | None = field(default=None, metadata=IN_USE_ALONE)
-    """The same far above what is measured in a pixel's columns; see `least_corrections`. None: as everywhere."""
+    """The same far above what is measured in a pixel's columns; see `least_corrections`. None: as
+    everywhere."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
     """Predictors run the network on the frame's mirror image, too; see `answer_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
