@@ -4,9 +4,11 @@ import pytest
 import torch
 
 from sightline.data.weights import write_weights
-from sightline.detection3d.export_graph import MAX_DIFFERENCE
-from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.detection3d.export_graph import MAX_DIFFERENCE, REGIONS_A_RUN, region_portions
+from sightline.detection3d.predictor import Detection3DPredictor, network_sweep
 from sightline.detection3d.registration import TASK
+from sightline.detection3d.runners import StageRunners
+from sightline.detection3d.stages import Proposed
 from sightline.export.engines import open_engine
 from sightline.export.write import export_graphs
 from sightline.inference.network import load_network
@@ -74,5 +76,35 @@ def test_another_engine_answers_as_pytorch_does(weights):
         for engine in ("torch", "onnxruntime")
     )
     assert found.class_names == expected.class_names
+    torch.testing.assert_close(found.boxes.tensor, expected.boxes.tensor, atol=2e-3, rtol=0)
+    torch.testing.assert_close(found.scores, expected.scores, atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("count", [1, REGIONS_A_RUN - 1, REGIONS_A_RUN, 2 * REGIONS_A_RUN + 5])
+def test_regions_go_in_portions_of_the_size_that_a_file_takes(count):
+    inputs = {"points": torch.randn(count, 4, 3), "context": torch.arange(float(count))[:, None]}
+    portions = list(region_portions(inputs))
+    assert len(portions) == -(-count // REGIONS_A_RUN)
+    for name, values in inputs.items():
+        together = torch.cat([each[name] for each in portions])
+        assert all(len(each[name]) == REGIONS_A_RUN for each in portions)
+        assert together[:count].equal(values)
+        assert (together[count:] == values[-1]).all()
+
+
+def test_more_regions_than_a_file_takes_are_refined_as_by_pytorch(weights):
+    loaded = load_network(TASK, weights)
+    sweep = network_sweep(simulated_frames()[0], loaded.network.config.input)
+    count = 2 * REGIONS_A_RUN + 5
+    around = sweep[torch.linspace(0, len(sweep) - 1, count).long(), :3]
+    boxes = torch.cat((around, around.new_tensor([[3.9, 1.6, 1.5, 0.5]]).expand(count, 4)), dim=1)
+    scores, channels = torch.linspace(0.9, 0.5, count), loaded.network.first.feature_channels
+    features = torch.ones(len(sweep), channels) if channels else None
+    proposed = Proposed(boxes, torch.zeros(count, dtype=torch.int64), scores, features)
+    expected, found = (
+        StageRunners(loaded, engine=engine).refine(sweep, proposed)
+        for engine in ("torch", "onnxruntime")
+    )
+    assert len(expected.scores) > REGIONS_A_RUN
     torch.testing.assert_close(found.boxes.tensor, expected.boxes.tensor, atol=2e-3, rtol=0)
     torch.testing.assert_close(found.scores, expected.scores, atol=1e-3, rtol=0)

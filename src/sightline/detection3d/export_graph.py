@@ -1,10 +1,11 @@
 """The detectors' stages as what other engines run: one graph each.
 
 The searches of point networks (farthest points, neighbours, nearest ones) are inputs, found before;
-boxes are decoded and suppressed after. Numbers of points and of regions are those of the settings.
+boxes are decoded and suppressed after. The number of points is that of the settings; regions go
+in portions of one size.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Final
 
@@ -20,6 +21,9 @@ from sightline.inference.network import LoadedNetwork
 MAX_DIFFERENCE: Final = 2.0
 """An exported network may differ by so much from PyTorch's: thousandths of a metre, radian or
 logit. Both compute in float32, whose step is 0.004 mm at 70 m; the order of sums differs."""
+
+REGIONS_A_RUN: Final = 20
+"""So many regions a file of the second stage takes: few frames have as many as may be proposed."""
 
 _SPREAD_M = (0.8, 0.4, 0.3)  # deviations of the points around a centre
 _POINTS_A_CENTER = 64
@@ -84,17 +88,16 @@ def _second_inputs(detector: Detector3D, case: str) -> Inputs:
     classes = torch.arange(len(boxes)) % len(detector.class_names)
     proposed = Proposed(boxes, classes, torch.ones(len(boxes)), features)
     inputs = second.regions(sweep, proposed, seed=0).inputs
-    return pad_regions(inputs, detector.first.max_proposals)
+    return next(region_portions(inputs))
 
 
-def pad_regions(inputs: dict[str, Tensor], count: int) -> dict[str, Tensor]:
-    """Inputs of exactly so many regions, which a file takes: the first one fills up."""
-    return {
-        name: torch.cat(
-            (values[:count], values[:1].expand(max(count - len(values), 0), *values.shape[1:]))
-        )
-        for name, values in inputs.items()
-    }
+def region_portions(inputs: Mapping[str, Tensor]) -> Iterator[Inputs]:
+    """Inputs of one or more regions as a file takes them: the last portion ends with copies."""
+    count = len(next(iter(inputs.values())))
+    for start in range(0, count, REGIONS_A_RUN):
+        # Beyond the last region stands the last one, as often as it takes.
+        places = torch.arange(start, start + REGIONS_A_RUN).clamp(max=count - 1)
+        yield {name: values[places] for name, values in inputs.items()}
 
 
 def _sweep(detector: Detector3D, case: str) -> Sweep:

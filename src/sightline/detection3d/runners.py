@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from sightline.detection3d.detect import as_detections, nothing_proposed, propose, refine
-from sightline.detection3d.export_graph import export_graphs, pad_regions
+from sightline.detection3d.export_graph import export_graphs, region_portions
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.stages import Proposed, Sweep
 from sightline.export.names import EngineChoice, EngineName
@@ -39,7 +40,7 @@ class StageRunners:
         if len({each.name for each in self._engines}) > 1:  # one stage could not be exported
             self._engines = [make(graph, name="torch") for graph in graphs]
         self.engine: EngineName = self._engines[0].name
-        self._is_fixed = self.engine != "torch"  # files take one number of regions
+        self._is_fixed = self.engine != "torch"  # files take a fixed number of regions
 
     def propose(self, sweep: Sweep) -> Proposed:
         """The first stage's proposals for a sweep; none for one without points."""
@@ -71,8 +72,10 @@ class StageRunners:
     def _second(self, inputs: Mapping[str, Tensor]) -> Any:  # noqa: ANN401 - the stage's own
         second = self.detector.second
         assert second is not None, "there is something to run"
+        run = self._engines[1]
         count = len(next(iter(inputs.values())))
-        if self._is_fixed:
-            inputs = pad_regions(dict(inputs), self.detector.first.max_proposals)
-        found = self._engines[1](inputs)
-        return second.output_type(**{name: each[:count].cpu() for name, each in found.items()})
+        portions = region_portions(inputs) if self._is_fixed else (inputs,)
+        found = [run(each) for each in portions]
+        return second.output_type(
+            **{name: torch.cat([each[name].cpu() for each in found])[:count] for name in found[0]}
+        )
