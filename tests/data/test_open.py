@@ -155,6 +155,9 @@ def test_reduced_sweeps_are_not_taken_for_none(tmp_path):
     write_whole_object_tree(tmp_path, "000001")
     (tmp_path / "training" / "velodyne").rename(tmp_path / "training" / "velodyne_reduced")
     assert open_dataset(tmp_path)[0].points is not None
+    assert open_dataset(tmp_path, parts=("points",))[0].points is not None
+    with pytest.raises(ValueError, match="lacks velodyne"):
+        open_dataset(tmp_path, parts=("points",), velodyne="velodyne")
 
 
 def test_calibrations_and_labels_of_frames_that_are_not_there_are_no_frames(tmp_path):

@@ -129,7 +129,7 @@ def pasted_batch(changes, workers):
     data = CameraLidarData(
         DetectionExamples(replace(SETTINGS, changes=changes)),
         root=PACKAGED_FRAMES,
-        training=[SourceConfig(path=Path())],
+        training=(SourceConfig(path=Path()),),
         batch_size=2,
         workers=workers,
     )

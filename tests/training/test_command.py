@@ -128,6 +128,87 @@ def test_weights_files_can_be_tested_without_a_run(recipes):
     assert reports[0] == reports[1]
 
 
+@pytest.mark.parametrize("kept", ["best", "last"])
+def test_a_run_that_started_from_weights_is_scored_itself_even_when_they_are_gone(
+    recipes, capsys, kept
+):
+    run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
+    config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]
+    run_training("fit", config, recipes)
+    if kept == "last":
+        Path("runs/toy/best.ckpt").unlink()
+    Path("first/weights.safetensors").unlink()
+    capsys.readouterr()
+    run_training("test", config, recipes)
+    run_training(
+        "test", ["--config=toy", "--run_folder=other", f"--ckpt_path=runs/toy/{kept}.ckpt"], recipes
+    )
+    reports = [json.loads(Path(run, "test.json").read_text()) for run in ("runs/toy", "other")]
+    assert reports[0] == reports[1]
+    assert reports[0]["checkpoint"] == f"runs/toy/{kept}.ckpt"
+    assert f"runs/toy: scored runs/toy/{kept}.ckpt" in capsys.readouterr().out
+
+
+def test_a_run_that_started_from_weights_goes_on_when_they_are_gone(recipes):
+    run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
+    config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]
+    run_training("fit", [*config, "--run_folder", "whole"], recipes)
+    press = "--trainer.callbacks+=tests.training.test_command.PressCtrlC"
+    with pytest.raises(Interruption):
+        run_training("fit", [*config, press], recipes)
+    Path("first/weights.safetensors").unlink()
+    run_training("fit", [*config, "--ckpt_path", "last"], recipes)
+    parts, whole = (read_weights(f"{folder}/last.ckpt") for folder in ("runs/toy", "whole"))
+    assert all(torch.equal(parts.tensors[name], whole.tensors[name]) for name in whole.tensors)
+    kept = yaml.safe_load(Path("runs/toy/config.yaml").read_text())
+    assert kept["model"]["init_args"]["initial_weights"] == "first/weights.safetensors"
+
+
+def test_a_training_that_diverges_says_so(recipes):
+    rate = "--model.optimizer.learning_rate=1e30"
+    with pytest.raises(ValueError, match=r"has diverged: the loss is \w+ in step \d+; .* lower"):
+        run_training("fit", ["--config", "toy", rate], recipes)
+
+
+class RefusesItsAnswers(toy.ToyModule):
+    """As a detector whose boxes are no numbers does."""
+
+    def losses(self, batch):
+        raise ValueError(f"boxes of {batch.sample_ids[0]} are nan")
+
+    score = losses
+
+
+def test_what_comes_of_weights_that_are_not_finite_is_told_as_such(frames):
+    module = RefusesItsAnswers()
+    batch = next(iter(toy.data(frames).train_dataloader()))
+    for step in (module.training_step, module.validation_step):
+        with pytest.raises(ValueError, match=r"^boxes of \d+ are nan"):
+            step(batch, 0)
+    torch.nn.init.constant_(next(module.parameters()), float("nan"))
+    for step in (module.training_step, module.validation_step):
+        with pytest.raises(ValueError, match="has diverged: weights are not finite in step 0;"):
+            step(batch, 0)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("form", ["flag", "file"])
+def test_sources_that_are_given_take_nothing_from_those_of_the_recipe(recipes, capsys, count, form):
+    recipe = yaml.safe_load((recipes / "toy.yaml").read_text())
+    recipe["data"]["init_args"]["training"] = [{"path": "a", "repeat": 3}, {"path": "b"}]
+    (recipes / "toy.yaml").write_text(yaml.safe_dump(recipe))
+    given = [{"path": "mine"}] * count
+    Path("mine.yaml").write_text(yaml.safe_dump({"data": {"init_args": {"training": given}}}))
+    arguments = {
+        "flag": ["--data.init_args.training", json.dumps(given)],
+        "file": ["--config", "mine.yaml"],
+    }
+    with pytest.raises(SystemExit):
+        run_training("fit", ["--config", "toy", *arguments[form], "--print_config"], recipes)
+    shown = yaml.safe_load(capsys.readouterr().out)["data"]["init_args"]["training"]
+    assert [(source["path"], source["repeat"]) for source in shown] == [("mine", 1)] * count
+
+
 @pytest.mark.parametrize(
     "named", [["--config", "toy"], ["--config=toy"], ["-c", "toy"], ["-c=toy"]]
 )

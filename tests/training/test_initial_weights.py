@@ -16,6 +16,7 @@ class TwoStagesConfig:
 
     first: toy.ToyConfig = toy.ToyConfig()  # noqa: RUF009 - frozen
     second: toy.ToyConfig = toy.ToyConfig()  # noqa: RUF009
+    third: toy.ToyConfig | None = None
     width: int = 1
     """Of no module."""
 
@@ -74,6 +75,20 @@ def test_weights_that_do_not_fit_the_part_are_refused(tmp_path, initial, said):
     file = write(tmp_path / "w.safetensors", toy.ToyModule(), 3)
     with pytest.raises(ValueError, match=said):
         TwoStages(initial_weights=file, **initial)
+
+
+def test_weights_that_are_older_than_a_setting_of_an_optional_part_have_its_default(tmp_path):
+    config = TwoStagesConfig(third=toy.ToyConfig(channels=3))
+    module = TwoStages(config)
+    older = plain_settings(config)
+    for part in older.values():
+        if isinstance(part, dict):
+            del part["dropout"]
+    tensors = tensors_of(module.network, 3)
+    write_weights(tmp_path / "w", tensors, task="two-stages", config=older, provenance={})
+    TwoStages(config, initial_weights=tmp_path / "w")
+    with pytest.raises(ValueError, match=r"\(third \{'channels': 3\} instead of None\)"):
+        TwoStages(initial_weights=tmp_path / "w")
 
 
 def test_a_part_without_weights_is_refused():

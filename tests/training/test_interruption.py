@@ -67,7 +67,7 @@ def run(frames, folder, strike, *, every=100, place=None, **settings):
     data = toy.data(
         frames,
         batch_size=3,
-        validation=[toy.SourceConfig(path=Path())],
+        validation=(toy.SourceConfig(path=Path()),),
         validation_batch_size=5,
     )
     with ending_like_ctrl_c(), contextlib.suppress(KilledError):

@@ -16,7 +16,7 @@ from sightline.training.last_checkpoint import LastCheckpoint
 from tests.training import toy
 
 STEPS_AN_EPOCH = 4
-VALIDATED = {"validation": [toy.SourceConfig(path=Path())]}
+VALIDATED = {"validation": (toy.SourceConfig(path=Path()),)}
 
 
 class KilledError(Exception):

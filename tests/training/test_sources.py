@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from sightline.training.sources import SourceConfig, find_velodyne, open_source
+from sightline.data.object_tree import find_velodyne
+from sightline.training.sources import SourceConfig, open_source
 from tests.data import recordings, trees
 from tests.training import toy
 

@@ -78,7 +78,7 @@ def score(frames, folder, *, batch_size, **settings):
     torch.manual_seed(0)
     module = Detector(folder)
     data = toy.data(
-        frames, validation=[toy.SourceConfig(path=Path())], validation_batch_size=batch_size
+        frames, validation=(toy.SourceConfig(path=Path()),), validation_batch_size=batch_size
     )
     toy.trainer(folder, **settings).validate(module, datamodule=data, verbose=False)
 

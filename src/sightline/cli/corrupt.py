@@ -13,7 +13,7 @@ def corrupt(
     seed: int = 0,
     cases: tuple[str, ...] | None = None,
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     masks: bool = False,
     workers: int = 2,
     shard_index: int = 0,
@@ -35,7 +35,7 @@ def corrupt(
         cases: Which of the suite's cases; a kind (lidar_fog) stands for its five. Default: all.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
             a text file with one name a line. Default: all.
-        velodyne: Folder of the sweeps.
+        velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
         masks: Also writes which pixels of each sensor may have changed.
         workers: Processes.
         shard_index: Which part of the frames to do, from 0.

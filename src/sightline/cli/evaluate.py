@@ -135,7 +135,7 @@ def held_out_command(
     beams: tuple[int, ...] | None = None,
     truth: Literal["rings", "depth", "depth_in_reach"] = "rings",
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     json: Path | None = None,
 ) -> None:
     """Scores depth completion without ground truth, on LiDAR rings that the method never sees.
@@ -154,7 +154,8 @@ def held_out_command(
             what lies below the highest ring (depth_in_reach).
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
-        velodyne: Folder of the sweeps in an object tree.
+        velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+            velodyne_reduced.
         json: File for the whole report.
     """
     check_writable(json)

@@ -11,7 +11,7 @@ def health(
     data: Path,
     *,
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     limits: Path | None = None,
     picture: Path | None = None,
     json: Path | None = None,
@@ -28,7 +28,8 @@ def health(
             their order.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
-        velodyne: Folder of the sweeps in an object tree.
+        velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+            velodyne_reduced.
         limits: What is usual of these sensors, by `health-limits`. Default: of simulated ones.
         picture: PNG for the time line and for where sensors were bad.
         json: File for all scores, the worst checks, alarms and regions.
@@ -69,7 +70,7 @@ def health_limits(
     out: Path,
     *,
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     frames: int = 400,
     seed: int = 0,
     transfer: bool = False,
@@ -80,7 +81,8 @@ def health_limits(
         data: A recording, KITTI object tree or raw drive of sound sensors like those to be judged.
         out: JSON file to write, for `sightline health --limits`.
         sample_list: Which frames it is drawn from. Default: all.
-        velodyne: Folder of the sweeps: whole ones, where whole ones are to be judged.
+        velodyne: Folder of the sweeps: whole ones, where whole ones are to be judged. Default:
+            velodyne, or else velodyne_reduced.
         frames: How many are looked at, at most.
         seed: Of the drawing.
         transfer: Widens the limits so that they serve sensors of other makes, too, as those that

@@ -27,7 +27,8 @@ Args:
     all_outputs: Writes the further outputs of the tasks, too: expected errors of depth, gates.
     sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
         a text file with one name a line. Default: all.
-    velodyne: Folder of the sweeps in an object tree.
+    velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+        velodyne_reduced.
     workers: Processes, each of one thread: as many as there are cores is fastest.
     overwrite: Makes files anew that are there already.
     shard_index: Which part of the frames to do, from 0.
@@ -60,7 +61,7 @@ def perceive_command() -> Callable[..., None]:
         "device": (Device, "cpu"),
         "all_outputs": (bool, False),
         "sample_list": (str | None, None),
-        "velodyne": (Velodyne, "velodyne"),
+        "velodyne": (Velodyne | None, None),
         "workers": (int, 2),
         "overwrite": (bool, False),
         "shard_index": (int, 0),

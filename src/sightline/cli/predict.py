@@ -26,7 +26,8 @@ Args:
     device: Where PyTorch runs the network.
 {of_task}    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
         a text file with one name a line. Default: all.
-    velodyne: Folder of the sweeps in an object tree.
+    velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+        velodyne_reduced.
     workers: Processes, each of one thread: as many as there are cores is fastest. Any number gives
         the same files.
     overwrite: Rewrites files that exist already.
@@ -74,7 +75,7 @@ def _options(task: Task) -> dict[str, tuple[Any, object]]:
         **{output.name: (Path | None, None) for output in task.outputs[1:]},
         **{switch.name: (bool, False) for switch in task.switches},
         "sample_list": (str | None, None),
-        "velodyne": (Velodyne, "velodyne"),
+        "velodyne": (Velodyne | None, None),
         "workers": (int, 2),
         "overwrite": (bool, False),
         "shard_index": (int, 0),
@@ -91,7 +92,7 @@ def _run(
     engine: EngineChoice,
     device: Device,
     sample_list: str | None,
-    velodyne: Velodyne,
+    velodyne: Velodyne | None,
     workers: int,
     overwrite: bool,
     shard_index: int,

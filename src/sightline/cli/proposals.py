@@ -39,7 +39,6 @@ def proposals(
         num_shards: Number of parts, each of which can run on another machine.
     """
     from sightline.detection3d.cache_proposals import cache_proposals
-    from sightline.training.sources import find_velodyne
 
     result = cache_proposals(
         data,
@@ -47,7 +46,7 @@ def proposals(
         weights=weights,
         device=device,
         sample_list=sample_list,
-        velodyne=velodyne or find_velodyne(data),
+        velodyne=velodyne,
         workers=workers,
         overwrite=overwrite,
         shard_index=shard_index,

@@ -22,7 +22,7 @@ def reproduce_shiftconv(
     engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     json: Path | None = None,
 ) -> None:
     """Prints the tables of Yu and Kee 2021 (Shift-Convolution), with our figures on the data given.
@@ -39,7 +39,8 @@ def reproduce_shiftconv(
         device: Where PyTorch runs the networks.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
-        velodyne: Folder of the sweeps in an object tree.
+        velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+            velodyne_reduced.
         json: File for the whole report.
     """
     if data is None:
@@ -80,7 +81,7 @@ def reproduce_dgfn(
     engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     workers: int = 2,
     json: Path | None = None,
 ) -> None:
@@ -114,7 +115,7 @@ def reproduce_dgfn(
         device: Where PyTorch runs the networks.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
-        velodyne: Folder of the sweeps.
+        velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
         workers: Processes, each of one thread.
         json: File for the whole report.
     """

@@ -30,7 +30,7 @@ def robustness(
     engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     workers: int = 2,
     compare: tuple[str, ...] | None = None,
     page: Path | None = None,
@@ -63,7 +63,8 @@ def robustness(
         device: Where PyTorch runs networks.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all.
-        velodyne: Folder of the sweeps in an object tree.
+        velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+            velodyne_reduced.
         workers: Processes, each of one thread. Any number gives the same files.
         compare: Two robustness.json to hold against each other.
         page: With --compare: a page (.html) that draws both.

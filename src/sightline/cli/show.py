@@ -16,7 +16,7 @@ def show(
     method: str | None = None,
     weights: str | None = None,
     min_score: float = 0.3,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
 ) -> None:
     """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth, its errors.
 
@@ -35,7 +35,8 @@ def show(
         weights: The network: name of weights that come with Sightline (`sightline tasks` lists
             them) or a file (.safetensors, .ckpt). Default: the task's own.
         min_score: Detections that are less sure are not drawn.
-        velodyne: Folder of the sweeps in an object tree.
+        velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+            velodyne_reduced.
     """
     from sightline.perception.show import Answers, Results, write_frames_picture
 

@@ -28,7 +28,7 @@ def corrupt_dataset(
     seed: int = 0,
     cases: Sequence[str] | None = None,
     sample_list: str | Path | Sequence[str] | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     masks: bool = False,
     workers: int = 2,
     shard_index: int = 0,
@@ -47,7 +47,7 @@ def corrupt_dataset(
         seed: Another one draws other boxes, discs and noise.
         cases: Names of the cases to write. None: all.
         sample_list: Which frames; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder.
+        velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
         masks: Whether to write the pixels that may have changed, too.
         workers: Processes that work; 1 is this process alone.
         shard_index: Which part of the frames to do, from 0.
@@ -118,7 +118,7 @@ class _FrameWork:
 
 
 def _open(
-    data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
+    data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne | None
 ) -> KittiObjectDataset:
     parts: tuple[Part, ...] = ("image", "points", "objects")
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts, needs=())

@@ -4,11 +4,12 @@ import difflib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.plain_text import shortened
 
+OBJECT_SPLITS: Final = ("training", "testing")
 Velodyne = Literal["velodyne", "velodyne_reduced"]
 Part = Literal["image", "points", "calibration", "objects", "depth"]
 """`depth` is no part of KITTI's own tree: simulated ones have dense true depth, as 16-bit PNGs."""
@@ -42,6 +43,19 @@ def part_folder(part: Part, velodyne: Velodyne = "velodyne") -> str:
         return velodyne
     names = {"image": "image_2", "calibration": "calib", "objects": "label_2", "depth": "depth"}
     return names[part]
+
+
+def find_velodyne(path: Path) -> Velodyne:
+    """The folder of the sweeps that an object tree, or one of its splits, has.
+
+    That is `velodyne`, unless `velodyne_reduced` alone holds sweeps.
+    """
+    folders = [path / split for split in OBJECT_SPLITS] + [path]
+    has_whole, has_reduced = (
+        any(list_files(folder / name, _SUFFIXES["points"]) for folder in folders)
+        for name in ("velodyne", "velodyne_reduced")
+    )
+    return "velodyne_reduced" if has_reduced and not has_whole else "velodyne"
 
 
 def list_object_frames(

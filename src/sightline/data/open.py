@@ -17,9 +17,11 @@ from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.object_tree import (
+    OBJECT_SPLITS,
     Part,
     Velodyne,
     describe_absent,
+    find_velodyne,
     list_object_frames,
     suggest_frames,
 )
@@ -28,7 +30,6 @@ from sightline.data.recording_tree import is_recording, lacks_calibration
 from sightline.data.sample_list import read_sample_list
 from sightline.structures.sample import CameraLidarSample
 
-_OBJECT_SPLITS = ("training", "testing")
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
 
 
@@ -80,7 +81,7 @@ def open_dataset(
     path: Path | str,
     *,
     sample_list: str | Path | Sequence[str] | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     parts: Collection[Part] | None = None,
     needs: Collection[Part] | None = None,
 ) -> SampleDataset:
@@ -100,7 +101,7 @@ def open_dataset(
     Args:
         path: Folder of the recording, the tree, one of its splits, or the drive.
         sample_list: Which samples; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
         parts: What samples hold; images may be there all the same. None: image, points and objects,
             as far as they are there.
         needs: Those of the parts that no frame may lack. None: all that are named.
@@ -119,12 +120,10 @@ def open_dataset(
     path = _by_its_name(path)
     if is_recording(path):
         return RecordingDataset(path, sample_list=sample_list, parts=wanted, needs=needs)
-    root = path.parent if path.name in _OBJECT_SPLITS else path
-    names = _OBJECT_SPLITS if root == path else (path.name,)
+    root = path.parent if path.name in OBJECT_SPLITS else path
+    names = OBJECT_SPLITS if root == path else (path.name,)
+    velodyne = velodyne or find_velodyne(path)
     for split in names:
-        if allow_gaps and (root / split / "velodyne_reduced").is_dir():
-            # The only sweeps there are must not be taken for none.
-            velodyne = velodyne if (root / split / velodyne).is_dir() else "velodyne_reduced"
         if list_object_frames(root / split, ("image", "points"), velodyne):
             return KittiObjectDataset(
                 root,
@@ -165,7 +164,7 @@ def _no_data_set(path: Path) -> ValueError:
 
 def _by_its_name(path: Path) -> Path:
     """The same folder under the name that tells a split, where `path` is "." or a link to it."""
-    known = (*_OBJECT_SPLITS, *_DRIVE_SPLITS)
+    known = (*OBJECT_SPLITS, *_DRIVE_SPLITS)
     resolved = path.resolve()
     return resolved if path.name not in known and resolved.name in known else path
 

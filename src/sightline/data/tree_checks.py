@@ -23,7 +23,13 @@ from sightline.data.frame_checks import (
     check_object_frame,
     read_or_note,
 )
-from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_object_frames, part_folder
+from sightline.data.object_tree import (
+    ObjectFrame,
+    Part,
+    find_velodyne,
+    list_object_frames,
+    part_folder,
+)
 from sightline.data.problem import FileError, Problem
 from sightline.data.recording_checks import (
     check_recording_calibration,
@@ -142,9 +148,7 @@ def _object_tree(folder: Path) -> Tree | None:
             del suffixes["image"]
     # Some keep only the sweeps cut to the image's view; where both are, both are looked at.
     reduced = (folder / "velodyne_reduced").is_dir()
-    velodyne: Velodyne = (
-        "velodyne_reduced" if reduced and not (folder / "velodyne").is_dir() else "velodyne"
-    )
+    velodyne = find_velodyne(folder)
     frames = list(list_object_frames(folder, suffixes, velodyne).values())
     checks = _frame_checks(check_object_frame, frames)
     if reduced and velodyne == "velodyne":

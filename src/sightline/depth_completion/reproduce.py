@@ -44,7 +44,7 @@ def reproduce_shiftconv(
     engine: EngineChoice = "torch",
     device: str = "cpu",
     sample_list: str | Path | Sequence[str] | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
 ) -> ShiftConvReport:
     """Measures what the paper's tables need on the data given.
 
@@ -59,7 +59,7 @@ def reproduce_shiftconv(
         engine: What runs the networks.
         device: Where they run.
         sample_list: Which samples; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
     Raises:
         ValueError: The data cannot be read or scored, or a file of weights is not what it is given

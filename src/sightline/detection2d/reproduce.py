@@ -62,7 +62,7 @@ def reproduce_dgfn(
     engine: EngineChoice = "torch",
     device: str = "cpu",
     sample_list: str | Path | Sequence[str] | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     workers: int = 2,
 ) -> DgfnReport:
     """Measures what the paper's tables need on the data given.
@@ -85,7 +85,7 @@ def reproduce_dgfn(
         engine: What runs the networks.
         device: Where they run.
         sample_list: Which frames; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder.
+        velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
         workers: Processes that work; 1 is this process alone.
 
     Raises:
@@ -166,7 +166,7 @@ def _load(
 
 
 def _open(
-    data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne
+    data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne | None
 ) -> KittiObjectDataset:
     parts: tuple[Part, ...] = ("image", "points", "objects")
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)

@@ -29,7 +29,7 @@ def cache_proposals(
     weights: str | Path,
     device: str = "cpu",
     sample_list: str | Path | Sequence[str] | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     workers: int = 2,
     overwrite: bool = False,
     shard_index: int = 0,
@@ -46,7 +46,7 @@ def cache_proposals(
         weights: Of a detector: name or file. Its second stage, if any, is not used.
         device: Where PyTorch runs the first stage.
         sample_list: Which samples; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
         workers: Processes that work; 1 is this process alone.
         overwrite: Whether to make files anew that are there already.
         shard_index: Which part of the samples to do, from 0.

@@ -13,7 +13,13 @@ from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects, read_labels
-from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_files, list_object_frames
+from sightline.data.object_tree import (
+    ObjectFrame,
+    Part,
+    find_velodyne,
+    list_files,
+    list_object_frames,
+)
 from sightline.data.pixels import seen_by_camera, sparse_depth_map
 from sightline.data.progress import track
 from sightline.data.velodyne import read_sweep
@@ -90,10 +96,8 @@ def measure_tree(root: Path, labels: Path | None, max_frames: int | None) -> Mea
 
 def _whole_frames(root: Path) -> Iterator[ObjectFrame]:
     folder = root / "training"
-    has_whole_sweeps = (folder / "velodyne").is_dir()
-    velodyne: Velodyne = "velodyne" if has_whole_sweeps else "velodyne_reduced"
     parts: tuple[Part, ...] = ("image", "points", "calibration", "objects", "depth")
-    for frame in list_object_frames(folder, parts, velodyne).values():
+    for frame in list_object_frames(folder, parts, find_velodyne(folder)).values():
         if (frame.image or frame.depth) and frame.points and frame.calibration and frame.objects:
             yield frame
 

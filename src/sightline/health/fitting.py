@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Velodyne, find_velodyne
 from sightline.data.open import open_dataset
 from sightline.data.progress import track
 from sightline.health import alignment_checks, camera_checks, lidar_checks
@@ -22,7 +22,7 @@ def fit_on_dataset(
     data: Path,
     *,
     sample_list: str | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     frames: int = 400,
     seed: int = 0,
     transfer: bool = False,
@@ -33,6 +33,7 @@ def fit_on_dataset(
         data: KITTI object tree or raw drive, of sensors like those that are to be judged.
         sample_list: Which frames it is drawn from; None: all.
         velodyne: Folder of the sweeps in an object tree: whole ones, where whole ones are judged.
+            None: velodyne, or else velodyne_reduced.
         frames: How many, at most.
         seed: Of the drawing.
         transfer: Whether the limits shall serve sensors of other makes, too; see `fit_limits`.
@@ -52,7 +53,7 @@ def fit_on_dataset(
     provenance: dict[str, str | int] = {
         "data": data.resolve().name,
         "sample_list": sample_list or "all",
-        "sweeps": velodyne,
+        "sweeps": velodyne or find_velodyne(data),
         "frames": len(drawn),
         "seed": seed,
         "transfer": int(transfer),

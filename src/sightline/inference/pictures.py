@@ -16,7 +16,7 @@ DrawSample = Callable[[CameraLidarSample], UInt8[np.ndarray, "height width 3"]]
 
 
 def write_frame_picture(
-    data: Path, frame: str, out: Path, *, draw: DrawSample, velodyne: Velodyne = "velodyne"
+    data: Path, frame: str, out: Path, *, draw: DrawSample, velodyne: Velodyne | None = None
 ) -> Path:
     """Draws one frame to a PNG.
 
@@ -25,7 +25,7 @@ def write_frame_picture(
         frame: Name of the frame.
         out: The PNG.
         draw: Makes the picture.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
     Returns:
         `out`.

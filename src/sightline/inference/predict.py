@@ -15,7 +15,7 @@ from sightline.data.jobs import (
     run_job,
     shard,
 )
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Velodyne, find_velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.inference.predictor import AnsweringTask, Output, Predictor
 from sightline.structures.sample import CameraLidarSample
@@ -33,7 +33,7 @@ def predict(
     also: Mapping[str, Path] | None = None,
     switches: Collection[str] = (),
     sample_list: str | Path | Sequence[str] | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     workers: int = 2,
     overwrite: bool = False,
     shard_index: int = 0,
@@ -53,7 +53,7 @@ def predict(
         also: Folders for further outputs, by name.
         switches: Names of those of the task's switches that are on.
         sample_list: Which samples; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
         workers: Processes that work; 1 is this process alone.
         overwrite: Whether to make files anew that are there already.
         shard_index: Which part of the samples to do, from 0.
@@ -80,6 +80,7 @@ def predict(
     names = dataset.sample_ids
     present = answered_samples(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
+    velodyne = velodyne or find_velodyne(data)
     claim_folders(claims_of(task, predictor, places, data, velodyne, switches=changes))
     works = [
         _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)

@@ -18,7 +18,7 @@ from sightline.data.jobs import (
     run_job,
     shard,
 )
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Velodyne, find_velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.inference.predict import (
     Places,
@@ -55,7 +55,7 @@ def perceive(
     *,
     perceiver: Perceiver | None = None,
     sample_list: str | Path | Sequence[str] | None = None,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
     all_outputs: bool = False,
     workers: int = 1,
     overwrite: bool = False,
@@ -92,7 +92,7 @@ def perceive(
         out: Folder for all results; made where it is missing.
         perceiver: Which tasks, and by what. None: all, by their default weights.
         sample_list: Which frames; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
         all_outputs: Whether to write the further outputs of tasks, too: expected errors, gates.
         workers: Processes that work; 1 is this process alone.
         overwrite: Whether to make files anew that are there already.
@@ -122,7 +122,7 @@ def perceive(
     names = [dataset.sample_ids[index] for index in indices]
     places = _places(perceiver, out, all_outputs=all_outputs)
     made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
-    _claim(perceiver, places, data, out, velodyne)
+    _claim(perceiver, places, data, out, velodyne or find_velodyne(data))
     done = set() if overwrite else _done_frames(out / _LINES_FOLDER, places)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out / _LINES_FOLDER)

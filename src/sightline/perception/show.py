@@ -72,7 +72,7 @@ def write_frames_picture(
     *,
     tell: Answers | Results,
     min_score: float,
-    velodyne: Velodyne = "velodyne",
+    velodyne: Velodyne | None = None,
 ) -> Path:
     """Draws one frame with all there is to know of it, or several side by side, to a PNG or JPEG.
 
@@ -82,7 +82,7 @@ def write_frames_picture(
         out: The picture.
         tell: What is drawn beside the data's own labels.
         min_score: Detections that are less sure are not drawn.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
     Returns:
         `out`.

@@ -13,7 +13,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.jobs import claim_folder
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Velodyne, find_velodyne
 from sightline.data.open import SampleDataset
 from sightline.export.names import EngineChoice
 from sightline.inference.predictor import Predictor
@@ -80,7 +80,8 @@ class BenchSettings:
     cases: tuple[str, ...] | None = None
     """Of the suite; the clean one is always among them. None: all."""
     sample_list: str | Path | Sequence[str] | None = None
-    velodyne: Velodyne = "velodyne"
+    velodyne: Velodyne | None = None
+    """The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced."""
     baseline: str | None = None
     """For CE: a record (.json) of another run, or weights or a method, which run as well."""
     healthy: Mapping[Sensor, Path] | None = None
@@ -157,7 +158,7 @@ def run_bench(
         scoring,
         dataset,
         data=name_of(dataset, data),
-        velodyne=settings.velodyne,
+        velodyne=settings.velodyne or find_velodyne(data),
         suite=suite,
         seed=seed,
     )
@@ -235,7 +236,7 @@ def setting_of(
         scoring: By which their answers are scored.
         dataset: The frames.
         data: What records call them; see `data_name`.
-        velodyne: The sweeps' folder.
+        velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
         suite: Of the cases.
         seed: Of what they draw.
     """

@@ -24,7 +24,7 @@ def open_frames(
     cases: Sequence[Case],
     *,
     sample_list: str | Path | Sequence[str] | None,
-    velodyne: Velodyne,
+    velodyne: Velodyne | None,
 ) -> SampleDataset:
     """The data set with the parts asked for, and with those of the sensors that cases break.
 
@@ -37,7 +37,7 @@ def open_frames(
         parts: What methods and scoring need.
         cases: Those that are asked for.
         sample_list: Which samples; see `read_sample_list`. None: all.
-        velodyne: The sweeps' folder in an object tree.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
     Raises:
         ValueError: The data cannot be read, or lack a part; names the case that needs it.

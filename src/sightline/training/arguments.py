@@ -51,6 +51,8 @@ of the run:
 Every setting of a recipe is a flag:
   sightline {subcommand} --config {name} --print_config    shows them all
   sightline {subcommand} --config {name} --help            explains them (takes a while)"""
+_SCORED = """Which checkpoint of the run. (default: best, else last; in a folder without
+      checkpoints the weights of --model.init_args.initial_weights)"""
 _TASKS: dict[Subcommand, tuple[str, str]] = {
     "fit": (
         "Trains a network. Its folder gets the settings, TensorBoard's events, last.ckpt,\n"
@@ -59,11 +61,11 @@ _TASKS: dict[Subcommand, tuple[str, str]] = {
     ),
     "validate": (
         "Scores a network of a run on its validation data.",
-        "Which checkpoint of the run. (default: best)",
+        _SCORED,
     ),
     "test": (
         "Scores a network of a run on test data.",
-        "Which checkpoint of the run. (default: best)",
+        _SCORED,
     ),
 }
 

@@ -221,9 +221,9 @@ class CameraLidarData(lightning.LightningDataModule):
         preparation: SamplePreparation,
         *,
         root: Path = Path(),
-        training: Sequence[SourceConfig] = (),
-        validation: Sequence[SourceConfig] = (),
-        test: Sequence[SourceConfig] = (),
+        training: tuple[SourceConfig, ...] = (),
+        validation: tuple[SourceConfig, ...] = (),
+        test: tuple[SourceConfig, ...] = (),
         batch_size: int = 8,
         validation_batch_size: int = 1,
         workers: int = 2,
@@ -235,8 +235,9 @@ class CameraLidarData(lightning.LightningDataModule):
         Args:
             preparation: What the task makes of samples.
             root: Folder that the sources' relative paths start from.
-            training: Sources to train on. On the command line an entry keeps what it does not say
-                from the recipe's entry in its place: write `sample_list: null` for all frames.
+            training: Sources to train on. On the command line, as in a second configuration, they
+                replace all of the recipe's: what an entry does not say has its default, not what
+                the recipe's entry says.
             validation: Sources to validate on.
             test: Sources to test on.
             batch_size: Samples a training batch on one device.

@@ -121,14 +121,25 @@ class _Parser(LightningArgumentParser):
 class _SaveConfig(SaveConfigCallback):
     """Writes the settings into the run's folder, where `fit --config` reads them again."""
 
-    def __init__(self, parser: LightningArgumentParser, config: Namespace, *, path: Path) -> None:
+    def __init__(
+        self,
+        parser: LightningArgumentParser,
+        config: Namespace,
+        *,
+        path: Path,
+        initial_weights: Path | None,
+    ) -> None:
         super().__init__(parser, config, save_to_log_dir=False)
         self._path = path
+        self._initial_weights = initial_weights
 
     def save_config(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         del trainer, pl_module, stage
         config = self.config.clone()
-        config["ckpt_path"] = None  # to repeat the run, not to go on from its middle
+        # To repeat the run, not to go on from its middle.
+        config["ckpt_path"] = None
+        if self._initial_weights is not None:
+            config["model"]["init_args"]["initial_weights"] = self._initial_weights
         atomic_write_text(self._path, self.parser.dump(config, skip_unset=False))
 
 
@@ -178,12 +189,17 @@ class _TrainingCLI(LightningCLI):
         """Does nothing: our checkpoints hold no arguments."""
 
     def before_instantiate_classes(self) -> None:
-        """Finds the checkpoint; refuses misplaced nulls, and a run that would overwrite another."""
+        """Finds the checkpoint; refuses misplaced nulls, and a run that would overwrite another.
+
+        A checkpoint takes the place of the weights that its run started from: it holds all that
+        was taken from them, and they may be gone.
+        """
         config = self.config[self.subcommand]
         for component in ("model", "data"):
             check_nulls(component, config[component])
         folder: Path = config["run_folder"]
         self._run.folder = folder
+        self._initial_weights = config["model"]["init_args"].get("initial_weights")
         given: str | None = config["ckpt_path"]
         if self.subcommand == "fit":
             if (
@@ -195,8 +211,8 @@ class _TrainingCLI(LightningCLI):
                     f"{folder} holds a run already; go on with it by --ckpt_path last, or name "
                     "another folder with --run_folder"
                 )
-        elif given is None and not self._starts_elsewhere():
-            given = "best" if (folder / "best.ckpt").is_file() else "last"
+        elif given is None:
+            given = self._scored(folder)
         if given is None:
             return
         path = folder / f"{given}.ckpt" if given in ("best", "last") else Path(given)
@@ -207,12 +223,17 @@ class _TrainingCLI(LightningCLI):
             )
         read_checkpoint_weights(path)  # says in one line what may be wrong with it
         config["ckpt_path"] = str(path)
+        if self._initial_weights is not None:
+            config["model"]["init_args"]["initial_weights"] = path
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:  # noqa: ANN401 - as base
         """Adds the logger and the callbacks of a run to what the recipe asks for."""
         config = self.config[self.subcommand]
         folder: Path = config["run_folder"]
-        self.save_config_kwargs = {"path": folder / _CONFIG_NAMES[str(self.subcommand)]}
+        self.save_config_kwargs = {
+            "path": folder / _CONFIG_NAMES[str(self.subcommand)],
+            "initial_weights": self._initial_weights,
+        }
         settings = self.config_init[self.subcommand]["trainer"]
         if settings["logger"] in (None, True):
             kwargs["logger"] = TensorBoardLogger(folder, name="", version="")
@@ -226,7 +247,8 @@ class _TrainingCLI(LightningCLI):
     def before_fit(self) -> None:
         """Scores weights from elsewhere before they are changed."""
         is_resumed = self.config[self.subcommand]["ckpt_path"] is not None
-        if self._starts_elsewhere() and not is_resumed and self.datamodule.sources["validation"]:
+        is_scored = self._initial_weights is not None and not is_resumed
+        if is_scored and self.datamodule.sources["validation"]:
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
     def after_fit(self) -> None:
@@ -264,16 +286,21 @@ class _TrainingCLI(LightningCLI):
             monitored=self.model.monitored if self.datamodule.sources["validation"] else None,
         )
 
-    def _starts_elsewhere(self) -> bool:
-        config = self.config[self.subcommand]
-        return config["model"]["init_args"].get("initial_weights") is not None
+    def _scored(self, folder: Path) -> str | None:
+        """Which checkpoint of a run to score; None: none is there, but weights to start from."""
+        names = [name for name in ("best", "last") if (folder / f"{name}.ckpt").is_file()]
+        if names or self._initial_weights is None:
+            return (names or ["last"])[0]
+        return None
 
     def _write_metrics(self) -> None:
         if not self.trainer.is_global_zero:
             return
         config = self.config[self.subcommand]
+        source = config["ckpt_path"] or self._initial_weights
+        print(f"{self._run.folder}: scored {source}")
         report = {
-            "checkpoint": config["ckpt_path"],
+            "checkpoint": None if source is None else str(source),
             "metrics": {
                 name: float(value) for name, value in self.trainer.callback_metrics.items()
             },

@@ -2,7 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
@@ -119,9 +120,16 @@ class TrainingModule(lightning.LightningModule, ABC):
         return None
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        """The loss of a batch; logs it and its terms."""
+        """The loss of a batch; logs it and its terms.
+
+        Raises:
+            ValueError: The training has diverged.
+        """
         del batch_idx
-        losses = self.losses(batch)
+        with self._divergence_told():
+            losses = self.losses(batch)
+            if not losses.total.isfinite():
+                raise ValueError(self._diverged(f"the loss is {losses.total.item()}"))
         terms = {f"training/{name}": value for name, value in losses._asdict().items()}
         self.log_dict(terms, batch_size=len(batch))
         self.log("loss", losses.total, prog_bar=True, logger=False, batch_size=len(batch))
@@ -131,7 +139,8 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Scores a batch, and draws the first few. None: only other ranks have samples left."""
         if batch is None:
             return
-        answer = self.score(batch)
+        with self._divergence_told():
+            answer = self.score(batch)
         if batch_idx < _NUM_PICTURES and isinstance(self.logger, TensorBoardLogger):
             picture = self.picture(batch, answer)
             if picture is not None:
@@ -213,6 +222,22 @@ class TrainingModule(lightning.LightningModule, ABC):
             config=self.network_config(),
         )
         self._num_steps = checkpoint.get(_NUM_STEPS_KEY)
+
+    @contextmanager
+    def _divergence_told(self) -> Iterator[None]:
+        """Says so where what is wrong with a batch is that the weights are no numbers any more."""
+        try:
+            yield
+        except ValueError as error:
+            if all(parameter.isfinite().all() for parameter in self.parameters()):
+                raise
+            raise ValueError(self._diverged("weights are not finite")) from error
+
+    def _diverged(self, sign: str) -> str:
+        return (
+            f"the training has diverged: {sign} in step {self.global_step}; begin again with a "
+            "lower optimizer.learning_rate, or a lower trainer.gradient_clip_val"
+        )
 
     def _log_scores(self, stage: str) -> None:
         # float32: not every accelerator has more

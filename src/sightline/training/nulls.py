@@ -33,7 +33,9 @@ def _misplaced(kind: Any, value: object, name: str) -> Iterator[str]:  # noqa: A
     elif isinstance(value, Namespace):
         types = _types(value, kinds)
         if "class_path" in value:
-            value, name = value.get("init_args"), f"{name}.init_args"
+            value = value.get("init_args")
+            if not any(map(is_dataclass, kinds)):  # of which people write the fields alone
+                name += ".init_args"
         for key, inner in vars(value).items() if value else ():
             yield from _misplaced(types.get(key, Any), inner, f"{name}.{key}")
     elif isinstance(value, list | tuple):

@@ -11,6 +11,7 @@ LIGHTNING_NOISE = (
     "The '.*_dataloader' does not have many workers",
     "The number of training batches .* is smaller than the logging interval",
     "Checkpoint directory .* exists and is not empty",
+    "The dirpath has changed from",
     "Precision .* is not supported by the model summary",
     "You're using the WeightAveraging callback, but loading a checkpoint outside",
     "`isinstance.treespec, LeafSpec.` is deprecated",

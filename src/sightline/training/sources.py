@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Part, Velodyne, list_files
+from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.data.plain_text import shortened
 from sightline.data.recording import RecordingDataset
@@ -63,7 +63,6 @@ def open_source(
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
     """
     path = root / source.path
-    velodyne = source.velodyne or find_velodyne(path)
     lists = path.parent if path.name in _SPLITS else path
     has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
     is_listed = (has_val and has_train) or (has_train and not divides)
@@ -72,7 +71,7 @@ def open_source(
         everything = (
             read_sample_list("train", lists)
             if has_train
-            else open_dataset(path, velodyne=velodyne, parts=parts).sample_ids
+            else open_dataset(path, velodyne=source.velodyne, parts=parts).sample_ids
         )
         num_validated = math.ceil(len(everything) / _VALIDATION_SHARE) if divides else 0
         held = read_sample_list("val", lists) if has_val else everything[:num_validated]
@@ -88,7 +87,7 @@ def open_source(
             f"with_classes {', '.join(source.with_classes)} needs labels, which this task does not "
             "read; leave with_classes out"
         )
-    dataset = open_dataset(path, sample_list=frames, velodyne=velodyne, parts=parts)
+    dataset = open_dataset(path, sample_list=frames, velodyne=source.velodyne, parts=parts)
     return _frames_with(dataset, source.with_classes, path) if source.with_classes else dataset
 
 
@@ -113,16 +112,6 @@ def _frames_with(dataset: SampleDataset, class_names: Collection[str], path: Pat
             f"labels have {shortened(', '.join(sorted(shown))) or 'none'}"
         )
     return NamedSubset(dataset, kept)
-
-
-def find_velodyne(path: Path) -> Velodyne:
-    """The folder of the sweeps that an object tree, or one of its splits, has."""
-    folders = [path / split for split in _SPLITS] + [path]
-    has_whole, has_reduced = (
-        any(list_files(folder / name, (".bin",)) for folder in folders)
-        for name in ("velodyne", "velodyne_reduced")
-    )
-    return "velodyne_reduced" if has_reduced and not has_whole else "velodyne"
 
 
 def _has_list(folder: Path, name: str) -> bool:
