@@ -75,7 +75,10 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
         ({"depth": np.zeros((3, 3, 3))}, "depth must be floating point, height x width"),
         ({"depth": np.zeros((3, 4))}, "height x width as the image, 120 x 400; got .* 3 x 4"),
         ({"depth": np.full((120, 400), np.nan)}, "depth must not be negative or NaN"),
-        ({"image": None, "image_size": (0, 5)}, "image_size .* each at least 1.* got \\(0, 5\\)"),
+        (
+            {"image": None, "image_size": (0, 5)},
+            "image_size is \\(0, 5\\), expected \\(height, width\\)",
+        ),
         ({"image_size": (5, 5)}, "image is 120x400 .* but image_size is 5x5; leave"),
         ({"image": IMAGE[:, :, 0], "image_size": (5, 5)}, "image must be uint8, height x width"),
         ({"points": np.full((1, 4), np.inf, np.float16)}, "points must be finite .* row 0 is not"),

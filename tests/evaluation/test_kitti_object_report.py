@@ -266,7 +266,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
     (results / "000003.txt").write_text("")
     expected = evaluate_objects(results, labels)
     (results / "000003.txt").unlink()
-    with pytest.raises(ValueError, match="missing_as_empty"):
+    with pytest.raises(ValueError, match="--missing-as-empty"):
         evaluate_objects(results, labels)
     report = evaluate_objects(results, labels, missing_as_empty=True)
     assert report.frames_without_results == 1
@@ -278,6 +278,12 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
         path.unlink()
     with pytest.raises(ValueError, match="no result file of any of 30 frames"):
         evaluate_objects(results, labels, missing_as_empty=True)
+
+
+def test_where_nothing_was_found_at_all_the_table_says_so(tmp_path):
+    report = evaluate_objects(*write_frames(tmp_path, [(text_of([CAR]), "")]))
+    assert report.entries == ()
+    assert "No result is of a class that is scored" in " ".join(said(report).split())
 
 
 def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_path):

@@ -102,7 +102,7 @@ def test_threads_change_nothing_but_the_speed(onnx_file, torch_engine):
 
 
 def test_no_threads_are_refused(onnx_file):
-    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="threads must be a whole number of at least 1, got 0"):
         open_engine(onnx_file, threads=0)
 
 

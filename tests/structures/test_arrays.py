@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -43,6 +45,16 @@ def test_the_height_of_the_lidar_is_told_by_the_points_where_nobody_says_it():
     )
     assert said.higher_than_kitti_m == pytest.approx(0.5)
     assert SAMPLE.higher_than_kitti_m == 0
+
+
+@pytest.mark.parametrize("height_m", [2, np.float32(2), np.int16(2), torch.tensor(2.0)])
+def test_numbers_may_be_of_any_type(height_m):
+    made = CameraLidarSample.from_arrays(
+        CALIBRATION, image=IMAGE, points=POINTS, lidar_height_m=height_m, max_intensity=height_m
+    )
+    assert made.higher_than_kitti_m == pytest.approx(0.27)
+    moved = replace(made, timestamp_s=1, lidar_height_m=2)
+    assert moved.higher_than_kitti_m == made.higher_than_kitti_m
 
 
 def test_a_grey_picture_becomes_three_channels_and_a_view_of_it_a_picture_of_its_own():
@@ -103,7 +115,10 @@ def test_negative_intensities_are_not_blamed_on_their_scale():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"image_size": (0, 1242)}, "image_size is 0x1242; give height and width in pixels"),
+        (
+            {"image_size": (0, 1242)},
+            "image_size is .0, 1242., expected .height, width., each a whole",
+        ),
         ({"lidar_height_m": 1730.0}, "lidar_height_m is 1730, expected 0.1 to 10; give .* metres"),
         ({"lidar_height_m": float("nan")}, "lidar_height_m is nan, expected"),
     ],

@@ -9,7 +9,6 @@ found.image, found.points, found.camera_mask, found.record
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import index
 from typing import SupportsIndex
 
 import numpy as np
@@ -21,6 +20,7 @@ from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.faults import fault_rng
 from sightline.geometry.calibration import Calibration
+from sightline.structures.arrays import plain_size
 from sightline.structures.sample import CameraLidarSample
 
 _LARGEST = 1e6  # metres; beyond, float32 loses what kinds compute with
@@ -100,14 +100,11 @@ def corrupt_arrays(
 def _image_size(
     image: UInt8[torch.Tensor, "3 height width"] | None, given: Sequence[SupportsIndex] | None
 ) -> tuple[int, int]:
-    size = None if given is None else tuple(map(index, given))
+    size = None if given is None else plain_size(given)
     if image is None:
-        if size is None or len(size) != 2 or min(size) < 1:
-            raise ValueError(
-                "without an image, image_size (height, width, each at least 1) is needed; got "
-                f"{given}"
-            )
-        return size[0], size[1]
+        if size is None:
+            raise ValueError("without an image, image_size (height, width) is needed; give it")
+        return size
     height, width = image.shape[1:]
     if size not in (None, (height, width)):
         raise ValueError(

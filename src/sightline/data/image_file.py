@@ -105,12 +105,20 @@ def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> N
         (4, 6, 3)
 
     Raises:
-        ValueError: The name ends otherwise, or the picture has no pixel.
+        ValueError: The name ends otherwise, or the picture has no pixel or is of another type or
+            shape.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in IMAGE_SUFFIXES:
         raise ValueError(
             f"{path} cannot be written: expected a name that ends in {', '.join(IMAGE_SUFFIXES)}"
+        )
+    is_array = isinstance(image, np.ndarray)
+    if not is_array or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(
+            f"{path} cannot be written: the picture is {getattr(image, 'dtype', type(image))} of "
+            f"shape {tuple(np.shape(image))}, expected an array uint8 of height, width, 3; of a "
+            "sample it is image.permute(1, 2, 0).numpy()"
         )
     if image.size == 0:
         raise ValueError(f"{path} cannot be written: a picture needs at least one pixel")

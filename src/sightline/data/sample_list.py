@@ -28,6 +28,11 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         frames, source = tuple(line for line in lines if line), str(path)
     else:
         frames, source = tuple(sample_list), "the list of frames"
+        other = next((frame for frame in frames if not isinstance(frame, str)), None)
+        if other is not None:
+            raise ValueError(
+                f"{source} holds {other!r}, expected names such as '000001'; give text"
+            )
     if not frames:
         raise ValueError(f"{source} names no frames, expected one a line; name another list")
     if len(set(frames)) < len(frames):

@@ -54,7 +54,7 @@ def cache_proposals(
 
     Raises:
         ValueError: The data or the weights cannot be read, or the folder holds what another first
-            stage, or the same one, made of another data set.
+            stage made, or of this one a first frame made of another sweep.
     """
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened

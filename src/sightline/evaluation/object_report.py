@@ -215,6 +215,8 @@ class ObjectReport:
     def notes(self) -> list[str]:
         """What figures of all distances must be read with, a sentence or two each."""
         notes = []
+        if not self.entries:
+            notes.append("No result is of a class that is scored, so there is nothing to score.")
         if self.frames_without_results:
             count = self.frames_without_results
             which = "1 frame had" if count == 1 else f"{count:,} frames had"

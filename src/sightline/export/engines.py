@@ -71,7 +71,7 @@ def open_engine(
     if not path.is_file() or path.suffix not in readers:
         raise ValueError(f"{path} is no .onnx or .xml file; write one with `sightline export`")
     name = name or readers[path.suffix]
-    _check_threads(threads)
+    check_threads(threads)
     if name == "openvino":
         return OpenVinoEngine(path, threads=threads, precision=precision)
     if name == "onnxruntime" and path.suffix == ".onnx":
@@ -105,7 +105,7 @@ def build_engine(
     Raises:
         ValueError: As `open_engine` and `export_onnx`.
     """
-    _check_threads(threads)
+    check_threads(threads)
     if name == "torch":
         names = tuple(example_inputs)
         return TorchEngine(module, names, metadata=metadata, threads=threads, precision=precision)
@@ -254,9 +254,14 @@ class OpenVinoEngine:
         return compiled
 
 
-def _check_threads(threads: int | None) -> None:
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
+def check_threads(threads: int | None) -> None:
+    """Refuses a number of threads that nothing can run on.
+
+    Raises:
+        ValueError: It is none.
+    """
+    if threads is not None and (not isinstance(threads, int) or threads < 1):
+        raise ValueError(f"threads must be a whole number of at least 1, got {threads!r}")
 
 
 @contextmanager

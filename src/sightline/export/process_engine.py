@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sightline.data.plain_text import shortened
 from sightline.export.choice import choose_engine
-from sightline.export.engines import Engine, build_engine, open_engine
+from sightline.export.engines import Engine, build_engine, check_threads, open_engine
 from sightline.export.extra import import_extra
 from sightline.export.graph import ExportGraph
 from sightline.export.kept_files import onnx_file_of
@@ -40,8 +40,10 @@ class ProcessEngine:
         `auto` takes PyTorch, with a warning, for a network that cannot be exported.
 
         Raises:
-            ValueError: The engine is not installed, or runs on the CPU only.
+            ValueError: The engine is not installed, or runs on the CPU only, or there is no such
+                number of threads.
         """
+        check_threads(threads)
         chosen = choose_engine(name, device)
         if chosen != "torch" and device != "cpu":
             raise ValueError(

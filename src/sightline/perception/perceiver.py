@@ -95,6 +95,11 @@ class Perceiver:
             ValueError: There is no such task or are no such weights, all tasks are left out, or
                 the engine is not installed or cannot run on the device.
         """
+        if weights is not None and not isinstance(weights, Mapping):
+            raise ValueError(
+                f"weights is {weights!r}, expected a name for each task: give a dictionary such as "
+                "{'depth-completion': 'depth-best'}"
+            )
         named = dict(weights or {})
         for name in named:
             find_task(name)

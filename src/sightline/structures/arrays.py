@@ -1,6 +1,10 @@
 """Pictures and point clouds as users have them, made into what a sample holds."""
 
 import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from operator import index
+from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 import torch
@@ -11,6 +15,34 @@ from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault, echoes, reflectances, rows_of
 from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
+
+
+def plain_number(name: str, value: SupportsFloat) -> float:
+    """A number of any type, of NumPy's or a tensor as well.
+
+    Raises:
+        ValueError: It is none.
+    """
+    if not isinstance(value, str):
+        with suppress(TypeError, ValueError, RuntimeError):  # PyTorch's of several numbers
+            return float(value)
+    raise ValueError(f"{name} is {value!r}, expected a number; give one")
+
+
+def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
+    """Height and width [px] of any whole numbers.
+
+    Raises:
+        ValueError: They are not two, not whole or not positive.
+    """
+    with suppress(TypeError):
+        size = tuple(index(side) for side in image_size)
+        if len(size) == 2 and min(size) > 0:
+            return size[0], size[1]
+    raise ValueError(
+        f"image_size is {image_size}, expected (height, width), each a whole number of at least "
+        "1; give pixels"
+    )
 
 
 def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
@@ -39,7 +71,7 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
 
 
 def sweep_points(
-    points: np.ndarray | Tensor, max_intensity: float = 1.0
+    points: np.ndarray | Tensor, max_intensity: SupportsFloat = 1.0
 ) -> Float32[Tensor, "num_points 4"]:
     """A cloud as x, y, z [m] and reflectance in [0, 1].
 
@@ -61,6 +93,7 @@ def sweep_points(
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
             "y, z [m] and perhaps intensity; give one row a point"
         )
+    max_intensity = plain_number("max_intensity", max_intensity)
     if not 0 < max_intensity < np.inf:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
     columns = rows[:, :4].astype(np.float64)

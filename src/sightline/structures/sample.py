@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import index
-from typing import SupportsIndex
+from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
-from beartype import beartype
+from beartype import BeartypeConf, beartype
 from jaxtyping import Float32, Float64, UInt8, jaxtyped
 from torch import Tensor
 
@@ -17,11 +16,18 @@ from sightline.geometry.road_height import (
     MIN_LIDAR_HEIGHT_M,
     road_height_m,
 )
-from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
+from sightline.structures.arrays import (
+    image_planes,
+    plain_number,
+    plain_size,
+    sweep_points,
+    warn_of_view,
+)
 from sightline.structures.labels import ObjectLabels
 
 
-@jaxtyped(typechecker=beartype)
+# Whole numbers are numbers, too: as Python's own checkers of types have it.
+@jaxtyped(typechecker=beartype(conf=BeartypeConf(is_pep484_tower=True)))
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraLidarSample:
     """A camera image and the LiDAR sweep taken with it.
@@ -85,8 +91,8 @@ class CameraLidarSample:
         image: np.ndarray | Tensor | None = None,
         points: np.ndarray | Tensor | None = None,
         image_size: Sequence[SupportsIndex] | None = None,
-        max_intensity: float = 1.0,
-        lidar_height_m: float | None = None,
+        max_intensity: SupportsFloat = 1.0,
+        lidar_height_m: SupportsFloat | None = None,
         sample_id: str = "sample",
     ) -> "CameraLidarSample":
         """A sample of arrays of your own; warns where hardly a point falls into the image.
@@ -126,7 +132,9 @@ class CameraLidarSample:
         """
         planes = None if image is None else image_planes(image)
         size = _size_of(planes, image_size)
-        height_m = lidar_height_m
+        height_m = None
+        if lidar_height_m is not None:
+            height_m = plain_number("lidar_height_m", lidar_height_m)
         if height_m is not None and not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M:
             raise ValueError(
                 f"lidar_height_m is {height_m:g}, expected {MIN_LIDAR_HEIGHT_M:g} to "
@@ -154,10 +162,8 @@ def _size_of(
     if image_size is None and image is None:
         raise ValueError("a sample without an image needs image_size: give height and width")
     seen = None if image is None else (image.shape[1], image.shape[2])
-    size = seen if image_size is None else (index(image_size[0]), index(image_size[1]))
+    size = seen if image_size is None else plain_size(image_size)
     assert size is not None, "one of them is given"
-    if min(size) < 1:
-        raise ValueError(f"image_size is {size[0]}x{size[1]}; give height and width in pixels")
     if seen is not None and size != seen:
         raise ValueError(
             f"the image is {seen[0]}x{seen[1]} (height x width), but image_size says "

@@ -1,0 +1,55 @@
+"""Arguments of wrong types, as users give them, who have no type checker running: one line each."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+_CASES = {
+    'sample(image_size=(370.0, 1220.0))': "image_size is (370.0, 1220.0), expected (height, width)",
+    'sample(image_size=(1, 2, 3))': "image_size is (1, 2, 3), expected (height, width)",
+    'sample(lidar_height_m="2")': "lidar_height_m is '2', expected a number",
+    'sample(lidar_height_m=np.zeros(2))': "lidar_height_m is array([0., 0.]), expected a number",
+    'sample(max_intensity="255")': "max_intensity is '255', expected a number",
+    'sightline.write_rgb("a.png", given.image)': "is torch.uint8 of shape (3, 375, 1242), expected",
+    'sightline.write_rgb("a.png", np.zeros((4, 4, 3)))': "is float64 of shape (4, 4, 3), expected",
+    'sightline.write_rgb("a.png", np.zeros((4, 4), np.uint8))': "is uint8 of shape (4, 4), expec",
+    'sightline.write_rgb("a.png", [[[1, 2, 3]]])': "is <class 'list'> of shape (1, 1, 3), expected",
+    'perceiver("depth-best")': "weights is 'depth-best', expected a name for each task",
+    'perceiver({"detection2d": "detection2d-fast-cpu"}, threads="2")': "at least 1, got '2'",
+    'perceiver({"detection2d": "detection2d-fast-cpu"}, threads=0)': "at least 1, got 0",
+    'sightline.open_dataset(PACKAGED_FRAMES, sample_list=[1])': "holds 1, expected names such as",
+}  # fmt: skip
+_PROGRAM = """
+import json, sys
+import numpy as np
+import sightline
+from sightline.simulation.packaged import PACKAGED_FRAMES
+given = sightline.open_dataset(PACKAGED_FRAMES)[0]
+perceiver = sightline.Perceiver.load
+def sample(**changed):
+    settings = {"points": given.points, "image_size": given.image_size} | changed
+    return sightline.CameraLidarSample.from_arrays(given.calibration, **settings)
+said = {}
+for case in json.loads(sys.argv[1]):
+    try:
+        said[case] = repr(eval(case))
+    except ValueError as error:
+        said[case] = str(error)
+print(json.dumps(said))
+"""
+
+
+@pytest.fixture(scope="module")
+def said():
+    """What each case says, in a process whose calls are not checked against their annotations."""
+    command = [sys.executable, "-c", _PROGRAM, json.dumps(list(_CASES))]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(run.stdout)
+
+
+@pytest.mark.parametrize("case", _CASES)
+def test_a_wrong_argument_is_refused_in_one_line(said, case):
+    assert _CASES[case] in said[case]
+    assert "\n" not in said[case]
