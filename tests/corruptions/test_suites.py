@@ -102,6 +102,14 @@ def test_a_suite_that_contradicts_itself_is_refused():
     assert Suite(name="whole", cases=(case, other)).case_names == ("clean", "blank")
 
 
+def test_a_suite_that_no_training_draws_from_needs_no_probabilities():
+    cases = tuple(
+        Case(name=name, title=name, corruption=corruption)
+        for name, corruption in (("clean", NoCorruption()), ("blank", CameraBlank()))
+    )
+    assert Suite(name="mine", cases=cases).case_names == ("clean", "blank")
+
+
 @pytest.mark.parametrize(
     ("probabilities", "expected"),
     [

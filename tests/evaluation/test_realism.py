@@ -176,7 +176,7 @@ def test_a_report_without_real_frames_has_one_column(frames: Path):
 
 
 def test_a_folder_without_frames_is_refused(frames: Path, tmp_path: Path):
-    with pytest.raises(ValueError, match="holds no frames with image, sweep"):
+    with pytest.raises(ValueError, match="holds no object tree of KITTI"):
         evaluate_realism(frames, tmp_path)
     with pytest.raises(ValueError, match="holds no label files"):
         evaluate_realism(frames, frames, real_labels=tmp_path)

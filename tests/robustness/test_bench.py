@@ -26,6 +26,7 @@ from sightline.robustness.record import read_record
 from sightline.robustness.scoring import PosedFrame, Scoring
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import find_task, task_names
+from tests.data.recordings import write_recording
 from tests.robustness.runs import LEVELS
 from tests.robustness.tasks import LABELS, SCORING, Oracle, OracleTask
 
@@ -296,6 +297,17 @@ def test_data_without_labels_cannot_be_scored(tmp_path):
     (tmp_path / "testing").symlink_to(PACKAGED_FRAMES / "training")
     with pytest.raises(ValueError, match="no labels to score detections against"):
         detect(tmp_path / "out", data=tmp_path)
+
+
+def test_the_labels_of_a_recording_are_scored_against_like_those_of_a_tree(tmp_path):
+    recording = write_recording(tmp_path / "recording", ("000000",))
+    shutil.copytree(LABELS, recording / "labels")
+    cases, sample_list = ("camera_blank",), ("000000",)
+    settings = {"suite": "dgfn7", "cases": cases, "sample_list": sample_list}
+    own = detect(tmp_path / "own", data=recording, **settings).record.scores
+    assert own == detect(tmp_path / "kitti", **settings).record.scores
+    assert own["clean"]["Car_bbox_0.5_moderate_all_points"] == 100
+    assert own["camera_blank"] != own["clean"]
 
 
 @pytest.mark.parametrize("name", task_names())

@@ -117,7 +117,7 @@ def test_negative_intensities_are_not_blamed_on_their_scale():
     [
         (
             {"image_size": (0, 1242)},
-            "image_size is .0, 1242., expected .height, width., each a whole",
+            "image_size is .0, 1242., expected .height, width.",
         ),
         ({"lidar_height_m": 1730.0}, "lidar_height_m is 1730, expected 0.1 to 10; give .* metres"),
         ({"lidar_height_m": float("nan")}, "lidar_height_m is nan, expected"),

@@ -124,8 +124,8 @@ def _open(
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts, needs=())
     if not isinstance(dataset, KittiObjectDataset):
         raise ValueError(
-            f"{data} is another data set of KITTI's, expected an object tree; name a folder that "
-            "holds training/{image_2,velodyne,calib,label_2}"
+            f"{data} is a data set of another kind, expected an object tree; name a folder that "
+            "holds training/{image_2,velodyne,calib,label_2} (sightline robustness takes any kind)"
         )
     return dataset
 

@@ -29,7 +29,7 @@ class Case:
     title: str
     """What the suite's source calls it."""
     corruption: Corruption
-    probability: float
+    probability: float = 0.0
     """Of being drawn for training, as the source draws."""
     severity: int | None = None
     """From 1 to 5; None where a suite has no levels."""
@@ -50,7 +50,7 @@ class Suite:
 
     Raises:
         ValueError: The first case is not `CLEAN`, two cases have one name, or the probabilities do
-            not add up to 1.
+            not add up to 1 (nor are all 0, as those of a suite may that is for tests alone).
     """
 
     name: str
@@ -67,8 +67,11 @@ class Suite:
         if len(set(names)) < len(names):
             raise ValueError(f"suite {self.name} needs a name for each case, got {names}")
         total = sum(case.probability for case in self.cases)
-        if abs(total - 1) > 1e-9:
-            raise ValueError(f"suite {self.name} needs probabilities that sum to 1, got {total:g}")
+        if any(case.probability for case in self.cases) and abs(total - 1) > 1e-9:
+            raise ValueError(
+                f"suite {self.name} needs probabilities that sum to 1, got {total:g}; or leave out "
+                "all of them, where no training draws from it"
+            )
 
     @property
     def case_names(self) -> tuple[str, ...]:

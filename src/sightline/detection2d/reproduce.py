@@ -172,8 +172,8 @@ def _open(
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     if not isinstance(dataset, KittiObjectDataset) or "objects" not in dataset.parts:
         raise ValueError(
-            f"{data} has no labels to score against, expected KITTI's object tree; name a folder "
-            "that holds training/{image_2,velodyne,calib,label_2}"
+            f"{data} is no object tree of KITTI's with labels to score against; name a folder that "
+            "holds training/{image_2,velodyne,calib,label_2}"
         )
     return dataset
 

@@ -79,8 +79,8 @@ def measure_tree(root: Path, labels: Path | None, max_frames: int | None) -> Mea
     frames = list(_whole_frames(root))
     if not frames:
         raise ValueError(
-            f"{root} holds no frames with image, sweep, calibration and labels, expected KITTI's "
-            "object tree; name the folder that has training/ in it"
+            f"{root} holds no object tree of KITTI's with whole frames (image, sweep, calibration, "
+            "labels); name the folder that has training/ in it"
         )
     for frame in track(_evenly(frames, max_frames), description=f"measuring {root.name}"):
         _look_at_frame(frame, measures)

@@ -107,14 +107,17 @@ def _figure_name(target: Target, difficulty: Difficulty, average: str) -> str:
 
 def _labels_folder(dataset: "SampleDataset") -> Path:
     from sightline.data.kitti_object import KittiObjectDataset
-    from sightline.data.object_tree import part_folder
+    from sightline.data.recording import RecordingDataset
 
-    if not isinstance(dataset, KittiObjectDataset) or "objects" not in dataset.parts:
-        raise ValueError(
-            "the data have no labels to score detections against, expected KITTI's object tree; "
-            "name a folder that holds training/{image_2,velodyne,calib,label_2}"
-        )
-    return dataset.root / dataset.split / part_folder("objects")
+    if isinstance(dataset, KittiObjectDataset | RecordingDataset):
+        files = (dataset.label_file(index) for index in range(len(dataset)))
+        labelled = next(filter(None, files), None)
+        if labelled is not None:
+            return labelled.parent
+    raise ValueError(
+        "the data have no labels to score detections against, expected a recording with labels or "
+        "KITTI's object tree with training/label_2; name a folder that holds them"
+    )
 
 
 def _apart(targets: Sequence[Target]) -> list[list[Target]]:
