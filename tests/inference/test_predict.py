@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -172,9 +173,21 @@ def test_answers_for_two_data_sets_do_not_mix_though_frames_have_the_same_names(
     assert write(cases[0] / "../camera_blank", out) == JobResult(written=0, skipped=2)
 
 
-def test_pngs_of_unknown_origin_are_not_mixed_with(data):
-    with pytest.raises(ValueError, match=r"image_2 holds data without a sightline\.json"):
-        write(data, data / "training" / "image_2")
+@pytest.mark.parametrize("place", [".", "training/depth", "mine"])
+def test_nothing_is_written_into_the_data_set(data, tmp_path, place):
+    """There `training/depth` would be read as true depth from then on."""
+    before = sorted(data.rglob("*"))
+    with pytest.raises(ValueError, match=r"would change the data set .*; name an output folder"):
+        write(data, data / place)
+    with pytest.raises(ValueError, match="would change the data set"):
+        write(tmp_path / "data" / ".." / "data", data / place)
+    assert sorted(data.rglob("*")) == before
+
+
+def test_pngs_of_unknown_origin_are_not_mixed_with(data, out):
+    shutil.copytree(data / "training" / "image_2", out)
+    with pytest.raises(ValueError, match=r"out holds data without a sightline\.json"):
+        write(data, out)
 
 
 def test_of_two_jobs_at_one_time_that_differ_one_is_refused_before_it_writes(data, out):

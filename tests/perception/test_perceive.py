@@ -227,6 +227,12 @@ def test_what_makes_no_sense_is_refused_before_any_work(data, out, settings, sai
     assert not out.exists()
 
 
+def test_nothing_is_written_into_the_data_set(data):
+    with pytest.raises(ValueError, match="would change the data set"):
+        perceive(data, data / "all", perceiver=perceiver())
+    assert not (data / "all").exists()
+
+
 @pytest.mark.parametrize("option", ["video", "rerun"])
 def test_pictures_that_cannot_be_written_are_refused_before_any_work(data, out, tmp_path, option):
     if option == "rerun":

@@ -294,9 +294,11 @@ def test_what_a_frame_meets_does_not_hang_on_what_a_method_looks_at():
 
 
 def test_data_without_labels_cannot_be_scored(tmp_path):
-    (tmp_path / "testing").symlink_to(PACKAGED_FRAMES / "training")
+    data = tmp_path / "data"
+    data.mkdir()
+    (data / "testing").symlink_to(PACKAGED_FRAMES / "training")
     with pytest.raises(ValueError, match="no labels to score detections against"):
-        detect(tmp_path / "out", data=tmp_path)
+        detect(tmp_path / "out", data=data)
 
 
 def test_the_labels_of_a_recording_are_scored_against_like_those_of_a_tree(tmp_path):

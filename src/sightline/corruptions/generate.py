@@ -9,6 +9,8 @@ from sightline.corruptions.suites import Case, Suite, find_suite
 from sightline.corruptions.tree import PARTS, CaseTree
 from sightline.data.jobs import (
     JobResult,
+    change_of_data,
+    check_apart,
     check_workers,
     claim_folder,
     data_name,
@@ -132,13 +134,10 @@ def _open(
 
 def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
     """Refuses an output folder that would change the input."""
-    source, target = data.resolve(), out.resolve()
-    written = [target / case.name for case in cases]
-    if target.is_relative_to(source) or any(source.is_relative_to(folder) for folder in written):
-        raise ValueError(
-            f"{out} cannot hold the cases, as it would change the data set {data}, which is only "
-            "read; name an output folder beside it"
-        )
+    check_apart(data, [out])
+    written = [out.resolve() / case.name for case in cases]
+    if any(data.resolve().is_relative_to(folder) for folder in written):
+        raise change_of_data(data, out)
 
 
 def _check_parts(

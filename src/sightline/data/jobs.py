@@ -1,7 +1,7 @@
 """Jobs that fill a folder: claimed by one maker, done in parallel, finished by running it again."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,6 +172,26 @@ def _is_claimed(
 
 def _manifest(settings: Mapping[str, object]) -> str:
     return json.dumps(dict(settings), indent=2) + "\n"
+
+
+def check_apart(data: Path, folders: Iterable[Path]) -> None:
+    """Refuses output folders in a data set: their files would be taken for parts of it.
+
+    Raises:
+        ValueError: A folder is the data set's or lies in it.
+    """
+    source = data.resolve()
+    for folder in folders:
+        if folder.resolve().is_relative_to(source):
+            raise change_of_data(data, folder)
+
+
+def change_of_data(data: Path, folder: Path) -> ValueError:
+    """What is said of an output folder that would change the input."""
+    return ValueError(
+        f"{folder} cannot be written to, as that would change the data set {data}, which is only "
+        "read; name an output folder beside it"
+    )
 
 
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:

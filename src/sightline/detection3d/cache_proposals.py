@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
+from sightline.data.jobs import JobResult, check_apart, check_workers, claim_folder, run_job, shard
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.detection3d.network_task import NETWORK_TASK
@@ -58,6 +58,7 @@ def cache_proposals(
     """
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    check_apart(data, [out])
     loaded = load_network(NETWORK_TASK, weights)
     identity = first_stage_identity(loaded.network)
     parts: tuple[Part, ...] = ("points",)

@@ -9,6 +9,7 @@ from typing import Any
 from sightline.data.jobs import (
     Claim,
     JobResult,
+    check_apart,
     check_workers,
     claim_folders,
     data_name,
@@ -60,14 +61,15 @@ def predict(
         num_shards: Number of parts; each part can be done on another machine, at the same time.
 
     Raises:
-        ValueError: The data cannot be read, a folder holds what something else made or cannot be
-            written to, the predictor does not give an output, there is no such switch, or the
-            numbers of workers and shards make no sense. Errors about a sample name it; samples done
-            before stay done.
+        ValueError: The data cannot be read, a folder lies in them, holds what something else made
+            or cannot be written to, the predictor does not give an output, there is no such switch,
+            or the numbers of workers and shards make no sense. Errors about a sample name it;
+            samples done before stay done.
     """
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     places = output_places(task, predictor, out, also or {})
+    check_apart(data, [folder for _, folder in places])
     changes = _changes(task, switches)
     dataset = open_dataset(
         data,

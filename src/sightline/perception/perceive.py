@@ -12,6 +12,7 @@ from sightline.data.atomic import atomic_write_text
 from sightline.data.jobs import (
     Claim,
     JobResult,
+    check_apart,
     check_workers,
     claim_folders,
     data_name,
@@ -104,9 +105,9 @@ def perceive(
         min_score: Detections that are less sure are in the results, and in neither picture.
 
     Raises:
-        ValueError: The data cannot be read, a folder holds what something else made or cannot be
-            written to, a number makes no sense, or a library for the pictures is missing. Errors
-            about a frame name it; frames done before stay done.
+        ValueError: The data cannot be read, `out` lies in them, holds what something else made or
+            cannot be written to, a number makes no sense, or a library for the pictures is missing.
+            Errors about a frame name it; frames done before stay done.
     """
     pictures = PictureFiles.checked(video, rerun, fps=fps, min_score=min_score)
     if num_shards > 1 and pictures:
@@ -114,6 +115,7 @@ def perceive(
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     data, out = Path(data), Path(out)
+    check_apart(data, [out])
     perceiver = perceiver or Perceiver.load(threads=1)
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()

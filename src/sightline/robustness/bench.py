@@ -12,7 +12,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.jobs import claim_folder
+from sightline.data.jobs import check_apart, claim_folder
 from sightline.data.object_tree import Velodyne, find_velodyne
 from sightline.data.open import SampleDataset
 from sightline.export.names import EngineChoice
@@ -134,6 +134,7 @@ def run_bench(
         suite = find_suite(suite)
     cases = settings.chosen_cases(suite)
     check_numbers(seed, settings.workers)
+    check_apart(data, [out])
     given = read_baseline(settings.baseline)
     healthy = read_healthy(settings.healthy)
     scoring = task.scoring()
