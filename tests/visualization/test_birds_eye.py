@@ -92,6 +92,15 @@ def test_the_name_of_a_ring_beside_the_picture_darkens_nothing_in_it():
     assert drawn[0] == drawn[1] > 80
 
 
+def test_the_name_of_a_ring_at_the_upper_edge_is_whole():
+    def of_names(x_max_m):
+        view = BirdsEyeView(y_min_m=-11.0, y_max_m=11.0, x_max_m=x_max_m, pixels_per_m=8.0)
+        picture = draw_birds_eye(None, view=view)
+        return (picture.min(axis=2) >= 100).sum()  # brighter than rings
+
+    assert of_names(20.1) == pytest.approx(of_names(23.0), rel=0.02)  # a ring shines through
+
+
 @pytest.mark.parametrize("names", [(), ("Car", "Car", "Car")])
 def test_boxes_need_a_class_name_each(names):
     boxes = Boxes3D(torch.tensor([[30.0, 0.0, 0.0, 6.0, 2.0, 1.5, 0.0]] * 2))

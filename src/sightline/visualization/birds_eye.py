@@ -175,10 +175,11 @@ def _put_ring_labels(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEye
             if y > range_m:  # the picture lies wholly to the left of the ring
                 continue
             at = view.pixels(np.array([np.sqrt(range_m**2 - y**2), y]))
-        left, baseline = round(float(at[0])) + 4, round(float(at[1])) - 4
+        left = round(float(at[0])) + 4
+        baseline = max(round(float(at[1])) - 4, 13)  # else the upper edge would cut the name
         if left < 3:  # the ring is to the right of the picture, or there is no room
             continue
-        plate = canvas[max(baseline - 12, 0) : max(baseline + 4, 0), left - 3 : left + width + 3]
+        plate = canvas[baseline - 12 : baseline + 4, left - 3 : left + width + 3]
         plate[:] = np.rint(0.7 * np.array(_BACKGROUND) + 0.3 * plate)
         put_text(canvas, text, left, baseline, height_px=9, color=_RING_TEXT)
 

@@ -332,7 +332,8 @@ def _put_head(page: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSamp
     if sample.points is not None:
         facts.append(f"{len(sample.points):,} LiDAR points")
     if sample.objects is not None:
-        facts.append(f"{int(sample.objects.has_box3d.sum()):,} objects")
+        number = int(sample.objects.has_box3d.sum())
+        facts.append("1 object" if number == 1 else f"{number:,} objects")
         if len(sample.objects) > _MAX_OBJECTS:
             facts.append(f"the nearest {_MAX_OBJECTS} are drawn")
     put_text(page, sample.sample_id, _GAP_PX, 32, height_px=15, color=TITLE)
