@@ -11,6 +11,7 @@ from sightline.cli.main import main
 from sightline.data.depth_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.data.weights import read_weights
+from sightline.data.weights_header import find_weights, shipped_names
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import PACKAGE_RECIPES, find_task, recipes_of, task_names
@@ -113,6 +114,36 @@ def test_a_recipe_trains_and_its_weights_answer(
     command = ["predict", name, str(PACKAGED_FRAMES), str(out), "--workers", "1"]
     assert main([*command, "--weights", str(run / "weights.safetensors")]) == 0
     assert len(list(out.glob(f"*{task.outputs[0].suffix}"))) == 2
+
+
+@pytest.mark.parametrize("name", shipped_names())
+def test_shipped_weights_can_be_tuned_and_the_tuned_ones_scored(
+    name, street, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    tuned = ["--config", name, f"--data.init_args.root={street}", *SMALL]
+    tuned += ["--model.init_args.initial_weights", name, "--model.init_args.network", "null"]
+    for subcommand in ("fit", "test"):
+        assert main([subcommand, *tuned]) == 0, capfd.readouterr().err
+    report = json.loads(Path("runs", name, "test.json").read_text())
+    assert Path(report["checkpoint"]).parent == Path("runs", name)
+    assert report["initial_weights"] == name
+    assert any(value is not None for value in report["metrics"].values())
+
+
+def test_a_run_goes_on_without_the_streams_that_it_was_begun_from(
+    street, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    camera = tmp_path / "camera.safetensors"
+    shutil.copy(find_weights("detection2d-fast-cpu"), camera)
+    run = ["fit", "--config", "detection2d-fast-cpu", f"--data.init_args.root={street}", *SMALL]
+    run += ["--model.init_args.initial_streams", json.dumps({"camera": str(camera)})]
+    assert main(run) == 0, capfd.readouterr().err
+    camera.unlink()
+    assert main([*run, "--ckpt_path", "last"]) == 0, capfd.readouterr().err
+    assert main([*run, "--run_folder", "other"]) == 2
+    assert f"there are no weights '{camera}'" in capfd.readouterr().err
 
 
 def test_what_the_simulator_writes_trains_without_a_word_on_sweeps_and_lists(

@@ -160,6 +160,14 @@ def test_reduced_sweeps_are_not_taken_for_none(tmp_path):
         open_dataset(tmp_path, parts=("points",), velodyne="velodyne")
 
 
+def test_each_split_has_sweeps_of_its_own(tmp_path):
+    write_whole_object_tree(tmp_path, "000001")
+    shutil.copytree(tmp_path / "training", tmp_path / "testing")
+    (tmp_path / "training" / "velodyne").rename(tmp_path / "training" / "velodyne_reduced")
+    for path in (tmp_path, tmp_path / "training", tmp_path / "testing"):
+        assert open_dataset(path)[0].points is not None
+
+
 def test_calibrations_and_labels_of_frames_that_are_not_there_are_no_frames(tmp_path):
     write_whole_object_tree(tmp_path, "000001", "000002")
     for name in ("image_2/000002.png", "velodyne/000002.bin"):

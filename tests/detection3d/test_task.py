@@ -202,11 +202,11 @@ def test_a_second_stage_starts_from_the_weights_of_a_first(tmp_path):
 
 def test_a_second_stage_is_not_trained_on_a_first_that_has_learned_nothing():
     task = Detection3D(TINY, stages="second")
-    task.trainer = SimpleNamespace(ckpt_path=None)
+    task.trainer = SimpleNamespace()
     task.setup("validate")
     with pytest.raises(ValueError, match=r"initial_weights, with initial_part points"):
         task.setup("fit")
-    task.trainer = SimpleNamespace(ckpt_path="last.ckpt")
+    task.is_resumed = True
     task.setup("fit")
 
 

@@ -283,7 +283,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
 def test_where_nothing_was_found_at_all_the_table_says_so(tmp_path):
     report = evaluate_objects(*write_frames(tmp_path, [(text_of([CAR]), "")]))
     assert report.entries == ()
-    assert "No result is of a class that is scored" in " ".join(said(report).split())
+    assert "No result is of a scored class: nothing" in " ".join(said(report).split())
 
 
 def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_path):

@@ -173,14 +173,22 @@ def test_answers_for_two_data_sets_do_not_mix_though_frames_have_the_same_names(
     assert write(cases[0] / "../camera_blank", out) == JobResult(written=0, skipped=2)
 
 
-@pytest.mark.parametrize("place", [".", "training/depth", "mine"])
+@pytest.mark.parametrize("place", [".", "training/depth", "testing/depth", "mine"])
 def test_nothing_is_written_into_the_data_set(data, tmp_path, place):
     """There `training/depth` would be read as true depth from then on."""
+    linked = tmp_path / "linked"
+    linked.mkdir()
+    (linked / "training").symlink_to(data / "training")
     before = sorted(data.rglob("*"))
-    with pytest.raises(ValueError, match=r"would change the data set .*; name an output folder"):
-        write(data, data / place)
-    with pytest.raises(ValueError, match="would change the data set"):
-        write(tmp_path / "data" / ".." / "data", data / place)
+    for path, out in (
+        (data, data / place),
+        (data / "training", data / place),
+        (tmp_path / "linked" / ".." / "data", data / place),
+        (linked, linked / place),
+        (linked, data / "training" / "mine"),
+    ):
+        with pytest.raises(ValueError, match=r"would change the data set .*; name an output fold"):
+            write(path, out)
     assert sorted(data.rglob("*")) == before
 
 

@@ -144,9 +144,12 @@ def test_a_run_that_started_from_weights_is_scored_itself_even_when_they_are_gon
         "test", ["--config=toy", "--run_folder=other", f"--ckpt_path=runs/toy/{kept}.ckpt"], recipes
     )
     reports = [json.loads(Path(run, "test.json").read_text()) for run in ("runs/toy", "other")]
+    assert reports[0].pop("initial_weights") == "first/weights.safetensors"
+    assert reports[1].pop("initial_weights") is None
     assert reports[0] == reports[1]
     assert reports[0]["checkpoint"] == f"runs/toy/{kept}.ckpt"
-    assert f"runs/toy: scored runs/toy/{kept}.ckpt" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"scored runs/toy/{kept}.ckpt, which started from first/weights.safetensors" in said
 
 
 def test_a_run_that_started_from_weights_goes_on_when_they_are_gone(recipes):
@@ -166,7 +169,7 @@ def test_a_run_that_started_from_weights_goes_on_when_they_are_gone(recipes):
 
 def test_a_training_that_diverges_says_so(recipes):
     rate = "--model.optimizer.learning_rate=1e30"
-    with pytest.raises(ValueError, match=r"has diverged: the loss is \w+ in step \d+; .* lower"):
+    with pytest.raises(ValueError, match=r"diverged, its loss is \w+ in step \d+; .* --run_folder"):
         run_training("fit", ["--config", "toy", rate], recipes)
 
 
@@ -182,13 +185,32 @@ class RefusesItsAnswers(toy.ToyModule):
 def test_what_comes_of_weights_that_are_not_finite_is_told_as_such(frames):
     module = RefusesItsAnswers()
     batch = next(iter(toy.data(frames).train_dataloader()))
-    for step in (module.training_step, module.validation_step):
+    for step in (module.training_step, module.validation_step, module.test_step):
         with pytest.raises(ValueError, match=r"^boxes of \d+ are nan"):
             step(batch, 0)
     torch.nn.init.constant_(next(module.parameters()), float("nan"))
-    for step in (module.training_step, module.validation_step):
-        with pytest.raises(ValueError, match="has diverged: weights are not finite in step 0;"):
+    for step in (module.training_step, module.validation_step, module.test_step):
+        with pytest.raises(ValueError, match="has diverged, its weights are not finite; begin"):
             step(batch, 0)
+
+
+def test_a_run_does_not_go_on_from_the_checkpoint_of_another_network(recipes):
+    for folder, channels in (("first", 2), ("second", 5)):
+        network = f"--model.network.channels={channels}"
+        run_training("fit", ["--config", "toy", "--run_folder", folder, network], recipes)
+    weights = "--model.initial_weights=first/weights.safetensors"
+    for subcommand in ("fit", "validate"):
+        with pytest.raises(ValueError, match=r"of other settings \(channels 5 instead of 2\)"):
+            run_training(
+                subcommand, ["--config=toy", weights, "--ckpt_path=second/last.ckpt"], recipes
+            )
+
+
+def test_scores_that_are_no_numbers_are_null_in_the_report(recipes, monkeypatch):
+    run_training("fit", ["--config", "toy"], recipes)
+    monkeypatch.setattr(toy.ToyScores, "compute", lambda _: {"mse": torch.tensor(float("nan"))})
+    run_training("test", ["--config", "toy"], recipes)
+    assert json.loads(Path("runs/toy/test.json").read_text())["metrics"] == {"test/mse": None}
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from sightline.data.settings import plain_settings
+from sightline.data.settings import differing_settings, parse_settings, plain_settings
 from sightline.data.weights import write_weights
 from sightline.training.initial_weights import choose_settings
 from sightline.training.optimizer import OptimizerConfig
@@ -16,7 +16,6 @@ class TwoStagesConfig:
 
     first: toy.ToyConfig = toy.ToyConfig()  # noqa: RUF009 - frozen
     second: toy.ToyConfig = toy.ToyConfig()  # noqa: RUF009
-    third: toy.ToyConfig | None = None
     width: int = 1
     """Of no module."""
 
@@ -77,18 +76,35 @@ def test_weights_that_do_not_fit_the_part_are_refused(tmp_path, initial, said):
         TwoStages(initial_weights=file, **initial)
 
 
-def test_weights_that_are_older_than_a_setting_of_an_optional_part_have_its_default(tmp_path):
-    config = TwoStagesConfig(third=toy.ToyConfig(channels=3))
-    module = TwoStages(config)
-    older = plain_settings(config)
-    for part in older.values():
-        if isinstance(part, dict):
-            del part["dropout"]
-    tensors = tensors_of(module.network, 3)
-    write_weights(tmp_path / "w", tensors, task="two-stages", config=older, provenance={})
-    TwoStages(config, initial_weights=tmp_path / "w")
-    with pytest.raises(ValueError, match=r"\(third \{'channels': 3\} instead of None\)"):
-        TwoStages(initial_weights=tmp_path / "w")
+@dataclass(frozen=True, kw_only=True)
+class SizedConfig:
+    """Cannot be made without saying how."""
+
+    size: int
+    depth: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartsConfig:
+    """Parts of every kind."""
+
+    optional: toy.ToyConfig | None = None
+    wide: toy.ToyConfig = toy.ToyConfig(channels=8)  # noqa: RUF009 - frozen
+    several: tuple[toy.ToyConfig, ...] = ()
+    sized: SizedConfig = SizedConfig(size=3)
+
+
+def test_what_a_file_is_too_old_to_name_of_a_part_is_what_it_is_read_with():
+    channels = toy.ToyConfig(channels=4)
+    ours = PartsConfig(optional=toy.ToyConfig(channels=3), several=(channels, channels))
+    older = plain_settings(ours)
+    for part in (older["optional"], older["wide"], *older["several"]):
+        del part["dropout"]
+    del older["wide"]["channels"], older["sized"]["depth"]
+    assert parse_settings(PartsConfig, older) == ours
+    assert differing_settings(older, ours) == ""
+    assert differing_settings(older | {"optional": None}, ours).startswith("optional None instead")
+    assert "colour red instead of None" in differing_settings(older | {"colour": "red"}, ours)
 
 
 def test_a_part_without_weights_is_refused():

@@ -33,20 +33,20 @@ class CaseDrawing:
         """Checks names and probabilities."""
         suite = find_suite(self.suite)
         suite.without(self.without)
-        if self.probabilities is None:
-            return
-        suite.select(self.probabilities)
-        shares = self.probabilities.values()
-        # Written so that NaN is refused, too.
-        if not (min(shares, default=0) >= 0 and abs(sum(shares) - 1) <= 1e-6):
-            raise ValueError(
-                "the probabilities of the cases must be at least 0 and sum to 1, got "
-                f"{dict(self.probabilities)}"
-            )
+        if self.probabilities is not None:
+            suite.select(self.probabilities)
+            shares = self.probabilities.values()
+            # Written so that NaN is refused, too.
+            if not (min(shares, default=0) >= 0 and abs(sum(shares) - 1) <= 1e-6):
+                raise ValueError(
+                    "the probabilities of the cases must be at least 0 and sum to 1, got "
+                    f"{dict(self.probabilities)}"
+                )
         if not sum(_probabilities(suite, self.probabilities, self.without)):
+            without = f" without {', '.join(self.without)}" if self.without else ""
             raise ValueError(
-                f"nothing is left to draw without {', '.join(self.without)}; name other "
-                "probabilities, or fewer kinds to leave out"
+                f"nothing is left to draw{without}; name other probabilities, or fewer kinds to "
+                "leave out"
             )
 
     def draw(self, rng: np.random.Generator, num_images: int = 1) -> tuple[Case, ...]:

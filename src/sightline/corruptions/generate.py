@@ -127,7 +127,8 @@ def _open(
     if not isinstance(dataset, KittiObjectDataset):
         raise ValueError(
             f"{data} is a data set of another kind, expected an object tree; name a folder that "
-            "holds training/{image_2,velodyne,calib,label_2} (sightline robustness takes any kind)"
+            "holds training/{image_2,velodyne,calib,label_2} (sightline robustness takes "
+            "recordings, too)"
         )
     return dataset
 

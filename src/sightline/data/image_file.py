@@ -94,6 +94,13 @@ def decode_pixels(
     return pixels
 
 
+def _said(picture: object) -> str:
+    """What is no picture, for people."""
+    if not hasattr(picture, "dtype") or not hasattr(picture, "shape"):
+        return type(picture).__name__
+    return f"{picture.dtype} of shape {tuple(picture.shape)}"
+
+
 def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> None:
     """Writes a picture, aside first and then renamed: `.png` lossless, `.jpg` of quality 95.
 
@@ -116,9 +123,8 @@ def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> N
     is_array = isinstance(image, np.ndarray)
     if not is_array or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(
-            f"{path} cannot be written: the picture is {getattr(image, 'dtype', type(image))} of "
-            f"shape {tuple(np.shape(image))}, expected an array uint8 of height, width, 3; of a "
-            "sample it is image.permute(1, 2, 0).numpy()"
+            f"{path} cannot be written: the picture is {_said(image)}, expected an array uint8 of "
+            "height, width, 3; of a sample it is image.permute(1, 2, 0).numpy()"
         )
     if image.size == 0:
         raise ValueError(f"{path} cannot be written: a picture needs at least one pixel")

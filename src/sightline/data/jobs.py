@@ -1,6 +1,7 @@
 """Jobs that fill a folder: claimed by one maker, done in parallel, finished by running it again."""
 
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.data.atomic import atomic_create_text
+from sightline.data.object_tree import OBJECT_SPLITS
 from sightline.data.parallel import run_pieces
 from sightline.data.plain_text import shortened
 from sightline.data.progress import track
@@ -175,14 +177,19 @@ def _manifest(settings: Mapping[str, object]) -> str:
 
 
 def check_apart(data: Path, folders: Iterable[Path]) -> None:
-    """Refuses output folders in a data set: their files would be taken for parts of it.
+    """Refuses output folders in a data set, whose files would be taken for parts of it.
+
+    Links are followed, those of the splits of an object tree as well.
 
     Raises:
         ValueError: A folder is the data set's or lies in it.
     """
-    source = data.resolve()
+    root = data.absolute()
+    root = root.parent if root.name in OBJECT_SPLITS else root
+    sources = {root, root.resolve(), *((root / split).resolve() for split in OBJECT_SPLITS)}
     for folder in folders:
-        if folder.resolve().is_relative_to(source):
+        written = Path(os.path.normpath(folder.absolute())), folder.resolve()
+        if any(path.is_relative_to(source) for path in written for source in sources):
             raise change_of_data(data, folder)
 
 

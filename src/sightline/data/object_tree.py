@@ -45,17 +45,18 @@ def part_folder(part: Part, velodyne: Velodyne = "velodyne") -> str:
     return names[part]
 
 
-def find_velodyne(path: Path) -> Velodyne:
-    """The folder of the sweeps that an object tree, or one of its splits, has.
+def find_velodyne(folder: Path) -> Velodyne:
+    """The sweeps' folder of a split: `velodyne`, unless `velodyne_reduced` alone holds sweeps."""
+    if _has_sweeps(folder / "velodyne") or not _has_sweeps(folder / "velodyne_reduced"):
+        return "velodyne"
+    return "velodyne_reduced"
 
-    That is `velodyne`, unless `velodyne_reduced` alone holds sweeps.
-    """
-    folders = [path / split for split in OBJECT_SPLITS] + [path]
-    has_whole, has_reduced = (
-        any(list_files(folder / name, _SUFFIXES["points"]) for folder in folders)
-        for name in ("velodyne", "velodyne_reduced")
+
+def _has_sweeps(folder: Path) -> bool:
+    return folder.is_dir() and any(
+        path.suffix in _SUFFIXES["points"] and not path.name.startswith(".")
+        for path in folder.iterdir()
     )
-    return "velodyne_reduced" if has_reduced and not has_whole else "velodyne"
 
 
 def list_object_frames(

@@ -122,18 +122,18 @@ def open_dataset(
         return RecordingDataset(path, sample_list=sample_list, parts=wanted, needs=needs)
     root = path.parent if path.name in OBJECT_SPLITS else path
     names = OBJECT_SPLITS if root == path else (path.name,)
-    velodyne = velodyne or find_velodyne(path)
     for split in names:
-        if list_object_frames(root / split, ("image", "points"), velodyne):
+        sweeps = velodyne or find_velodyne(root / split)
+        if list_object_frames(root / split, ("image", "points"), sweeps):
             return KittiObjectDataset(
                 root,
                 "training" if split == "training" else "testing",
                 sample_list=sample_list,
-                velodyne=velodyne,
+                velodyne=sweeps,
                 parts=wanted,
                 needs=needs,
             )
-    if list_object_frames(path, ("image", "points"), velodyne) and (path / "image_2").is_dir():
+    if list_object_frames(path, ("image", "points")) and (path / "image_2").is_dir():
         raise ValueError(
             f"{path} holds the parts of an object split; rename it to training or testing, as in "
             "KITTI's tree"
@@ -146,6 +146,11 @@ def open_dataset(
     if sample_list is None:
         return dataset
     return NamedSubset(dataset, read_sample_list(sample_list, path))
+
+
+def sweeps_folder(dataset: SampleDataset) -> Velodyne:
+    """Where an object tree's sweeps were found, for records; of other data the default's name."""
+    return dataset.velodyne if isinstance(dataset, KittiObjectDataset) else "velodyne"
 
 
 def _no_data_set(path: Path) -> ValueError:

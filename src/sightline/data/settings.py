@@ -50,25 +50,13 @@ def differing_settings(plain: Mapping[str, object], ours: NetworkConfig) -> str:
     """
     free = {each.name for each in fields(ours) if each.metadata.get("in_use_alone")}
     wanted = plain_settings(ours)
-    given = _completed(plain, ours)
+    try:
+        given = plain_settings(parse_settings(type(ours), plain))
+    except ValueError:  # of another network, or a newer one
+        given = plain_settings(type(ours)()) | dict(plain)
     names = sorted(
         name
         for name in (wanted.keys() | given.keys()) - free
         if wanted.get(name) != given.get(name)
     )
     return ", ".join(f"{name} {given.get(name)} instead of {wanted.get(name)}" for name in names)
-
-
-def _completed(plain: Mapping[str, object], ours: NetworkConfig) -> dict[str, object]:
-    """Settings from a file, with the defaults of those that it is too old to name.
-
-    Ours say what kinds they are: of a part that is left out by default, the defaults do not tell.
-    """
-    completed = plain_settings(type(ours)())
-    for name, value in plain.items():
-        part = getattr(ours, name, None)
-        if isinstance(value, Mapping) and isinstance(part, NetworkConfig):
-            completed[name] = _completed(value, part)
-        else:
-            completed[name] = value
-    return completed

@@ -39,6 +39,11 @@ def shipped_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in WEIGHTS_FOLDER.glob("*.safetensors")))
 
 
+def has_weights(weights: Path | str) -> bool:
+    """Whether there are weights of this name, or a file."""
+    return str(weights) in shipped_names() or Path(weights).is_file()
+
+
 def find_weights(weights: Path | str) -> Path:
     """The file of weights that are told by their file, or by name where the package holds them.
 

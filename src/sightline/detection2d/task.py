@@ -83,17 +83,18 @@ class Detection2D(TrainingModule):
     def setup(self, stage: str) -> None:
         """Takes VGG16's weights, and other networks' streams, when a training starts.
 
-        A checkpoint that it resumes from replaces them.
+        One that is resumed has them in its checkpoint.
 
         Raises:
             ValueError: They cannot be had, or the examples show frames otherwise than the network
                 is to see them.
         """
         self._check_examples()
-        if stage == "fit" and self.vgg_weights is not None:
+        if stage != "fit" or self.is_resumed:
+            return
+        if self.vgg_weights is not None:
             load_vgg_weights(self.network, self.vgg_weights)
-        if stage == "fit":
-            load_stream_weights(self.network, self.initial_streams, task_name=self.task_name)
+        load_stream_weights(self.network, self.initial_streams, task_name=self.task_name)
 
     def _check_examples(self) -> None:
         data = getattr(self.trainer, "datamodule", None)

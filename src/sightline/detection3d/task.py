@@ -112,8 +112,8 @@ class Detection3D(TrainingModule):
         preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
         if isinstance(preparation, DetectionExamples):
             self._check_examples(preparation.settings)
-        is_resumed = self.trainer.ckpt_path is not None
-        if stage == "fit" and self.stages == "second" and not (self._has_first_stage or is_resumed):
+        has_first_stage = self._has_first_stage or self.is_resumed
+        if stage == "fit" and self.stages == "second" and not has_first_stage:
             raise ValueError(
                 "stages second trains on a first stage that is held still: name its weights by "
                 f"initial_weights, with initial_part {self.network.first_name}"

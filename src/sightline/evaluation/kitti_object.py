@@ -125,7 +125,7 @@ def read_frames(
         [name for name in names if name not in empty],
         "result",
         "write an empty one where nothing was found, take frames without one as empty "
-        "(--missing-as-empty), or name a list of the frames to score",
+        "(missing_as_empty, --missing-as-empty), or name a list of the frames to score",
     )
     shown: Iterable[str] = track(names, description="reading results") if progress else names
     return (

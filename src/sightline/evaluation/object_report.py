@@ -216,7 +216,7 @@ class ObjectReport:
         """What figures of all distances must be read with, a sentence or two each."""
         notes = []
         if not self.entries:
-            notes.append("No result is of a class that is scored, so there is nothing to score.")
+            notes.append("No result is of a scored class: nothing that is labelled was found.")
         if self.frames_without_results:
             count = self.frames_without_results
             which = "1 frame had" if count == 1 else f"{count:,} frames had"

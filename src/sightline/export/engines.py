@@ -2,8 +2,9 @@
 
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
+from operator import index
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -260,8 +261,10 @@ def check_threads(threads: int | None) -> None:
     Raises:
         ValueError: It is none.
     """
-    if threads is not None and (not isinstance(threads, int) or threads < 1):
-        raise ValueError(f"threads must be a whole number of at least 1, got {threads!r}")
+    with suppress(TypeError):
+        if threads is None or index(threads) >= 1:
+            return
+    raise ValueError(f"threads must be a whole number of at least 1, got {threads!r}")
 
 
 @contextmanager

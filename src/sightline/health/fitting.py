@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sightline.data.object_tree import Velodyne, find_velodyne
-from sightline.data.open import open_dataset
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import open_dataset, sweeps_folder
 from sightline.data.progress import track
 from sightline.health import alignment_checks, camera_checks, lidar_checks
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
@@ -30,7 +30,8 @@ def fit_on_dataset(
     """Limits fitted on frames of sound sensors, drawn without replacement where there are more.
 
     Args:
-        data: KITTI object tree or raw drive, of sensors like those that are to be judged.
+        data: Folder of the data set, of sensors like those that are to be judged; see
+            `open_dataset`.
         sample_list: Which frames it is drawn from; None: all.
         velodyne: Folder of the sweeps in an object tree: whole ones, where whole ones are judged.
             None: velodyne, or else velodyne_reduced.
@@ -53,7 +54,7 @@ def fit_on_dataset(
     provenance: dict[str, str | int] = {
         "data": data.resolve().name,
         "sample_list": sample_list or "all",
-        "sweeps": velodyne or find_velodyne(data),
+        "sweeps": sweeps_folder(dataset),
         "frames": len(drawn),
         "seed": seed,
         "transfer": int(transfer),

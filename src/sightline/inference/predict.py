@@ -16,8 +16,8 @@ from sightline.data.jobs import (
     run_job,
     shard,
 )
-from sightline.data.object_tree import Velodyne, find_velodyne
-from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.predictor import AnsweringTask, Output, Predictor
 from sightline.structures.sample import CameraLidarSample
 
@@ -82,8 +82,8 @@ def predict(
     names = dataset.sample_ids
     present = answered_samples(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
-    velodyne = velodyne or find_velodyne(data)
-    claim_folders(claims_of(task, predictor, places, data, velodyne, switches=changes))
+    sweeps = sweeps_folder(dataset)
+    claim_folders(claims_of(task, predictor, places, data, sweeps, switches=changes))
     works = [
         _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)
         for index in pending

@@ -19,8 +19,8 @@ from sightline.data.jobs import (
     run_job,
     shard,
 )
-from sightline.data.object_tree import Velodyne, find_velodyne
-from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.predict import (
     Places,
     answered_samples,
@@ -124,7 +124,7 @@ def perceive(
     names = [dataset.sample_ids[index] for index in indices]
     places = _places(perceiver, out, all_outputs=all_outputs)
     made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
-    _claim(perceiver, places, data, out, velodyne or find_velodyne(data))
+    _claim(perceiver, places, data, out, sweeps_folder(dataset))
     done = set() if overwrite else _done_frames(out / _LINES_FOLDER, places)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out / _LINES_FOLDER)

@@ -97,8 +97,8 @@ class Perceiver:
         """
         if weights is not None and not isinstance(weights, Mapping):
             raise ValueError(
-                f"weights is {weights!r}, expected a name for each task: give a dictionary such as "
-                "{'depth-completion': 'depth-best'}"
+                f"weights is of type {type(weights).__name__}, expected a dictionary such as "
+                "{'depth-completion': 'depth-best'}: name weights for each task"
             )
         named = dict(weights or {})
         for name in named:

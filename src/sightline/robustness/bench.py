@@ -13,8 +13,8 @@ from typing import Any, Final, Protocol, runtime_checkable
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.jobs import check_apart, claim_folder
-from sightline.data.object_tree import Velodyne, find_velodyne
-from sightline.data.open import SampleDataset
+from sightline.data.object_tree import Velodyne
+from sightline.data.open import SampleDataset, sweeps_folder
 from sightline.export.names import EngineChoice
 from sightline.inference.predictor import Predictor
 from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
@@ -159,7 +159,7 @@ def run_bench(
         scoring,
         dataset,
         data=name_of(dataset, data),
-        velodyne=settings.velodyne or find_velodyne(data),
+        velodyne=sweeps_folder(dataset),
         suite=suite,
         seed=seed,
     )
@@ -237,7 +237,7 @@ def setting_of(
         scoring: By which their answers are scored.
         dataset: The frames.
         data: What records call them; see `data_name`.
-        velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
+        velodyne: The sweeps' folder.
         suite: Of the cases.
         seed: Of what they draw.
     """

@@ -1,5 +1,6 @@
 """Pictures and point clouds as users have them, made into what a sample holds."""
 
+import reprlib
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,10 +24,11 @@ def plain_number(name: str, value: SupportsFloat) -> float:
     Raises:
         ValueError: It is none.
     """
-    if not isinstance(value, str):
-        with suppress(TypeError, ValueError, RuntimeError):  # PyTorch's of several numbers
+    if not isinstance(value, str | bytes):
+        # RuntimeError: PyTorch's of several numbers.
+        with suppress(TypeError, ValueError, OverflowError, RuntimeError):
             return float(value)
-    raise ValueError(f"{name} is {value!r}, expected a number; give one")
+    raise ValueError(f"{name} is {_said(value)}, expected a number; give one")
 
 
 def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
@@ -40,9 +42,14 @@ def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
         if len(size) == 2 and min(size) > 0:
             return size[0], size[1]
     raise ValueError(
-        f"image_size is {image_size}, expected (height, width), each a whole number of at least "
-        "1; give pixels"
+        f"image_size is {_said(image_size)}, expected (height, width), each a whole number of at "
+        "least 1; give pixels"
     )
+
+
+def _said(value: object) -> str:
+    """A wrong argument, short and in one line."""
+    return " ".join(reprlib.repr(value).split())
 
 
 def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:

@@ -1,6 +1,7 @@
 """Lightning's command line with the folder of a run: settings, claims, checkpoints, scores."""
 
 import json
+import math
 import signal
 from argparse import ArgumentError
 from collections.abc import Sequence
@@ -19,6 +20,7 @@ from lightning.pytorch.utilities import rank_zero_only
 
 from sightline.data.atomic import atomic_write_text, disk_fault
 from sightline.data.weights import read_checkpoint_weights
+from sightline.data.weights_header import has_weights
 from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
 from sightline.training.callbacks import LogShortRuns, checkpoint_callbacks
 from sightline.training.data import CameraLidarData
@@ -129,6 +131,7 @@ class _SaveConfig(SaveConfigCallback):
         path: Path,
         initial_weights: Path | None,
     ) -> None:
+        """Takes where to, and the weights that the run was begun from."""
         super().__init__(parser, config, save_to_log_dir=False)
         self._path = path
         self._initial_weights = initial_weights
@@ -148,6 +151,7 @@ class _TrainingCLI(LightningCLI):
 
     def __init__(self, subcommand: Subcommand, arguments: Sequence[str], run: _Run) -> None:
         self._run = run
+        self._initial_weights: Path | None = None
         super().__init__(
             TrainingModule,
             CameraLidarData,
@@ -191,8 +195,8 @@ class _TrainingCLI(LightningCLI):
     def before_instantiate_classes(self) -> None:
         """Finds the checkpoint; refuses misplaced nulls, and a run that would overwrite another.
 
-        A checkpoint takes the place of the weights that its run started from: it holds all that
-        was taken from them, and they may be gone.
+        A checkpoint takes the place of the weights that its run started from where these are gone:
+        it holds all that was taken from them.
         """
         config = self.config[self.subcommand]
         for component in ("model", "data"):
@@ -223,7 +227,7 @@ class _TrainingCLI(LightningCLI):
             )
         read_checkpoint_weights(path)  # says in one line what may be wrong with it
         config["ckpt_path"] = str(path)
-        if self._initial_weights is not None:
+        if self._initial_weights is not None and not has_weights(self._initial_weights):
             config["model"]["init_args"]["initial_weights"] = path
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:  # noqa: ANN401 - as base
@@ -246,8 +250,8 @@ class _TrainingCLI(LightningCLI):
 
     def before_fit(self) -> None:
         """Scores weights from elsewhere before they are changed."""
-        is_resumed = self.config[self.subcommand]["ckpt_path"] is not None
-        is_scored = self._initial_weights is not None and not is_resumed
+        self.model.is_resumed = self.config[self.subcommand]["ckpt_path"] is not None
+        is_scored = self._initial_weights is not None and not self.model.is_resumed
         if is_scored and self.datamodule.sources["validation"]:
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
@@ -297,12 +301,20 @@ class _TrainingCLI(LightningCLI):
         if not self.trainer.is_global_zero:
             return
         config = self.config[self.subcommand]
-        source = config["ckpt_path"] or self._initial_weights
-        print(f"{self._run.folder}: scored {source}")
+        checkpoint, initial = config["ckpt_path"], self._initial_weights
+        if checkpoint is None:
+            said = f"scored {initial}; there is no checkpoint"
+        elif initial is None:
+            said = f"scored {checkpoint}"
+        else:
+            said = f"scored {checkpoint}, which started from {initial}"
+        print(f"{self._run.folder}: {said}")
+        scores = {name: float(value) for name, value in self.trainer.callback_metrics.items()}
         report = {
-            "checkpoint": None if source is None else str(source),
+            "checkpoint": checkpoint,
+            "initial_weights": None if initial is None else str(initial),
             "metrics": {
-                name: float(value) for name, value in self.trainer.callback_metrics.items()
+                name: score if math.isfinite(score) else None for name, score in scores.items()
             },
         }
         path = config["run_folder"] / f"{self.subcommand}.json"

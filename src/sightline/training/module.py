@@ -24,6 +24,7 @@ from sightline.training.initial_weights import check_network, fill_from
 from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
 
 _NUM_STEPS_KEY = "sightline_num_steps"
+_STEPS_A_LOOK = 50  # at whether the loss is finite, on a GPU
 _NUM_PICTURES = 4  # validation batches of which the first sample is drawn
 
 
@@ -51,6 +52,9 @@ class TrainingModule(lightning.LightningModule, ABC):
     monitored: ClassVar[tuple[str, Literal["min", "max"]]]
     """The score of a validation that decides which weights are best, such as validation/rmse_mm,
     and which way is better."""
+    is_resumed: bool = False
+    """Set before a fit that goes on from a checkpoint, which replaces the weights: Lightning tells
+    it after `setup`."""
 
     def __init__(
         self,
@@ -128,8 +132,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         del batch_idx
         with self._divergence_told():
             losses = self.losses(batch)
-            if not losses.total.isfinite():
-                raise ValueError(self._diverged(f"the loss is {losses.total.item()}"))
+        self._check_finite(losses.total)
         terms = {f"training/{name}": value for name, value in losses._asdict().items()}
         self.log_dict(terms, batch_size=len(batch))
         self.log("loss", losses.total, prog_bar=True, logger=False, batch_size=len(batch))
@@ -156,7 +159,8 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Scores a batch. None: only other ranks have samples left."""
         del batch_idx
         if batch is not None:
-            self.score(batch)
+            with self._divergence_told():
+                self.score(batch)
 
     def on_test_epoch_end(self) -> None:
         """Logs the scores."""
@@ -231,13 +235,17 @@ class TrainingModule(lightning.LightningModule, ABC):
         except ValueError as error:
             if all(parameter.isfinite().all() for parameter in self.parameters()):
                 raise
-            raise ValueError(self._diverged("weights are not finite")) from error
+            raise _diverged("its weights are not finite") from error
 
-    def _diverged(self, sign: str) -> str:
-        return (
-            f"the training has diverged: {sign} in step {self.global_step}; begin again with a "
-            "lower optimizer.learning_rate, or a lower trainer.gradient_clip_val"
-        )
+    def _check_finite(self, loss: Tensor) -> None:
+        """Ends a training that has diverged, instead of going on with what are no numbers."""
+        trainer = self._trainer
+        if trainer is not None and trainer.precision == "16-mixed":
+            return  # its scaler passes over such steps
+        # A GPU is waited for by each look, a CPU is not.
+        is_looked_at = loss.device.type == "cpu" or self.global_step % _STEPS_A_LOOK == 0
+        if is_looked_at and not loss.isfinite():
+            raise _diverged(f"its loss is {loss.item()} in step {self.global_step}")
 
     def _log_scores(self, stage: str) -> None:
         # float32: not every accelerator has more
@@ -247,3 +255,10 @@ class TrainingModule(lightning.LightningModule, ABC):
         shown, _ = self.monitored
         for name, score in scores.items():
             self.log(name, score, prog_bar=name == shown)
+
+
+def _diverged(sign: str) -> ValueError:
+    return ValueError(
+        f"the training has diverged, {sign}; begin it again in another --run_folder with a lower "
+        "optimizer.learning_rate, or with trainer.gradient_clip_val"
+    )
