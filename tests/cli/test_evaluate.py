@@ -41,14 +41,14 @@ def test_a_table_says_that_few_objects_cannot_fill_the_recall_positions(folders,
     assert "2 of Car, easy, found without a fault give R40 2.5" in told
 
 
-def test_pictures_of_nothing_are_refused(folders, tmp_path, capsys):
+def test_of_nothing_there_are_no_pictures(folders, tmp_path, capsys):
     for path in Path(folders[0]).iterdir():
         path.write_text("")
     plots = tmp_path / "plots"
     options = ["--missing-as-empty", "--plots", str(plots)]
-    assert main(["evaluate", "objects", *folders, *options]) == 2
-    assert "nothing to draw: leave --plots out" in capsys.readouterr().err
-    assert not plots.exists()
+    assert main(["evaluate", "objects", *folders, *options]) == 0
+    assert f"{plots}: 0 pictures" in capsys.readouterr().out
+    assert not list(plots.glob("*"))
 
 
 def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(folders, tmp_path, capsys):

@@ -88,3 +88,16 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
 def test_what_is_no_such_array_is_refused(wrong, said):
     with pytest.raises(ValueError, match=said):
         corrupt_arrays("camera_fog", 1, **{"image": IMAGE, **MATRICES, **wrong})
+
+
+@pytest.mark.parametrize("kind", ["camera_fog", "lidar_fog"])
+def test_tensors_and_lists_are_arrays_as_well(kind):
+    expected = corrupt_arrays(kind, 4, image=IMAGE, points=POINTS, **MATRICES)
+    tensors = {name: torch.from_numpy(matrix) for name, matrix in MATRICES.items()}
+    lists = {name: matrix.tolist() for name, matrix in MATRICES.items()}
+    for points, matrices in ((torch.from_numpy(POINTS), tensors), (POINTS, lists)):
+        found = corrupt_arrays(kind, 4, image=torch.from_numpy(IMAGE), points=points, **matrices)
+        np.testing.assert_array_equal(found.image, expected.image)
+        np.testing.assert_array_equal(found.points, expected.points)
+    with pytest.raises(ValueError, match="an array is needed, got something else"):
+        corrupt_arrays(kind, 4, image=[[1], [2, 3]], **MATRICES)

@@ -73,6 +73,13 @@ def test_the_table_ends_in_the_largest_difference_of_all_and_a_verdict(allowed, 
     assert report.table().caption == f"largest: 7.5e+02 mm, openvino, error_m at 8x8{verdict}"
 
 
+def test_outputs_of_different_units_are_each_told_in_their_own():
+    engine = FixedEngine("openvino", depth_m=[1.0, 1.5, 4.25], error_m=[0.75])
+    table = check_parity(REFERENCE, [engine], CASES, allowed=1.0).table()
+    assert table.title == "difference to PyTorch"
+    assert table.caption == "largest: 0.75, openvino, error_m at 8x8; within the 1 allowed"
+
+
 def test_other_outputs_than_the_references_are_refused():
     with pytest.raises(ValueError, match="openvino gives the outputs depth_m, but torch depth_m,"):
         check_parity(REFERENCE, [FixedEngine("openvino", depth_m=[0.0] * 3)], CASES)

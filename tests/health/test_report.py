@@ -55,3 +55,19 @@ def test_what_is_written_is_json_that_says_where_sensors_are_bad():
         {"score": 0.9, "worst_check": "dark"},
         -0.25,
     )
+
+
+def test_images_without_noise_are_told_apart_from_single_dirty_ones():
+    def camera(check, score):
+        health = replace(FRAME.health, camera=Health(score=score, worst_check=check))
+        return replace(FRAME, health=health)
+
+    dirty, sound, gone = camera("muddy", 0.1), camera("muddy", 0.9), camera("absent", 0.0)
+    for frames, is_short in (
+        ((dirty, dirty, sound, gone, gone), True),
+        ((dirty, sound), False),
+        ((camera("dark", 0.1), dirty), False),
+        ((gone,), False),
+        ((), False),
+    ):
+        assert HealthReport(frames=frames).is_short_of_noise is is_short

@@ -31,6 +31,12 @@ def results(data, tmp_path):
     return tmp_path / "results"
 
 
+def test_results_that_are_there_twice_are_refused(data, results, tmp_path):
+    perceive(data, tmp_path / "again", perceiver=perceiver())
+    with pytest.raises(ValueError, match=r"results/\S+ and \S+again/\S+ both hold"):
+        open_results([results, tmp_path / "again"])
+
+
 def test_what_perceive_has_written_is_read_back(data, results):
     sample = open_dataset(data)[1]
     told = read_perception(open_results([results]), sample)

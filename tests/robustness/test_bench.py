@@ -69,6 +69,15 @@ def oracle_run(tmp_path_factory, _with_levels):
     return detect(out), out
 
 
+def test_a_run_that_is_asked_for_fewer_cases_loses_none(tmp_path):
+    whole = detect(tmp_path / "run", cases=("camera_blank",))
+    assert set(whole.record.scores) == {"clean", "camera_blank"}
+    again = detect(tmp_path / "run", cases=("clean",))
+    assert again.to_json() == whole.to_json()
+    more = detect(tmp_path / "run", cases=("lidar_blank",))
+    assert list(more.record.scores) == ["clean", "camera_blank", "lidar_blank"]
+
+
 def test_depth_is_scored_on_rings_that_stay_while_what_is_given_gets_worse(depth_run):
     scores = depth_run[0].record.scores
     dataset = open_dataset(PACKAGED_FRAMES)

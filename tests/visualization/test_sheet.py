@@ -11,6 +11,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D
+from sightline.visualization.colors import class_color
 from sightline.visualization.object_table import draw_object_table
 from sightline.visualization.sheet import frame_sheet
 
@@ -37,6 +38,17 @@ def test_a_page_grows_by_a_panel_for_each_depth_map_that_is_there(sample):
     assert panel > 1242 * 120 / 400
     assert five.shape[0] - four.shape[0] == panel
     assert frame_sheet(replace(sample, depth=truth)).shape == four.shape
+
+
+def test_labels_are_no_detections_from_above_either(sample):
+    """Where only 2D boxes were found, what stands in the bird's-eye view is still a label."""
+    nothing = Detections2D(class_names=(), boxes=Boxes2D(torch.zeros(0, 4)), scores=torch.zeros(0))
+    blue = np.array(class_color("Car"))
+
+    def coloured(page):
+        return (page[:, -360:] == blue).all(axis=2).sum()
+
+    assert coloured(frame_sheet(sample)) > coloured(frame_sheet(sample, detections2d=nothing)) == 0
 
 
 def test_the_errors_that_a_network_expects_have_a_panel_of_their_own(sample):

@@ -63,6 +63,13 @@ def health(
             "sightline health-limits and give them by --limits",
             stacklevel=2,
         )
+    if limits is None and report.is_short_of_noise:
+        warnings.warn(
+            "most images lack a sensor's noise, by which dirt is told; where your camera saves "
+            "JPEG, which takes it away, its scores say nothing: fit limits of your own by "
+            "sightline health-limits and give them by --limits",
+            stacklevel=2,
+        )
 
 
 def health_limits(

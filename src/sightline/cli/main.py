@@ -87,7 +87,7 @@ def export(
     reports = export_graphs(task.graphs(load_network(task, weights)), out, format)
     for path, report in reports.items():
         deliver(report, None)
-        print(path)
+        print(f"{path}: {task.name} by {weights}")
 
 
 def submission(results: Path, out: Path, *, sample_list: str | None = None) -> None:

@@ -19,16 +19,11 @@ def write_object_plots(report: "ObjectReport", folder: Path) -> int:
         folder: Made where it is missing.
 
     Returns:
-        How many pictures there are.
-
-    Raises:
-        ValueError: The results hold nothing to draw.
+        How many pictures there are: none where nothing was found.
     """
     from sightline.data.image_file import write_rgb
     from sightline.visualization.precision_recall import draw_precision_recall
 
-    if not report.entries:
-        raise ValueError("the results hold nothing to draw: leave --plots out")
     parts = [("", report.entries), *((band.title, band.entries) for band in report.bands)]
     pictures = 0
     for band, entries in parts:

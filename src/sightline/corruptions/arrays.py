@@ -9,7 +9,7 @@ found.image, found.points, found.camera_mask, found.record
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import SupportsIndex
+from typing import Any, SupportsIndex
 
 import numpy as np
 import torch
@@ -22,6 +22,9 @@ from sightline.data.faults import fault_rng
 from sightline.geometry.calibration import Calibration
 from sightline.structures.arrays import plain_size
 from sightline.structures.sample import CameraLidarSample
+
+Given = np.ndarray | torch.Tensor | Sequence[Any]
+"""Numbers as users have them: an array, a tensor, nested lists."""
 
 _LARGEST = 1e6  # metres; beyond, float32 loses what kinds compute with
 
@@ -47,12 +50,12 @@ def corrupt_arrays(
     kind: str,
     severity: int,
     *,
-    image: Shaped[np.ndarray, "..."] | None = None,
-    points: Shaped[np.ndarray, "..."] | None = None,
-    image_from_camera: Shaped[np.ndarray, "..."],
-    camera_from_lidar: Shaped[np.ndarray, "..."],
+    image: Given | None = None,
+    points: Given | None = None,
+    image_from_camera: Given,
+    camera_from_lidar: Given,
     image_size: Sequence[SupportsIndex] | None = None,
-    depth: Shaped[np.ndarray, "..."] | None = None,
+    depth: Given | None = None,
     seed: int = 0,
     name: str = "",
     lidar: SpinningLidar = HDL_64E,
@@ -62,7 +65,8 @@ def corrupt_arrays(
     Args:
         kind: One of `kinds.KINDS`.
         severity: From 1, slight, to 5.
-        image: RGB, uint8, height x width x 3. None: no camera.
+        image: RGB, uint8, height x width x 3; like all that follows an array, a tensor or nested
+            lists. None: no camera.
         points: N x 4, floating point: x forward, y left, z up [m] and reflectance in [0, 1]. None:
             no LiDAR. What is delivered is float32.
         image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
@@ -81,20 +85,29 @@ def corrupt_arrays(
     corruption = find_kind(kind).at(severity, lidar)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    planes = None if image is None else _image(image)
+    planes = None if image is None else _image(_array(image))
     size = _image_size(planes, image_size)
     sample = CameraLidarSample(
         sample_id=name,
         calibration=Calibration(
-            image_from_camera=_matrix("image_from_camera", image_from_camera, (3, 4)),
-            camera_from_lidar=_matrix("camera_from_lidar", camera_from_lidar, (4, 4)),
+            image_from_camera=_matrix("image_from_camera", _array(image_from_camera), (3, 4)),
+            camera_from_lidar=_matrix("camera_from_lidar", _array(camera_from_lidar), (4, 4)),
         ),
         image_size=size,
         image=planes,
-        points=None if points is None else _points(points),
-        depth=None if depth is None else _depth(depth, size),
+        points=None if points is None else _points(_array(points)),
+        depth=None if depth is None else _depth(_array(depth), size),
     )
     return _arrays(corruption.corrupt(sample, fault_rng(sample, seed, corruption.kind)))
+
+
+def _array(given: Given) -> Shaped[np.ndarray, "..."]:
+    if isinstance(given, torch.Tensor):
+        return given.detach().cpu().numpy()
+    try:
+        return np.asarray(given)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"an array is needed, got something else ({error})") from error
 
 
 def _image_size(

@@ -38,7 +38,6 @@ def export_graph(loaded: LoadedNetwork[Detector]) -> ExportGraph:
         ),
         cases=partial(_cases, network.input_names),
         max_difference=MAX_DIFFERENCE,
-        unit="px",
     )
 
 

@@ -18,7 +18,7 @@ from sightline.export.graph import Cases, ExportGraph
 from sightline.export.metadata import ExportMetadata
 from sightline.inference.network import LoadedNetwork
 
-MAX_DIFFERENCE: Final = 2.0
+MAX_DIFFERENCE: Final = 0.002
 """An exported network may differ by so much from PyTorch's: thousandths of a metre, radian or
 logit. Both compute in float32, whose step is 0.004 mm at 70 m; the order of sums differs."""
 
@@ -63,8 +63,6 @@ def _graph(
         ),
         cases=partial(_all_cases, make),
         max_difference=MAX_DIFFERENCE,
-        unit="mm",
-        scale=1000.0,
         name=name,
     )
 

@@ -28,7 +28,8 @@ class ExportGraph:
     """Makes the inputs on which the file must give what PyTorch gives; the same at every call."""
     max_difference: float
     """Largest difference to PyTorch that is let pass, in `unit`."""
-    unit: str = "1"
+    unit: str = ""
+    """Empty where the outputs' units differ: each is compared in its own."""
     scale: float = 1.0
     """Factor from the outputs' unit to `unit`, e.g. 1000 from metres to mm."""
     name: str = ""

@@ -36,7 +36,7 @@ class ParityReport:
 
     differences: tuple[OutputDifference, ...]
     unit: str
-    """Of the differences, e.g. mm."""
+    """Of the differences, e.g. mm; empty where each output has its own."""
     allowed: float | None = None
     """Largest difference with which the table calls the engines the same; None: it does not say."""
 
@@ -70,7 +70,7 @@ class ParityReport:
         from rich.table import Table
 
         table = Table(
-            title=f"difference to PyTorch, {self.unit}",
+            title="difference to PyTorch" + (f", {self.unit}" if self.unit else ""),
             title_justify="left",
             caption=self._verdict(),
             caption_justify="left",
@@ -86,14 +86,15 @@ class ParityReport:
 
     def _verdict(self) -> str:
         worst = self.worst
+        unit = self.unit and f" {self.unit}"
         largest = (
-            f"largest: {worst.max_difference:.2g} {self.unit}, {worst.engine}, {worst.output} at "
+            f"largest: {worst.max_difference:.2g}{unit}, {worst.engine}, {worst.output} at "
             f"{worst.case}"
         )
         if self.allowed is None:
             return largest
         how = "within" if self.is_within(self.allowed) else "more than"
-        return f"{largest}; {how} the {self.allowed:g} {self.unit} allowed"
+        return f"{largest}; {how} the {self.allowed:g}{unit} allowed"
 
 
 def check_parity(
@@ -101,7 +102,7 @@ def check_parity(
     engines: Sequence[Engine],
     cases: Mapping[str, Mapping[str, Tensor]],
     *,
-    unit: str = "1",
+    unit: str = "",
     scale: float = 1.0,
     allowed: float | None = None,
 ) -> ParityReport:
@@ -111,7 +112,7 @@ def check_parity(
         reference: PyTorch's engine, as a rule.
         engines: To compare with it.
         cases: Inputs, by a name that tells their size.
-        unit: Of the differences in the report.
+        unit: Of the differences in the report; empty: each output has its own.
         scale: Factor from the outputs' unit to `unit`, e.g. 1000 from metres to mm.
         allowed: Largest difference for a table that says whether they are the same, in `unit`.
 

@@ -41,7 +41,7 @@ class ProcessEngine:
 
         Raises:
             ValueError: The engine is not installed, or runs on the CPU only, or there is no such
-                number of threads.
+                device or number of threads.
         """
         check_threads(threads)
         chosen = choose_engine(name, device)
@@ -49,6 +49,7 @@ class ProcessEngine:
             raise ValueError(
                 f"{chosen} runs on the cpu only, got {device}; choose the engine torch"
             )
+        _check_device(device)
         self._graph = graph
         self._device = device
         self._threads = threads
@@ -95,12 +96,26 @@ class ProcessEngine:
             return open_engine(path, self.name, threads=self._threads)
 
 
+def _check_device(device: str) -> None:
+    """Refuses one that is not there, without waking it: a fork could not use it then."""
+    try:
+        kind = torch.device(device).type
+    except RuntimeError as error:
+        raise _unusable(device, error) from error
+    if kind == "cuda" and not torch.cuda.device_count():
+        raise _unusable(device, "there is none")
+
+
+def _unusable(device: str, reason: object) -> ValueError:
+    said = str(reason).split("\n", maxsplit=1)[0]
+    return ValueError(f"device {device} cannot be used ({said}); choose cpu")
+
+
 def _torch_engine(graph: ExportGraph, device: str, threads: int | None) -> Engine:
     try:
         module = graph.module.to(torch.device(device))
     except (RuntimeError, AssertionError) as error:  # the latter where torch has no CUDA at all
-        reason = str(error).split("\n", maxsplit=1)[0]
-        raise ValueError(f"device {device} cannot be used ({reason}); choose cpu") from error
+        raise _unusable(device, error) from error
     return build_engine(
         module, graph.example_inputs, "torch", metadata=graph.metadata, threads=threads
     )

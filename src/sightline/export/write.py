@@ -37,8 +37,10 @@ def export_graphs(
             or a file differs by more than its graph allows.
     """
     if out.suffix != SUFFIXES[format]:
+        others = [each for each, suffix in SUFFIXES.items() if suffix == out.suffix]
+        remedy = f"give --format {others[0]}" if others else "rename it"
         raise ValueError(
-            f"a file in the format {format} ends in {SUFFIXES[format]}, got {out}; rename it"
+            f"a file in the format {format} ends in {SUFFIXES[format]}, got {out}; {remedy}"
         )
     export, place = (export_onnx, atomic_path) if format == "onnx" else (export_openvino, ir_files)
     reports = {}
@@ -63,10 +65,10 @@ def _check(graph: ExportGraph, aside: Path, path: Path) -> ParityReport:
         allowed=graph.max_difference,
     )
     if not report.is_within(graph.max_difference):
-        worst = report.worst
+        worst, unit = report.worst, graph.unit and f" {graph.unit}"
         raise ValueError(
             f"{path} was not kept: {worst.engine} differs from PyTorch by "
-            f"{worst.max_difference:.3g} {graph.unit} in {worst.output} at {worst.case}, expected "
-            f"at most {graph.max_difference:g} {graph.unit}; use --engine torch with these weights"
+            f"{worst.max_difference:.3g}{unit} in {worst.output} at {worst.case}, expected "
+            f"at most {graph.max_difference:g}{unit}; use --engine torch with these weights"
         )
     return report

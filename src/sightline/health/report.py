@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+_NO_NOISE = ("muddy", "still")  # checks that tell what covers a lens by the noise that is lacking
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HealthReport:
     """The frames of a drive in their order."""
@@ -25,6 +28,14 @@ class HealthReport:
         there = [each for each in sweeps if each.worst_check != "absent"]
         short = [each for each in there if each.is_alarm and each.worst_check == "ringless"]
         return bool(there) and short == there
+
+    @property
+    def is_short_of_noise(self) -> bool:
+        """Whether most images are bad by a lack of noise, as those that JPEG compresses are."""
+        images = [frame.health.camera for frame in self.frames]
+        there = [each for each in images if each.worst_check != "absent"]
+        still = [each for each in there if each.is_alarm and each.worst_check in _NO_NOISE]
+        return 2 * len(still) > len(there)
 
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""

@@ -41,7 +41,8 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
     not drawn, gates for one, is passed over.
 
     Raises:
-        ValueError: A folder is not there, or holds nothing that can be drawn.
+        ValueError: A folder is not there, or holds nothing that can be drawn, or two hold the same
+            kind of results.
     """
     opened: list[ResultFolder] = []
     for folder in folders:
@@ -54,8 +55,20 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
                 f"{folder} holds no results that can be drawn; give a folder that perceive or "
                 "predict has written, of result files (.txt) or of depth maps (.png)"
             )
+        _check_once(opened, found)
         opened += found
     return tuple(sorted(opened, key=lambda each: each.position))
+
+
+def _check_once(opened: Sequence[ResultFolder], found: Sequence[ResultFolder]) -> None:
+    """Refuses what is there twice, where the folders say what they hold."""
+    for new in found:
+        for old in opened:
+            if new.output is old.output and new.made_by and old.made_by:
+                raise ValueError(
+                    f"{old.folder} and {new.folder} both hold {new.output.name} of one task, of "
+                    "which one picture shows one; leave one out"
+                )
 
 
 def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) -> Perception:

@@ -5,6 +5,7 @@ case by case, and measured and told in one go; each step skips what an earlier r
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +23,7 @@ from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer
 from sightline.robustness.frames import name_of, open_frames
 from sightline.robustness.record import (
+    RECORD_NAME,
     CaseInfo,
     Record,
     Setting,
@@ -107,7 +109,7 @@ def run_bench(
     *,
     method: str | None = None,
     weights: str | Path | None = None,
-    engine: EngineChoice = "torch",
+    engine: EngineChoice = "auto",
     device: str = "cpu",
 ) -> RobustnessReport:
     """Lets a method answer in every case, and tells what each costs.
@@ -121,7 +123,7 @@ def run_bench(
         settings: The cases and what to compare with.
         method: What answers without a network.
         weights: The network. Neither: the task's default.
-        engine: What runs networks.
+        engine: What runs networks: by default openvino where it is installed, on the CPU.
         device: Where they run.
 
     Raises:
@@ -132,7 +134,7 @@ def run_bench(
     suite, seed = settings.suite or _SUITE, settings.seed or 0
     if isinstance(suite, str):
         suite = find_suite(suite)
-    cases = settings.chosen_cases(suite)
+    cases = _with_earlier(settings.chosen_cases(suite), suite, out)
     check_numbers(seed, settings.workers)
     check_apart(data, [out])
     given = read_baseline(settings.baseline)
@@ -194,6 +196,14 @@ def run_bench(
     )
     report.write(out)
     return report
+
+
+def _with_earlier(cases: Sequence[Case], suite: Suite, out: Path) -> tuple[Case, ...]:
+    """The cases and those of the folder's report: a run is extended, and loses none."""
+    names = {case.name for case in cases}
+    with suppress(ValueError):  # of a report that is damaged, and made anew
+        names |= set(read_record(out / RECORD_NAME).cases)
+    return tuple(case for case in suite.cases if case.name in names)
 
 
 def read_baseline(baseline: str | None) -> Record | None:

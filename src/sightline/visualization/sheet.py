@@ -66,6 +66,11 @@ class _Frame:
     sample: CameraLidarSample
     told: Perception
 
+    @property
+    def has_detections(self) -> bool:
+        """Whether there are any, in 2D or 3D: labels are white beside them."""
+        return self.told.detections2d is not None or self.told.detections3d is not None
+
 
 def frame_sheet(
     sample: CameraLidarSample,
@@ -99,8 +104,18 @@ def frame_sheet(
         detections3d: Drawn on the image and from above, and listed.
 
     Raises:
-        ValueError: `dense_depth` is not of the sample's image size.
+        ValueError: `dense_depth` is not of the sample's image size, or detections are something
+            else.
     """
+    for name, found, kind in (
+        ("detections2d", detections2d, Detections2D),
+        ("detections3d", detections3d, Detections3D),
+    ):
+        if not isinstance(found, kind | None):
+            raise ValueError(
+                f"{name} is a {type(found).__name__}, expected {kind.__name__}; of what a "
+                "predictor of detection2d answers give its .detections"
+            )
     if dense_depth is not None and tuple(dense_depth.depth_m.shape) != sample.image_size:
         raise ValueError(
             f"dense depth is {dense_depth.depth_m.shape[0]}x{dense_depth.depth_m.shape[1]} (height "
@@ -170,11 +185,10 @@ def _boxes_panel(frame: _Frame) -> _Panel:
     """Labels below detections, 3D boxes below the corners of 2D boxes."""
     sample, picture = frame.sample, _backdrop(frame.sample)
     in_2d, in_3d, labels = frame.told.detections2d, frame.told.detections3d, sample.objects
-    has_detections = in_2d is not None or in_3d is not None
     if labels is not None:
-        picture = _with_labels(picture, frame, beside_detections=has_detections)
+        picture = _with_labels(picture, frame, beside_detections=frame.has_detections)
     picture = draw_detections(picture, in_2d, in_3d, sample.calibration)
-    if has_detections:
+    if frame.has_detections:
         kinds = [*["2D boxes"] * (in_2d is not None), *["3D boxes"] * (in_3d is not None)]
         if len(kinds) > 1:
             kinds = ["2D boxes (corners)", "3D boxes (edges)"]
@@ -281,7 +295,7 @@ def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 
         calibration=sample.calibration,
         image_size=sample.image_size,
         view=view,
-        color=None if found is None else _LABEL_BESIDE_DETECTION,
+        color=_LABEL_BESIDE_DETECTION if frame.has_detections else None,
     )
     if found is not None:
         put_boxes_from_above(picture, view, found.boxes, found.class_names)
