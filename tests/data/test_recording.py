@@ -311,6 +311,18 @@ def test_check_looks_at_depth_labels_and_times_too(tmp_path):
     assert "line 2: value 1 is 'two'" in problems["times.txt"]
 
 
+def test_an_image_of_another_size_is_told_beside_labels_that_do_not_fit_it(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    write_rgb(tmp_path / "images" / "b.jpg", cv2.resize(IMAGE, (621, 188)))
+    (tmp_path / "labels").mkdir()
+    line = "Car 0 0 0 700 200 1100 300 1.5 1.6 4 5 1.6 20 0\n"
+    for name in "ab":
+        (tmp_path / "labels" / f"{name}.txt").write_text(line)
+    problems = {problem.path.name: problem.problem for problem in check_tree(tmp_path)}
+    assert problems.keys() == {"b.jpg", "b.txt"}
+    assert "is 188x621 (height x width), expected 375x1242" in problems["b.jpg"]
+
+
 def test_images_that_lie_on_their_side_are_told_to_be_turned(tmp_path):
     write_recording(tmp_path, ("a",), image_size={"width": 375, "height": 1242})
     (problem,) = check_tree(tmp_path)

@@ -163,14 +163,16 @@ def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list
     size = None if image is None else (image.shape[0], image.shape[1])
     if objects is not None and frame.objects is not None:
         problems += check_objects(objects, size, frame.objects)
-    if said is None or problems:
+    if said is None:
         return problems
     # Depth is of the image's size, and stands for it where there is none.
     pictures = ((frame.image, size), (frame.depth, None if depth_m is None else depth_m.shape))
     for path, shape in pictures:
         misfit = size_misfit(path, shape, said, reference) if path and shape else None
         if misfit is not None:
-            return [misfit]
+            return [misfit, *problems]  # boxes beyond the image may come of it
+    if problems:
+        return problems
     view = view_of_recording(frame)
     if view is None or view.doubt is None or _doubt(said, view.size) is not None:
         return []  # a calibration's own faults are told of once for all frames
