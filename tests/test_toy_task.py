@@ -155,6 +155,7 @@ def test_it_is_exported_as_two_graphs(trained, tmp_path, capsys):
     files = [out.with_stem("finder-features"), out.with_stem("finder-likelihood")]
     assert sorted(out.parent.iterdir()) == files
     printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == f"toy-finder by {weights}"
     assert [line for line in printed if line.endswith(".onnx")] == [str(path) for path in files]
     first, second = map(open_engine, files)
     assert (first.metadata.task, first.metadata.stride) == ("toy-finder", 4)

@@ -126,10 +126,10 @@ def test_data_without_labels_cannot_be_chosen_by_class(tmp_path):
 
 
 def test_sweeps_are_found_whole_or_cut_to_the_image(tree):
-    assert find_velodyne(tree) == "velodyne"
-    (tree / "training" / "velodyne").rename(tree / "training" / "velodyne_reduced")
-    assert find_velodyne(tree) == "velodyne_reduced"
-    assert find_velodyne(tree / "training") == "velodyne_reduced"
+    split = tree / "training"
+    assert find_velodyne(split) == "velodyne"
+    (split / "velodyne").rename(split / "velodyne_reduced")
+    assert find_velodyne(split) == "velodyne_reduced"
     assert len(frames(tree, None)) == 12
 
 

@@ -84,10 +84,11 @@ def export(
     from sightline.inference.network import load_network
 
     task = choose_task(None, find_weights(weights))
+    print(f"{task.name} by {weights}")
     reports = export_graphs(task.graphs(load_network(task, weights)), out, format)
     for path, report in reports.items():
         deliver(report, None)
-        print(f"{path}: {task.name} by {weights}")
+        print(path)
 
 
 def submission(results: Path, out: Path, *, sample_list: str | None = None) -> None:
