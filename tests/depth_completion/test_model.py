@@ -7,6 +7,7 @@ from jsonargparse import ArgumentParser
 from torch import nn
 
 from sightline.depth_completion.config import (
+    ByDirection,
     DepthCompletionConfig,
     ShiftConvConfig,
     TrunkConfig,
@@ -252,6 +253,12 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
         ({"dead_zone": -0.1}, "dead_zone must be from 0"),
         ({"least_correction": 1.0}, "least_correction must be from 0"),
         ({"least_correction_above": -0.1}, "least_correction_above must be from 0"),
+        ({"least_correction_above": ByDirection(nearer=0.0, farther=1.0)}, "above must be from 0"),
+        (
+            {"least_correction_beside": ByDirection(nearer=float("nan"), farther=0.0)},
+            "beside must be",
+        ),
+        ({"least_correction_beside": 0.1}, "beside is of a factor's logarithm"),
         ({"depth_scale_m": 0.0}, "depth_scale_m must be positive"),
         ({"stem_channels": 0}, "stem_channels must be at least 1"),
         ({"propagation_steps": -1}, "propagation_steps must be at least 0, got -1"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.depth_completion.config import PlaneSmoothing
+from sightline.depth_completion.config import ByDirection, PlaneSmoothing, by_direction
 from sightline.depth_completion.methods import complete_depth
 from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
@@ -83,21 +83,35 @@ def test_a_map_is_smoothed_as_the_settings_say(tmp_path):
 
 
 @pytest.mark.parametrize("flip_test", [False, True])  # of the mean, where there is one
-def test_small_corrections_are_left_out_as_the_settings_say(flip_test, tmp_path):
+@pytest.mark.parametrize(
+    ("above", "beside"),
+    [
+        (None, None),
+        (0.4, ByDirection(nearer=0.3, farther=0.02)),
+        (ByDirection(nearer=0.0, farther=0.5), 0.2),
+    ],
+)
+def test_small_corrections_are_left_out_as_the_settings_say(flip_test, above, beside, tmp_path):
     sparse, image = random_frame(70, 19)
     sparse[:55] = 0
     settings = {**FILLED, "correction": "log", "flip_test": flip_test}
+    careful = {
+        "least_correction": 0.1,
+        "least_correction_above": above,
+        "least_correction_beside": beside,
+    }
     plain_m, careful_m = (
         DepthPredictor.load(write_tiny_weights(tmp_path / name, **settings, **extra))
         .complete(sparse, image)
         .depth_m.numpy()
         for name, extra in (
             ("plain.safetensors", {}),
-            ("careful.safetensors", {"least_correction": 0.1, "least_correction_above": 0.4}),
+            ("careful.safetensors", careful),
         )
     )
     filled_m = complete_depth(sparse, "adaptive").depth_m.numpy()
-    expected_m = counted(plain_m, filled_m, sparse.numpy() > 0, 0.1, 0.4)
+    directions = [by_direction(each, default=0.1) for each in (above, beside)]
+    expected_m = counted(plain_m, filled_m, sparse.numpy() > 0, 0.1, *directions)
     np.testing.assert_allclose(careful_m, expected_m, rtol=1e-4)
     assert (careful_m != plain_m).any()
 

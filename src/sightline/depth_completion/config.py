@@ -128,6 +128,16 @@ class PlaneSmoothing:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ByDirection:
+    """How large corrections must be to count, by where they move a pixel."""
+
+    nearer: float
+    """Those that bring it nearer to the camera (the logarithm of a factor)."""
+    farther: float
+    """Those that take it farther away."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class DepthCompletionConfig:
     """A depth completion network."""
 
@@ -171,9 +181,11 @@ class DepthCompletionConfig:
     """Predictors undo what the network, its propagation included, changes of the completion by less
     than this (the logarithm of a factor), and leave it from twice this on; see
     `drop_small_corrections`."""
-    least_correction_above: float | None = field(default=None, metadata=IN_USE_ALONE)
+    least_correction_above: float | ByDirection | None = field(default=None, metadata=IN_USE_ALONE)
     """The same far above what is measured in a pixel's columns; see `least_corrections`. None: as
     everywhere."""
+    least_correction_beside: float | ByDirection | None = field(default=None, metadata=IN_USE_ALONE)
+    """The same within a pixel or two of a measurement. None: as everywhere."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
     """Predictors run the network on the frame's mirror image, too; see `answer_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
@@ -199,15 +211,29 @@ class DepthCompletionConfig:
             raise ValueError("residual corrects the classical completion: set filled_input too")
         if self.correction == "log" and not self.residual:
             raise ValueError("correction log is a factor on the classical completion: set residual")
-        for name in ("dead_zone", "least_correction", "least_correction_above"):
-            value = getattr(self, name) or 0.0
-            if not 0 <= value < 1:
-                raise ValueError(f"{name} must be from 0 to below 1, got {value}")
-            if value and self.correction != "log":
-                raise ValueError(f"{name} is of a factor's logarithm: set correction log too")
+        for name in ("dead_zone", "least_correction"):
+            self._check_of_factor(name, getattr(self, name))
+        for name in ("least_correction_above", "least_correction_beside"):
+            values = by_direction(getattr(self, name), default=0.0)
+            self._check_of_factor(name, values.nearer)
+            self._check_of_factor(name, values.farther)
+
+    def _check_of_factor(self, name: str, value: float) -> None:
+        if not 0 <= value < 1:
+            raise ValueError(f"{name} must be from 0 to below 1, got {value}")
+        if value and self.correction != "log":
+            raise ValueError(f"{name} is of a factor's logarithm: set correction log too")
 
     @property
     def stride(self) -> int:
         """Height and width of the network's input must be multiples of it."""
         shift_stride = self.shift_conv.stride if self.shift_conv else 1
         return max(self.trunk_stride * self.trunk.stride, shift_stride)  # both are powers of two
+
+
+def by_direction(value: float | ByDirection | None, *, default: float) -> ByDirection:
+    """One number for both directions, or the two as they are; None: the default for both."""
+    if isinstance(value, ByDirection):
+        return value
+    both = default if value is None else value
+    return ByDirection(nearer=both, farther=both)

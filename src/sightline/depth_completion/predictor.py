@@ -1,6 +1,6 @@
 """Depth completion of samples, sweeps or sparse maps, by a named method or a trained network."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import ClassVar, Literal, cast, get_args
 
@@ -10,7 +10,7 @@ from jaxtyping import Float, Float32, Real
 from torch import Tensor
 
 from sightline.data.object_tree import Part
-from sightline.depth_completion.config import DepthCompletionConfig
+from sightline.depth_completion.config import DepthCompletionConfig, by_direction
 from sightline.depth_completion.corrections import drop_small_corrections, least_corrections
 from sightline.depth_completion.export_graph import export_graph
 from sightline.depth_completion.method_names import Method
@@ -246,11 +246,12 @@ def _with_counted_corrections(
     settings: DepthCompletionConfig,
 ) -> Float[Tensor, "height width"]:
     """The network's depth without the corrections that the settings leave out."""
-    least, least_above = settings.least_correction, settings.least_correction_above
-    least_above = least if least_above is None else least_above
-    if not (least or least_above):
+    least = settings.least_correction
+    above = by_direction(settings.least_correction_above, default=least)
+    beside = by_direction(settings.least_correction_beside, default=least)
+    if not max(least, *astuple(above), *astuple(beside)):
         return depth_m
-    thresholds = least_corrections(sparse_m.numpy() > 0, least=least, least_above=least_above)
+    thresholds = least_corrections(sparse_m.numpy() > 0, least=least, above=above, beside=beside)
     given_m = depth_m.float().numpy(force=True)
     return torch.from_numpy(drop_small_corrections(given_m, filled_m.numpy(), thresholds))
 
