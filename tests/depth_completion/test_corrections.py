@@ -53,10 +53,10 @@ def test_the_threshold_rises_above_the_highest_measurement_of_the_columns_around
         above=ByDirection(nearer=0.25, farther=0.45),
         beside=by_direction(None, default=0.05),
     )
-    np.testing.assert_allclose(nearer[50:, 10], 0.05)
-    np.testing.assert_allclose(nearer[:11, 17], 0.25)
-    assert np.isclose(nearer[30, 3], 0.15)
-    assert np.isclose(nearer[60, 18], 0.05 + 0.2 * 3 / 4)  # nothing measured: above its foot
+    np.testing.assert_allclose(nearer[40:, 10], 0.05)
+    np.testing.assert_allclose(nearer[:31, 17], 0.25)
+    assert np.isclose(nearer[35, 3], 0.15)
+    assert np.isclose(nearer[76, 18], 0.05 + 0.2 * 2 / 5)  # nothing measured: above its foot
     np.testing.assert_allclose(farther - 0.05, 2 * (nearer - 0.05), atol=1e-6)
 
 

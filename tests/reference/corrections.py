@@ -41,8 +41,8 @@ def threshold_at(row, column, is_measured, least, above, beside):
     near = range(max(column - 7, 0), min(column + 8, width))
     rows = [each for each in range(height) if any(is_measured[each, other] for other in near)]
     rows_above = (rows[0] if rows else height) - row
-    if rows_above <= 10:
+    if rows_above <= 20:
         return least
-    if rows_above >= 50:
+    if rows_above >= 30:
         return above
-    return least + (above - least) * (rows_above - 10) / 40
+    return least + (above - least) * (rows_above - 20) / 10

@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from sightline.depth_completion.config import ByDirection
 
-_FIRST_ROWS, _LAST_ROWS = 10, 50  # above what is measured, thresholds rise between them
+_FIRST_ROWS, _LAST_ROWS = 20, 30  # above what is measured, thresholds rise between them
 _NEIGHBOURS = 7  # columns to either side whose measurements count as a column's own
 _BESIDE_PX, _AWAY_PX = 1.2, 2.5  # from a measurement: beside it up to the first
 _LEAST_THRESHOLD = 1e-9  # to divide by
@@ -41,8 +41,8 @@ def least_corrections(
     Args:
         is_measured: Where there are measurements.
         least: Where none of the others holds.
-        above: From 50 rows above the highest measurement of the columns around a pixel on; between
-            10 and 50 rows the threshold rises evenly.
+        above: From 30 rows above the highest measurement of the columns around a pixel on; between
+            20 and 30 rows the threshold rises evenly.
         beside: Up to 1.2 px from a measurement; the threshold changes evenly until 2.5 px.
     """
     height = is_measured.shape[0]
