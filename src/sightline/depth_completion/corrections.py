@@ -35,8 +35,9 @@ def least_corrections(
 
     Far above the highest measurement of its columns, where a completion and a network guess alike,
     most corrections lower the mean error and raise the median; beside a measurement the completion
-    is seldom wrong, and next to never too near: in both places only large ones shall count. The
-    rows are of a camera like KITTI's, with a focal length of 721 px.
+    is seldom wrong, and what takes a pixel farther away there is worth next to nothing: in both
+    places only large ones shall count. The rows are of a camera like KITTI's, with a focal length
+    of 721 px.
 
     Args:
         is_measured: Where there are measurements.
