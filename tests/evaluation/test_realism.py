@@ -190,7 +190,7 @@ def test_comparing_needs_no_pytorch():
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
-def test_real_frames_have_the_statistics_of_the_specification(kitti_root: Path):
+def test_real_frames_have_the_statistics_that_were_measured_beforehand(kitti_root: Path):
     report = evaluate_realism(kitti_root, kitti_root, max_frames=30)
     assert row(report, "points in the image").real == pytest.approx(18800, rel=0.03)
     assert row(report, "share of pixels with a point, 1216x352").real == pytest.approx(
