@@ -97,7 +97,7 @@ def test_a_recipe_trains_and_its_weights_answer(
     small = (*SMALL, *(f"--{flag}={value}" for flag, value in task.trial_settings.items()))
     given = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())["model"]["init_args"]
     if "initial_weights" in given:  # of a first stage: the weights that come with Sightline
-        begun = recipe.removesuffix("-held-out").removesuffix("-finetune")
+        begun = recipe.removesuffix("-finetune").removesuffix("-further")
         small = (*small, f"--model.init_args.initial_weights={begun}")
     status = main(["fit", "--config", recipe, f"--data.init_args.root={root}", *small])
     assert status == 0, capfd.readouterr().err
@@ -181,6 +181,18 @@ def test_the_shipped_networks_are_trained_alike():
     for settings in (best, fast):
         assert settings["model"]["init_args"].pop("network")
     assert best == fast
+
+
+@pytest.mark.parametrize(("name", "steps"), [("depth-best", 3000), ("depth-fast-cpu", 4000)])
+def test_the_second_stage_goes_on_as_the_first_at_half_its_learning_rate(name, steps):
+    first, second = recipe(name), recipe(f"{name}-further")
+    model = second["model"]["init_args"]
+    assert model.pop("initial_weights") == f"runs/{name}/last.ckpt"
+    assert second["trainer"].pop("max_steps") == steps
+    assert first["model"]["init_args"].pop("network")
+    assert first["trainer"].pop("max_epochs")
+    model["optimizer"]["learning_rate"] *= 2
+    assert second == first
 
 
 def test_fine_tuning_starts_from_the_shipped_network():
