@@ -1,5 +1,6 @@
 import struct
 import zlib
+from itertools import product
 
 import cv2
 import numpy as np
@@ -149,15 +150,88 @@ def test_a_file_too_short_for_the_pixels_that_it_claims_is_no_picture(tmp_path, 
         read(tmp_path / "0.png")
 
 
-def test_the_smallest_files_that_encoders_make_are_still_pictures(tmp_path):
+def jpeg_without_data(height: int, width: int, *, shape: tuple[int, ...] = (8, 8)) -> bytes:
+    """A JPEG that ends behind the header of its first scan, and claims a size."""
+    content = cv2.imencode(".jpg", np.full(shape, 128, np.uint8))[1].tobytes()
+    at, scan = content.index(b"\xff\xc0") + 5, content.index(b"\xff\xda")
+    content = content[:at] + struct.pack(">HH", height, width) + content[at + 4 :]
+    return content[: scan + 2 + struct.unpack_from(">H", content, scan + 2)[0]] + b"\xff\xd9"
+
+
+@pytest.mark.parametrize("size", [(375, 1242), (1024, 1242), (8192, 8192)])
+@pytest.mark.parametrize("shape", [(8, 8), (8, 8, 3)], ids=["grey", "colour"])
+@pytest.mark.parametrize("note_bytes", [0, 40_000])
+def test_a_jpeg_without_data_is_no_picture_however_long_its_header(
+    tmp_path, size, shape, note_bytes
+):
+    content = jpeg_without_data(*size, shape=shape)
+    note = b"\xff\xfe" + struct.pack(">H", note_bytes + 2) + bytes(note_bytes)
+    (tmp_path / "0.jpg").write_bytes(content[:2] + note + content[2:])
+    said = r"(is cut short: it has 0 bytes of picture data|more than its \d+ bytes can hold)"
+    with pytest.raises(FileError, match=rf"0\.jpg: .*{said}"):
+        read_rgb(tmp_path / "0.jpg")
+
+
+def test_bytes_behind_the_scans_header_are_too_few_for_a_bit_a_block(tmp_path):
+    content = jpeg_without_data(8192, 8192)
+    (tmp_path / "0.jpg").write_bytes(content[:-2] + bytes(131_071) + content[-2:])
+    expected = r"has 131071 bytes of picture data .* at least 131072 for 8192x8192 pixels"
+    with pytest.raises(FileError, match=expected):
+        read_rgb(tmp_path / "0.jpg")
+
+
+def test_a_thumbnail_among_a_cameras_notes_is_no_data_of_the_picture(tmp_path):
+    thumbnail = cv2.imencode(".jpg", picture(size=(160, 120)))[1].tobytes()
+    note = b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
+    whole = cv2.imencode(".jpg", picture())[1].tobytes()
+    (tmp_path / "0.jpg").write_bytes(whole[:2] + note + whole[2:])
+    assert read_rgb(tmp_path / "0.jpg").shape == (*IMAGE_SIZE, 3)
+    empty = jpeg_without_data(375, 1242)
+    (tmp_path / "0.jpg").write_bytes(empty[:2] + note + empty[2:])
+    with pytest.raises(FileError, match="has 0 bytes of picture data"):
+        read_rgb(tmp_path / "0.jpg")
+
+
+each_encoder = pytest.mark.parametrize(
+    "encoder",
+    [
+        [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive, cv2.IMWRITE_JPEG_OPTIMIZE, optimised]
+        for progressive, optimised in product((0, 1), (0, 1))
+    ],
+    ids=["baseline", "optimised", "progressive", "optimised progressive"],
+)
+SUBSAMPLINGS = (
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR_411,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR_440,
+)
+
+
+@each_encoder
+@pytest.mark.parametrize("size", [(1, 1), (9, 17), (375, 1242)])
+@pytest.mark.parametrize("channels", [(), (3,)], ids=["grey", "colour"])
+def test_the_smallest_jpegs_that_encoders_make_are_still_pictures(
+    tmp_path, encoder, size, channels
+):
+    black = np.zeros((*size, *channels), np.uint8)
+    for quality, restart, subsampling in product((1, 50, 100), (0, 1, 7), SUBSAMPLINGS):
+        options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_RST_INTERVAL, restart]
+        options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, subsampling]
+        cv2.imwrite(str(tmp_path / "0.jpg"), black, encoder + options)
+        assert read_rgb(tmp_path / "0.jpg").shape == (*size, 3)
+
+
+@each_encoder
+def test_the_smallest_jpegs_of_the_largest_pictures_are_still_pictures(tmp_path, encoder):
+    black = np.zeros((8192, 8192), np.uint8)
+    cv2.imwrite(str(tmp_path / "0.jpg"), black, [*encoder, cv2.IMWRITE_JPEG_QUALITY, 1])
+    assert read_rgb(tmp_path / "0.jpg").max() <= 1
+
+
+def test_the_smallest_pngs_that_encoders_make_are_still_pictures(tmp_path):
     black = np.zeros((1024, 1024, 3), np.uint8)
-    for name, parameters in (
-        ("0.jpg", [cv2.IMWRITE_JPEG_QUALITY, 1, cv2.IMWRITE_JPEG_OPTIMIZE, 1]),
-        ("1.jpg", [cv2.IMWRITE_JPEG_OPTIMIZE, 1, cv2.IMWRITE_JPEG_PROGRESSIVE, 1]),
-        ("0.png", [cv2.IMWRITE_PNG_COMPRESSION, 9]),
-    ):
-        cv2.imwrite(str(tmp_path / name), black, parameters)
-        assert read_rgb(tmp_path / name).max() <= 1
+    cv2.imwrite(str(tmp_path / "0.png"), black, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    assert read_rgb(tmp_path / "0.png").max() == 0
 
 
 @pytest.mark.parametrize("bits", [1, 8])
@@ -180,7 +254,7 @@ def test_a_segment_that_decoders_pass_over_does_not_hide_the_frame_from_the_chec
 def test_scans_that_would_keep_a_decoder_busy_for_minutes_are_refused_undecoded(tmp_path):
     content = resized_jpeg(4096, 8192, progressive=True)
     last = content[content.rindex(b"\xff\xda") : -2]
-    bomb = content[:-2] + bytes(2**15) + 2000 * last + content[-2:]
+    bomb = content[:-2] + bytes(2**16) + 2000 * last + content[-2:]
     (tmp_path / "0.jpg").write_bytes(bomb)
     with pytest.raises(FileError, match=r"has 20\d\d scans of 4096x8192 pixels .* up to 32"):
         read_rgb(tmp_path / "0.jpg")

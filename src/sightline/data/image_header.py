@@ -1,5 +1,7 @@
 """What a picture's file says about itself before a pixel is decoded."""
 
+import math
+import re
 import struct
 import zlib
 from dataclasses import dataclass
@@ -18,18 +20,21 @@ MAX_FILE_BYTES = 2**29
 """So are longer files: what holds `MAX_PIXELS` of 16 bits in three channels is shorter."""
 
 _MAX_HEADER_BYTES = 2**20  # a JPEG may carry a colour profile in parts of 64 kB before its size
-_MAX_PNG_CHUNKS = 2**17
+_MAX_PARTS = 2**17  # of a PNG, its chunks; of a JPEG, its segments
 # Decoding takes time for each pixel of each scan; cameras write one, progressive encoders ten.
 _MAX_SCANNED_PIXELS = 16 * MAX_PIXELS
 # What a byte of a file can stand for at the most: deflate's matches are of 258 bytes, two bits
-# each; Huffman codes have a bit for each block of 8x8 pixels, or of 16x16 where halved both ways.
+# each; in a JPEG each block of 8x8 pixels takes a bit at least, that of its mean's Huffman code.
 _PNG_BYTES_PER_BYTE = 1032
-_JPEG_PIXELS_PER_BYTE = 2048
+_JPEG_BLOCK_PX = 8
+_JPEG_BLOCKS_PER_BYTE = 8
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_PALETTE = 3  # colour type of a palette of RGB
 _PNG_CHANNELS = {0: 1, 2: 3, _PNG_PALETTE: 3, 4: 2, 6: 4}  # by colour type
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_SCAN = b"\xff\xda"
+# Within a scan's data FF 00 is a byte, and FF D0 to D7 are marks to go on from after an error.
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 # Start-of-frame markers, which hold the size, of the kinds that cameras write: Huffman-coded,
 # baseline, extended and progressive. Others (lossless, arithmetic) are not taken.
 _JPEG_FRAMES = frozenset({0xC0, 0xC1, 0xC2})
@@ -100,10 +105,11 @@ def parse_image_header(
 
 
 def _least_bytes(header: ImageHeader) -> int:
-    """No whole file of such a picture is shorter."""
+    """No whole file of such a picture is shorter, nor, in a JPEG, are its scans' data."""
     height, width = header.size
     if header.file_format == "jpeg":
-        return height * width // _JPEG_PIXELS_PER_BYTE
+        blocks = math.ceil(height / _JPEG_BLOCK_PX) * math.ceil(width / _JPEG_BLOCK_PX)
+        return math.ceil(blocks / _JPEG_BLOCKS_PER_BYTE)
     return height * (width * header.bits_per_pixel // 8) // _PNG_BYTES_PER_BYTE
 
 
@@ -114,7 +120,8 @@ def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> N
     is what would keep a decoder busy for minutes.
 
     Raises:
-        FileError: The file breaks off, a checksum is wrong, or a JPEG has far too many scans.
+        FileError: The file breaks off, a checksum is wrong, or a JPEG has far too many scans or
+            too little in them.
     """
     if header.file_format == "png":
         _check_png_chunks(content, source)
@@ -131,11 +138,35 @@ def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> N
             f"{_MAX_SCANNED_PIXELS // (height * width)}",
             _REMEDY,
         )
+    scanned, least = _scanned_bytes(content), _least_bytes(header)
+    if scanned < least:
+        raise FileError(
+            source,
+            f"is cut short: it has {scanned} bytes of picture data behind its header, expected at "
+            f"least {least} for {height}x{width} pixels (height x width)",
+            _REMEDY,
+        )
+
+
+def _scanned_bytes(content: bytes) -> int:
+    """Length of what follows the headers of a JPEG's scans; a thumbnail in a note is passed."""
+    num_bytes, position = 0, len(_JPEG_START)
+    for _ in range(_MAX_PARTS):
+        marker = _JPEG_MARKER.search(content, position)
+        if marker is None or marker[0] == _JPEG_END:
+            break
+        length = int.from_bytes(content[marker.end() : marker.end() + 2], "big")
+        position = marker.end() + max(length, 2)
+        if marker[0] == _JPEG_SCAN:
+            following = _JPEG_MARKER.search(content, position)
+            end = len(content) if following is None else following.start()
+            num_bytes, position = num_bytes + end - position, end
+    return num_bytes
 
 
 def _check_png_chunks(content: bytes, source: Path | str) -> None:
     view, position = memoryview(content), len(_PNG_SIGNATURE)
-    for _ in range(_MAX_PNG_CHUNKS):
+    for _ in range(_MAX_PARTS):
         if position + 12 > len(content):
             break
         (length,) = struct.unpack_from(">I", content, position)
