@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 
 from sightline.ops import rotated_iou_torch
 from sightline.ops.box_rows import box_rows, checked_box_rows, checked_numpy_rows
-from sightline.ops.rotated_iou import (
-    aligned_iou_3d,
-    aligned_iou_bev,
-    pairwise_iou_3d,
-    pairwise_iou_bev,
-)
+from sightline.ops.rotated_iou import aligned_iou_3d, pairwise_iou_3d, pairwise_iou_bev
 from sightline.ops.rotated_iou_kernel import intersection_area
 from tests.reference import rotated_iou as reference
 
@@ -25,11 +20,10 @@ FAR = 1e4  # metres from the origin
 
 
 def iou_by_kernel(a, b):
-    """IoU of two BEV boxes, which must be the same from all entrances and in both orders."""
+    """IoU of two BEV boxes, which must be the same from both entrances and in both orders."""
     first, second = torch.tensor([a], dtype=torch.float64), torch.tensor([b], dtype=torch.float64)
-    iou = aligned_iou_bev(first, second).item()
-    assert pairwise_iou_bev(first, second).item() == iou
-    assert aligned_iou_bev(second, first).item() == pytest.approx(iou, abs=1e-9)
+    iou = pairwise_iou_bev(first, second).item()
+    assert pairwise_iou_bev(second, first).item() == pytest.approx(iou, abs=1e-9)
     shared = intersection_area(*map(float, a), *map(float, b))
     union = a[2] * a[3] + b[2] * b[3] - shared
     assert (shared / union if union else 0.0) == pytest.approx(iou, abs=1e-15)
@@ -221,7 +215,7 @@ def test_boxes_above_each_other_share_only_their_common_height():
 @given(a=rectangles, b=rectangles, x=st.floats(-FAR, FAR))
 def test_float32_boxes_far_away_give_the_iou_of_exactly_those_numbers(a, b, x):
     first, second = torch.tensor([moved(a, x, FAR)]), torch.tensor([moved(b, x, FAR)])
-    iou = aligned_iou_bev(first, second)
+    iou = pairwise_iou_bev(first, second)
     exact = reference.exact_iou_bev(first.double()[0].tolist(), second.double()[0].tolist())
     assert iou.dtype == torch.float32
     assert iou.item() == pytest.approx(exact, abs=1e-6)
@@ -229,11 +223,11 @@ def test_float32_boxes_far_away_give_the_iou_of_exactly_those_numbers(a, b, x):
 
 def test_the_result_has_the_wider_type_of_the_two():
     half, single, double = (
-        torch.ones(1, 5, dtype=t) for t in (torch.half, torch.float, torch.double)
+        torch.ones(1, 7, dtype=t) for t in (torch.half, torch.float, torch.double)
     )
-    assert pairwise_iou_bev(half, half).dtype == torch.half
-    assert pairwise_iou_bev(half, single).dtype == torch.float
-    assert aligned_iou_bev(double, single).dtype == torch.double
+    assert pairwise_iou_3d(half, half).dtype == torch.half
+    assert pairwise_iou_3d(half, single).dtype == torch.float
+    assert aligned_iou_3d(double, single).dtype == torch.double
 
 
 @pytest.mark.parametrize(("n", "m"), [(0, 0), (0, 3), (3, 0)])
@@ -241,7 +235,7 @@ def test_no_boxes_give_an_empty_result_and_an_empty_gradient(n, m):
     a, b = torch.ones(n, 5, requires_grad=True), torch.ones(m, 7)
     assert pairwise_iou_bev(a, torch.ones(m, 5)).shape == (n, m)
     assert pairwise_iou_3d(torch.ones(n, 7), b).shape == (n, m)
-    assert aligned_iou_bev(a[:0], torch.ones(0, 5)).shape == (0,)
+    assert aligned_iou_3d(torch.ones(0, 7), b[:0]).shape == (0,)
     pairwise_iou_bev(a, torch.ones(m, 5)).sum().backward()
     assert torch.equal(a.grad, torch.zeros(n, 5))
 
@@ -283,10 +277,10 @@ def test_the_check_for_other_devices_refuses_the_same(column, value):
 
 def test_boxes_of_another_shape_or_type_are_refused():
     # the shape checks of the tests would speak first
-    pairwise, aligned = (inspect.unwrap(f) for f in (pairwise_iou_bev, aligned_iou_bev))
+    pairwise, aligned = (inspect.unwrap(f) for f in (pairwise_iou_bev, aligned_iou_3d))
     with pytest.raises(ValueError, match=r"boxes_b must be .* 5 values each, got .*\(2, 7\)"):
         pairwise(torch.ones(2, 5), torch.ones(2, 7))
     with pytest.raises(ValueError, match="boxes_a must be a floating-point tensor"):
         pairwise(torch.ones(2, 5, dtype=torch.long), torch.ones(2, 5))
     with pytest.raises(ValueError, match="boxes_a has 2 rows and boxes_b 3"):
-        aligned(torch.ones(2, 5), torch.ones(3, 5))
+        aligned(torch.ones(2, 7), torch.ones(3, 7))

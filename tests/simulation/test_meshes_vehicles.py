@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.car_styles import STYLES, VAN_STYLES
-from sightline.simulation.meshes.cars import CARS, VehicleDesign, make_car, make_van, proportioned
+from sightline.simulation.meshes.cars import CARS, VANS, VehicleDesign, proportioned
 from sightline.simulation.meshes.models import LateShape, RigidShape
 from sightline.simulation.meshes.sizes import KITTI_SIZES, Kind, Size, SizeStatistics, draw_kind
 from sightline.simulation.meshes.trailers import MISC_KINDS, make_misc
@@ -14,6 +14,15 @@ from sightline.simulation.meshes.trucks import make_truck
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Mesh
 from tests.simulation.mesh_checks import assert_sound, share_of_front_faces
+
+
+def make_car(rng, style=None):
+    return VehicleDesign(rng, CARS, style).model(rng)
+
+
+def make_van(rng, style=None):
+    return VehicleDesign(rng, VANS, style).model(rng)
+
 
 MAKERS = {
     "Car": make_car,

@@ -3,7 +3,7 @@
 A BEV box is x, y, length, width, yaw; a 3D box x, y, z, length, width, height, yaw: metres,
 radians, geometric centre, length along the heading, yaw counter-clockwise from above.
 
-For all four functions:
+For all three functions:
 
 - Results lie in [0, 1]. They are computed in float64 (within 1e-9 of exact, whatever the distance
   from the origin) and returned in the wider type of the two inputs. Boxes that only touch, and
@@ -46,22 +46,16 @@ def pairwise_iou_3d(
     return iou
 
 
-def aligned_iou_bev(
-    boxes_a: Float[Tensor, "n 5"], boxes_b: Float[Tensor, "n 5"]
-) -> Float[Tensor, " n"]:
-    """IoU of each rectangle with the rectangle in the same row of the other set."""
-    _require_columns(boxes_a, boxes_b, columns=5)
-    _require_same_number(boxes_a, boxes_b)
-    iou: Tensor = _aligned_iou(boxes_a, boxes_b)
-    return iou
-
-
 def aligned_iou_3d(
     boxes_a: Float[Tensor, "n 7"], boxes_b: Float[Tensor, "n 7"]
 ) -> Float[Tensor, " n"]:
     """IoU of each 3D box with the 3D box in the same row of the other set."""
     _require_columns(boxes_a, boxes_b, columns=7)
-    _require_same_number(boxes_a, boxes_b)
+    if boxes_a.shape[0] != boxes_b.shape[0]:
+        raise ValueError(
+            f"boxes_a has {boxes_a.shape[0]} rows and boxes_b {boxes_b.shape[0]}; they must have "
+            "equally many: use the pairwise function to compare all with all"
+        )
     iou: Tensor = _aligned_iou(boxes_a, boxes_b)
     return iou
 
@@ -73,14 +67,6 @@ def _require_columns(boxes_a: Tensor, boxes_b: Tensor, *, columns: int) -> None:
                 f"{name} must be a floating-point tensor of n rows with {columns} values each, got "
                 f"{boxes.dtype} of shape {tuple(boxes.shape)}"
             )
-
-
-def _require_same_number(boxes_a: Tensor, boxes_b: Tensor) -> None:
-    if boxes_a.shape[0] != boxes_b.shape[0]:
-        raise ValueError(
-            f"boxes_a has {boxes_a.shape[0]} rows and boxes_b {boxes_b.shape[0]}; they must have "
-            "equally many: use the pairwise function to compare all with all"
-        )
 
 
 @library.custom_op("sightline::pairwise_iou", mutates_args=())

@@ -65,31 +65,13 @@ _PAINTS: tuple[tuple[float, Color], ...] = (  # share, linear albedo; roughly Ge
 )  # fmt: skip
 
 
-def make_car(rng: np.random.Generator, style: str | None = None) -> ActorModel:
-    """A car; without a `style` one of `STYLES` that suits a size drawn as KITTI's are.
-
-    Raises:
-        ValueError: If there is no such style.
-    """
-    return VehicleDesign(rng, CARS, style).model(rng)
-
-
-def make_van(rng: np.random.Generator, style: str | None = None) -> ActorModel:
-    """A van; without a `style` one of `VAN_STYLES` that suits a size drawn as KITTI's are.
-
-    Raises:
-        ValueError: If there is no such style.
-    """
-    return VehicleDesign(rng, VANS, style).model(rng)
-
-
 class VehicleDesign:
     """A make of cars or vans, built when the first one is needed.
 
     Args:
         rng: Source of randomness.
         family: Cars or vans.
-        style: Name of one of its styles; None draws it.
+        style: Name of one of its styles; None draws one that suits a size drawn as KITTI's are.
 
     Raises:
         ValueError: If the family has no such style.
