@@ -7,23 +7,28 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sightline.data.check import check_tree
 from sightline.data.depth_png import read_depth_png
 from sightline.data.instance_png import read_instance_png
-from sightline.data.jobs import JobResult
+from sightline.data.jobs import JobResult, shard
 from sightline.data.kitti_labels import read_labels
 from sightline.data.open import open_dataset
+from sightline.data.problem import FileError
 from sightline.data.rings import ring_numbers
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.dataset import sample_of
 from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
+from sightline.simulation.writer import ObjectLayout
 from tests.simulation.data_sets import DRIVES, TINY, content, make
 from tests.simulation.streets import make_tiny_street
 
@@ -214,6 +219,52 @@ def test_files_with_other_names_than_frames_have_are_no_frames_that_were_begun(
         (tmp_path / "training/velodyne" / f"{name}.bin").touch()
     result = make(tmp_path, 4, workers=1, validation_frames=1)
     assert result == JobResult(written=0, skipped=4)
+
+
+def test_a_sweep_far_beyond_what_was_begun_is_refused_by_name_and_changes_nothing(
+    frames: Path, tmp_path: Path
+):
+    shutil.copytree(frames, tmp_path, dirs_exist_ok=True)
+    stray = tmp_path / "training/velodyne/999999.bin"
+    stray.touch()
+    before = content(tmp_path)
+    said = r"999999\.bin: is the sweep of frame 999999, expected none from 5000 on beside so few"
+    with pytest.raises(FileError, match=rf"{said} others; move it away, or ask for 1000000 frames"):
+        make(tmp_path, 1, workers=1, validation_frames=1)
+    assert content(tmp_path) == before
+    stray.unlink()
+    assert make(tmp_path, 4, workers=1, validation_frames=1).skipped == 4
+
+
+@given(
+    frames=st.integers(1, 10**6),
+    num_shards=st.integers(1, 1000),
+    done=st.integers(1, 20),
+    fewer=st.integers(1, 10**6),
+    data=st.data(),
+)
+@settings(max_examples=30)
+def test_the_last_frame_of_a_part_that_was_killed_is_in_the_plan_of_any_later_run(
+    frames, num_shards, done, fewer, data
+):
+    mine = shard(range(frames), data.draw(st.integers(0, num_shards - 1)), num_shards)[:done]
+    with TemporaryDirectory() as folder:
+        layout = ObjectLayout(root=Path(folder), velodyne="velodyne")
+        layout.frame(0).points.parent.mkdir(parents=True)
+        for index in mine:
+            layout.frame(index).points.touch()
+        begun = 1 + mine[-1] if mine else 0
+        assert layout.num_planned(frames) == frames
+        assert layout.num_planned(min(fewer, frames)) == max(min(fewer, frames), begun)
+
+
+def test_a_gap_as_wide_as_what_is_asked_for_is_filled(tmp_path: Path):
+    layout = ObjectLayout(root=tmp_path, velodyne="velodyne")
+    layout.frame(0).points.parent.mkdir(parents=True)
+    layout.frame(999_999).points.touch()
+    assert layout.num_planned(10**6) == 10**6
+    with pytest.raises(FileError, match=r"frame 999999, expected none from 999999 on"):
+        layout.num_planned(999_999)
 
 
 def test_without_the_camera_all_else_is_the_same(frames: Path, tmp_path: Path):

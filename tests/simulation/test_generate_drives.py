@@ -10,7 +10,9 @@ from sightline.data.instance_png import read_instance_png
 from sightline.data.jobs import JobResult
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_raw import KittiRawDrive
+from sightline.data.problem import FileError
 from sightline.geometry.transforms import transform_points
+from sightline.simulation.writer import DriveLayout
 from tests.simulation.data_sets import DRIVES, content, make
 
 
@@ -80,6 +82,32 @@ def test_sweeps_that_a_drive_cannot_have_are_no_frames_that_were_begun(
     (recordings / "2000_01_01_drive_99999999_sync").mkdir()
     (recordings / "2000_01_01_drive_mine_sync").mkdir()
     assert make(tmp_path, 5, DRIVES, workers=1) == JobResult(written=0, skipped=5)
+
+
+def test_a_drive_far_beyond_what_was_begun_is_refused_by_name_and_changes_nothing(
+    drives: Path, tmp_path: Path
+):
+    shutil.copytree(drives, tmp_path, dirs_exist_ok=True)
+    stray = tmp_path / "2000_01_01/2000_01_01_drive_9999_sync/velodyne_points/data/0000000001.bin"
+    stray.parent.mkdir(parents=True)
+    stray.touch()
+    calibration = tmp_path / "2000_01_01/calib_velo_to_cam.txt"
+    before, written = content(tmp_path), calibration.stat().st_mtime_ns
+    said = r"is the sweep of frame 29998, expected none from 9000 on .* or ask for 29999 frames"
+    with pytest.raises(FileError, match=rf"drive_9999_sync.*0000000001\.bin: {said}"):
+        make(tmp_path, 5, DRIVES, workers=1)
+    assert content(tmp_path) == before
+    assert calibration.stat().st_mtime_ns == written
+
+
+def test_the_last_of_a_thousand_parts_that_began_a_drive_is_in_the_plan_of_any_later_run(
+    tmp_path: Path,
+):
+    layout = DriveLayout(root=tmp_path, sequence_length=100)
+    last = 999 * 100
+    layout.frame(last).points.parent.mkdir(parents=True)
+    layout.frame(last).points.touch()
+    assert layout.num_planned(1) == last + 1
 
 
 def test_drives_are_not_reduced_or_split(tmp_path: Path):

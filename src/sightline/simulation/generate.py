@@ -64,8 +64,9 @@ def simulate(
         num_shards: Number of parts; each can be done on another machine, at the same time.
 
     Raises:
-        ValueError: `out` holds data of other settings or cannot be written to, or the numbers
-            make no sense. Errors about a frame name it; frames done before stay done.
+        ValueError: `out` holds data of other settings, or a sweep far beyond all others and what
+            is asked for, or cannot be written to; or the numbers make no sense. Errors about a
+            frame name it; frames done before stay done.
     """
     check_workers(workers)
     if frames < 1 or not 0 <= validation_frames <= frames:
@@ -106,14 +107,14 @@ class _Maker:
     num_shards: int
 
     def frames(self, layout: ObjectLayout, frames: int, validation_frames: int) -> JobResult:
-        frames = max(frames, layout.num_begun())
+        frames = layout.num_planned(frames)
         result = self._run(layout, shard(range(frames), self.shard_index, self.num_shards), [])
         layout.write_lists(frames, validation_frames)
         return result
 
     def drives(self, layout: DriveLayout, frames: int) -> JobResult:
+        drives = list(layout.drives(layout.num_planned(frames)))
         layout.write_calibration(calibration_of(self.config))
-        drives = list(layout.drives(max(frames, layout.num_begun())))
         mine = shard(drives, self.shard_index, self.num_shards)
         courses = [
             _CourseWork(layout, self.config, self.streets, drive, length)

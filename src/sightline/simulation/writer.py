@@ -20,6 +20,7 @@ from sightline.data.instance_png import write_instance_png
 from sightline.data.kitti_labels import write_objects
 from sightline.data.object_tree import Velodyne
 from sightline.data.pixels import seen_by_camera, sparse_depth_map
+from sightline.data.problem import FileError
 from sightline.data.velodyne import write_sweep
 from sightline.simulation.simulator import FRAME_S, SimulatedFrame
 
@@ -29,6 +30,9 @@ MAX_FRAMES = 10**6
 """Their names have six digits."""
 MAX_DRIVES = 10**4
 """Their names have four."""
+# Parts of a job at the most: the last of them begins with the frame, or drive, of its number, and
+# leaves as many between two. What lies farther out was not begun by a job.
+_MAX_SHARDS = 1000
 _DIGIT = "[0-9]"  # in patterns: other files in a folder of ours are no frames
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 
@@ -95,10 +99,18 @@ class ObjectLayout:
             calibration=folder / "calib" / f"{name}.txt",
         )
 
-    def num_begun(self) -> int:
-        """One more than the highest frame of which there is a sweep, which is written first."""
-        sweeps = (self.root / "training" / self.velodyne).glob(f"{_DIGIT * 6}.bin")
-        return 1 + max((int(path.stem) for path in sweeps), default=-1)
+    def num_planned(self, frames: int) -> int:
+        """Those asked for, or as far as there are sweeps, which are written first.
+
+        Raises:
+            FileError: A sweep lies far beyond what earlier runs can have begun.
+        """
+        sweeps = list((self.root / "training" / self.velodyne).glob(f"{_DIGIT * 6}.bin"))
+        if not sweeps:
+            return frames
+        last = max(sweeps)
+        most = _MAX_SHARDS * len(sweeps)
+        return _planned(frames, int(last.stem), last, most=most)
 
     def write_lists(self, frames: int, validation_frames: int) -> None:
         """Writes ImageSets/train.txt and, where there are such frames, val.txt: the first ones."""
@@ -139,17 +151,25 @@ class DriveLayout:
         """The raw recording of a drive."""
         return self.root / DATE / f"{DATE}_drive_{drive:04d}_sync"
 
-    def num_begun(self) -> int:
-        """One more than the highest frame of which there is a sweep, which is written first."""
-        begun = 0
+    def num_planned(self, frames: int) -> int:
+        """Those asked for, or as far as there are sweeps, which are written first.
+
+        Raises:
+            FileError: A sweep lies far beyond what earlier runs can have begun.
+        """
+        last_of: dict[Path, Path] = {}
         for folder in (self.root / DATE).glob(f"{DATE}_drive_{_DIGIT * 4}_sync"):
             sweeps = (folder / "velodyne_points" / "data").glob(f"{_DIGIT * 10}.bin")
-            steps = (int(path.stem) for path in sweeps)
-            last = max((step for step in steps if step < self.sequence_length), default=None)
-            if last is not None:
-                drive = int(folder.name.split("_")[-2])
-                begun = max(begun, drive * self.sequence_length + last + 1)
-        return begun
+            mine = [sweep for sweep in sweeps if int(sweep.stem) < self.sequence_length]
+            if mine:
+                last_of[folder] = max(mine)
+        if not last_of:
+            return frames
+        folder = max(last_of)
+        drive, last = int(folder.name.split("_")[-2]), last_of[folder]
+        index = drive * self.sequence_length + int(last.stem)
+        most = _MAX_SHARDS * len(last_of) * self.sequence_length
+        return _planned(frames, index, last, most=most)
 
     def drives(self, frames: int) -> Iterator[tuple[int, int]]:
         """Each drive and its number of frames, the last one possibly cut short."""
@@ -188,6 +208,18 @@ class DriveLayout:
             folder / "image_02" / "timestamps.txt",
             folder / "velodyne_points" / "timestamps.txt",
         )
+
+
+def _planned(frames: int, index: int, sweep: Path, *, most: int) -> int:
+    """Number of frames up to `index`, that of the last sweep, or more where more are asked for."""
+    if index >= max(frames, most):
+        raise FileError(
+            sweep,
+            f"is the sweep of frame {index}, expected none from {max(frames, most)} on beside so "
+            "few others",
+            f"move it away, or ask for {index + 1} frames",
+        )
+    return max(frames, index + 1)
 
 
 Layout = ObjectLayout | DriveLayout
