@@ -61,6 +61,31 @@ def test_a_second_training_in_a_folder_is_refused_until_the_first_is_dead(recipe
     assert run_training("fit", ["--config", "toy"], recipes) == 0
 
 
+def test_sigterm_during_the_imports_of_a_training_ends_it_in_one_line(recipes):
+    program = """
+import os, signal, sys
+from sightline import __main__
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "lightning":
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+sys.meta_path.insert(0, Finder())
+sys.exit(__main__.run())
+"""
+    command = [sys.executable, "-c", program, "fit", "--config", str(recipes / "toy.yaml")]
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'src'}", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 128 + signal.SIGTERM
+    begun, said = done.stderr.splitlines()
+    assert begun == "sightline fit: toy"
+    assert said.startswith("sightline: interrupted; ")
+    assert "run the same command again" in said
+    assert not Path("runs/toy/last.ckpt").exists()
+
+
 @pytest.mark.parametrize("to_all", [False, True], ids=["", "its-workers-too"])
 def test_sigterm_ends_a_training_with_a_checkpoint_and_it_can_go_on(recipes, waiting, to_all):
     (os.killpg if to_all else os.kill)(waiting.pid, signal.SIGTERM)
