@@ -259,7 +259,7 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
             "beside must be",
         ),
         ({"least_correction_beside": 0.1}, "beside is of a factor's logarithm"),
-        ({"depth_scale_m": 0.0}, "depth_scale_m must be positive"),
+        ({"depth_scale_m": 0.0}, "depth_scale_m must be from 0.001 to 1e"),
         ({"stem_channels": 0}, "stem_channels must be at least 1"),
         ({"propagation_steps": -1}, "propagation_steps must be at least 0, got -1"),
     ],

@@ -53,3 +53,5 @@ def test_a_network_of_one_size_sees_every_camera_at_that_size():
 def test_a_limit_that_is_none_is_refused():
     with pytest.raises(ValueError, match="longest_focal_px must be from 1 to"):
         InputConfig(longest_focal_px=0.0)
+    with pytest.raises(ValueError, match="size must have up to 8388608 pixels, got"):
+        InputConfig(size=(8192, 8192))

@@ -122,11 +122,18 @@ def test_published_numbers_make_76_channels():
 
 
 def test_settings_out_of_range_are_refused():
-    for scope_m, bin_m in ((3.0, 0.7), (0.0, 0.5), (3.0, 0.0), (1.0, 4.0), (math.inf, 1.0)):
+    for scope_m, bin_m in (
+        (3.0, 0.7),
+        (0.0, 0.5),
+        (3.0, 0.0),
+        (1.0, 4.0),
+        (math.inf, 1.0),
+        (3.0, 5e-324),
+    ):
         with pytest.raises(ValueError, match="2 \\* scope_m must be a multiple of bin_m"):
             BoxCodingConfig(scope_m=scope_m, bin_m=bin_m)
     with pytest.raises(ValueError, match="heading_bins must be at least 1, got 0"):
         BoxCodingConfig(heading_bins=0)
-    for length_m in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match="mean_size_m of Tram must be positive and finite"):
+    for length_m in (0.0, -1.0, math.nan, math.inf, 1e9):
+        with pytest.raises(ValueError, match="mean_size_m of Tram must be from 0"):
             RoadUserClass(name="Tram", mean_size_m=(length_m, 2.0, 3.0))

@@ -16,6 +16,7 @@ from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
 from sightline.detection3d.examples import DetectionExamples, ExampleConfig
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.object_sampling import ObjectSamplingConfig
+from sightline.detection3d.pillar_detections import PillarDetectionConfig
 from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.region_examples import RegionExamplesConfig
 from sightline.detection3d.stages import Proposed
@@ -169,6 +170,13 @@ def test_points_that_are_not_canonical_are_told_where_they_are(frames):
         ({"input": SweepConfig(reflectance=True)}, r"pillars\.grid\.reflectance is False, but"),
         ({"regions": RegionConfig(in_channels=1)}, r"regions\.in_channels is 1, expected 0"),
         ({"regions": RegionConfig(classes=(CAR,))}, r"regions\.classes are Car, expected the"),
+        (
+            {
+                "regions": RegionConfig(num_points=16_384),
+                "centers": PillarDetectionConfig(max_boxes=1000),
+            },
+            r"regions makes layers of 3145728 numbers of a proposal, .* centers\.max_boxes allows",
+        ),
     ],
 )
 def test_stages_that_do_not_fit_together_are_refused(wrong, message):

@@ -107,3 +107,5 @@ def test_settings_out_of_range_are_refused():
         PillarDetectionConfig(mean_iou=1.0)
     with pytest.raises(ValueError, match="max_cells and max_boxes must be at least 1, got 0"):
         PillarDetectionConfig(max_cells=0)
+    with pytest.raises(ValueError, match="times max_boxes must be up to 33554432, got 1000000 t"):
+        PillarDetectionConfig(max_cells=10**6)

@@ -56,7 +56,15 @@ def test_points_that_are_no_numbers_or_endless_lie_nowhere():
     [
         ({"cell_m": 0.0}, "cell_m and slice_m must be positive and finite, got 0.0 and 0.4"),
         ({"slices": 0}, "slices must be at least 1"),
-        ({"z_m": (1.0, 1.0)}, "z_m must rise and be finite, got 1.0 to 1.0"),
+        ({"z_m": (1.0, 1.0)}, "z_m must rise and lie within 100000, got 1.0 to 1.0"),
+        ({"y_m": (-40.0, 1e9)}, "y_m must rise and lie within 100000, got -40.0 to 1000000000.0"),
+        ({"lowest_slice_m": 1e9}, "lowest_slice_m within 100000, got 10 and 1000000000.0"),
+        (
+            {"cell_m": 1e-3},
+            "the grid has 70400 x 80000 cells of 16 numbers, expected up to 67108864",
+        ),
+        ({"cell_m": 5e-324}, "the grid has inf x inf cells"),
+        ({"slices": 10**9}, "the grid has 352 x 400 cells of 1000000006 numbers"),
         ({"x_m": (0.0, 70.0)}, "x_m must span a multiple of 8 cells of 0.2 m, got 0.0 to 70.0"),
     ],
 )

@@ -130,7 +130,7 @@ def test_the_published_sizes_are_the_default():
 
 
 def test_settings_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="radius_m must be positive and finite, got 0"):
+    with pytest.raises(ValueError, match="radius_m must be positive and up to 1000, got 0"):
         NeighbourhoodConfig(radius_m=0.0, num_neighbours=1, widths=(1,))
     with pytest.raises(ValueError, match="num_neighbours must be at least 1, got 0"):
         NeighbourhoodConfig(radius_m=1.0, num_neighbours=0, widths=(1,))
@@ -138,8 +138,11 @@ def test_settings_out_of_range_are_refused():
         NeighbourhoodConfig(radius_m=1.0, num_neighbours=1, widths=())
     with pytest.raises(ValueError, match="scales must hold one neighbourhood or more"):
         AbstractionConfig(num_centers=1, scales=())
-    with pytest.raises(ValueError, match="num_centers must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="num_centers must be from 1 to 65536, got 0"):
         AbstractionConfig(num_centers=0, scales=(SCALE,))
+    wide = NeighbourhoodConfig(radius_m=1.0, num_neighbours=10**6, widths=(64,))
+    with pytest.raises(ValueError, match="a layer of 64000000000 numbers, expected up to 53687091"):
+        AbstractionConfig(num_centers=1000, scales=(wide,))
     with pytest.raises(ValueError, match="one entry for each of one or more levels, got 1 for 4"):
         PointBackboneConfig(propagation_widths=((8,),))
     with pytest.raises(ValueError, match="in_channels must not be negative, got -1"):

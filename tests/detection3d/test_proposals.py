@@ -64,6 +64,8 @@ def test_published_numbers_are_the_defaults():
 def test_what_is_out_of_range_is_refused():
     with pytest.raises(ValueError, match="must be from 1 to num_candidates 9, got 10"):
         ProposalConfig(num_candidates=9, num_proposals=10)
+    with pytest.raises(ValueError, match="num_candidates must be up to 33554432, got 100 times 1"):
+        ProposalConfig(num_candidates=10**6)
     with pytest.raises(ValueError, match="iou must be from 0 to 1, got -1"):
         ProposalConfig(iou=-1.0)
     with pytest.raises(ValueError, match="near_m must be positive and finite, got inf"):

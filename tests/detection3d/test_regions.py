@@ -101,9 +101,14 @@ def test_no_proposals_give_no_regions_and_no_points_give_empty_ones():
     ("wrong", "message"),
     [
         ({"classes": (CAR, CAR)}, "classes must hold one or more different ones"),
-        ({"margin_m": (0.1, -0.1, 0.0)}, "margin_m must be finite and not negative, got"),
-        ({"num_points": 0}, "num_points must be at least 1 and in_channels not negative, got 0"),
+        ({"margin_m": (0.1, -0.1, 0.0)}, "margin_m must be from 0 to 100, got"),
+        (
+            {"num_points": 0},
+            "num_points must be from 1 to 16384 and in_channels not negative, got 0",
+        ),
         ({"point_widths": ()}, "point_widths must hold one positive width a layer, got"),
+        ({"margin_m": (1e9, 0.6, 0.4)}, "margin_m must be from 0 to 100, got"),
+        ({"num_points": 10**6}, "num_points must be from 1 to 16384 and .* got 1000000"),
         ({"region_width": 0}, "region_width must be at least 1, got 0"),
     ],
 )

@@ -63,7 +63,7 @@ def test_features_learn_from_what_was_pooled_of_them():
 
 
 def test_settings_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="margin_m must be finite and not negative, got -1"):
+    with pytest.raises(ValueError, match="margin_m must be from 0 to 100, got -1"):
         RoiPoolingConfig(margin_m=-1.0)
-    with pytest.raises(ValueError, match="num_points must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="num_points must be from 1 to 16384, got 0"):
         RoiPoolingConfig(num_points=0)

@@ -88,7 +88,7 @@ def test_points_that_are_not_finite_are_refused_in_one_line():
     [
         ({"num_points": 0}, "num_points must be from 1"),
         ({"lowest_m": (0.0, 40.0, -3.0)}, "lowest_m must be below highest_m"),
-        ({"far_m": torch.inf}, "must be finite"),
+        ({"far_m": torch.inf}, "must be within 100000"),
     ],
 )
 def test_settings_out_of_range_are_refused(settings, told):

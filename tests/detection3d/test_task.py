@@ -10,12 +10,13 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch.utils.data import DataLoader
 
-from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
 from sightline.detection3d.examples import DetectionExamples, ExampleConfig
 from sightline.detection3d.loss import detection_losses
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.pictures import RIGHT, TRUTH, WRONG, training_picture
 from sightline.detection3d.proposal_sampling import ProposalSamplingConfig
+from sightline.detection3d.proposals import ProposalConfig
 from sightline.detection3d.targets import TargetConfig
 from sightline.detection3d.task import Detection3D
 from sightline.geometry.boxes3d import Boxes3D
@@ -219,3 +220,7 @@ def test_settings_that_do_not_fit_together_are_refused():
         replace(TINY, input=replace(SWEEP, reflectance=True))
     with pytest.raises(ValueError, match=r"refinement.in_channels is 7, expected 24"):
         replace(TINY, refinement=replace(TINY.refinement, in_channels=7))
+    with pytest.raises(ValueError, match="refinement makes layers of 1048576 numbers of a propos"):
+        Detection3DConfig(proposals=ProposalConfig(num_proposals=1000))
+    with pytest.raises(ValueError, match="must be up to 4294967296, got 4194304 times 4096"):
+        Detection3DConfig(input=SweepConfig(num_points=2**22))

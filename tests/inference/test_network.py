@@ -3,6 +3,8 @@ from pathlib import Path
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sightline.data import weights_header
 from sightline.data.weights import (
@@ -134,3 +136,36 @@ def test_a_file_that_is_no_weights_is_refused(tmp_path):
     path.write_text("not weights")
     with pytest.raises(ValueError, match=r"notes\.safetensors cannot be read"):
         load_network(TASK, path)
+
+
+@pytest.fixture(scope="module")
+def whole_file(tmp_path_factory) -> bytes:
+    return write_tiny_weights(tmp_path_factory.mktemp("whole") / "whole.safetensors").read_bytes()
+
+
+byte = st.integers(0, 255) | st.sampled_from(b'0189-.e"{}[],:')  # what the description is made of
+damages = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), byte), min_size=1, max_size=8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["header", "file"])
+@given(damages=damages, kept=st.sampled_from([0.5, 0.999, 1, 1, 1, 1]))
+@settings(max_examples=5000)
+def test_any_damaged_file_gives_a_network_or_one_line_that_names_it(
+    tmp_path_factory, whole_file, part, damages, kept
+):
+    content = bytearray(whole_file)
+    length = 8 + int.from_bytes(content[:8], "little") if part == "header" else len(content)
+    for place, value in damages:
+        content[int(place * length)] = value
+    path = tmp_path_factory.getbasetemp() / "odd.safetensors"
+    path.write_bytes(content[: int(kept * len(content))])
+    try:
+        network = load_network(TASK, path).network
+    except ValueError as error:
+        said = str(error).replace(str(path.parent), "")
+        assert path.name in said
+        assert said.isprintable()
+        assert len(said) < 500
+    else:
+        assert all(tensor.isfinite().all() for tensor in network.state_dict().values())

@@ -10,6 +10,7 @@ TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
 
 # A file of weights may come from anywhere; these settings cost time or memory but add no weights.
+_SMALLEST_SCALE_M, _LARGEST_SCALE_M = 1e-3, 1e6
 _LONGEST_SHIFT_PX = 1024
 _MOST_SCALES = 8
 _MOST_PROPAGATION_STEPS = 64
@@ -194,8 +195,11 @@ class DepthCompletionConfig:
     def __post_init__(self) -> None:
         """Checks the choices, the numbers, and what belongs together."""
         _check_choices(self)
-        if not 0 < self.depth_scale_m < math.inf:
-            raise ValueError(f"depth_scale_m must be positive and finite, got {self.depth_scale_m}")
+        if not _SMALLEST_SCALE_M <= self.depth_scale_m <= _LARGEST_SCALE_M:
+            raise ValueError(
+                f"depth_scale_m must be from {_SMALLEST_SCALE_M:g} to {_LARGEST_SCALE_M:g}, got "
+                f"{self.depth_scale_m}"
+            )
         _check_at_least("stem_channels", self.stem_channels, 1)
         _check_at_least("refinement_channels", self.refinement_channels, 0)
         _check_at_least("propagation_steps", self.propagation_steps, 0)

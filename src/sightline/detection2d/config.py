@@ -20,6 +20,9 @@ LidarPooling = Literal[1, 2, 4]
 
 _LARGEST_WIDTH = 8.0
 _LARGEST_PX = 8192
+_MOST_PX = 2**23  # as many as a picture of 4K has
+_SMALLEST_PRIOR_PX = 0.1
+_LARGEST_RATIO = 100.0
 _MOST_DETECTIONS = 10_000
 
 
@@ -69,6 +72,8 @@ class InputConfig:
         """Checks the ranges."""
         if self.size is not None and not all(0 < side <= _LARGEST_PX for side in self.size):
             raise ValueError(f"input.size must be from 1 to {_LARGEST_PX} px, got {self.size}")
+        if self.size is not None and math.prod(self.size) > _MOST_PX:
+            raise ValueError(f"input.size must have up to {_MOST_PX} pixels, got {self.size}")
         check_range("input.scale", self.scale, 0.01, 4)
         check_range("input.longest_focal_px", self.longest_focal_px, 1, 1e6)
         check_range("input.height_offset_m", self.height_offset_m, -100, 100)
@@ -107,9 +112,10 @@ class DgfnConfig:
                 f"dgfn has {num_maps} maps: expected {num_maps + 1} prior_sizes_px and {num_maps} "
                 f"prior_ratios, got {len(self.prior_sizes_px)} and {len(self.prior_ratios)}"
             )
-        values = (*self.prior_sizes_px, *(each for map_ in self.prior_ratios for each in map_))
-        if not all(0 < value < math.inf for value in values):
-            raise ValueError("dgfn.prior_sizes_px and prior_ratios must be positive and finite")
+        for size_px in self.prior_sizes_px:
+            check_range("dgfn.prior_sizes_px", size_px, _SMALLEST_PRIOR_PX, _LARGEST_PX)
+        for ratio in (each for map_ in self.prior_ratios for each in map_):
+            check_range("dgfn.prior_ratios", ratio, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
 
 
 @dataclass(frozen=True, kw_only=True)

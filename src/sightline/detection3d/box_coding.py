@@ -35,7 +35,7 @@ class BoxCodingConfig:
     def __post_init__(self) -> None:
         """Checks the numbers."""
         bins = 2 * self.scope_m / self.bin_m if self.bin_m > 0 else 0.0
-        if not (0 < self.scope_m < math.inf and bins >= 1 and bins == round(bins)):
+        if not (0 < self.scope_m < math.inf and 1 <= bins < math.inf and bins == round(bins)):
             raise ValueError(
                 f"2 * scope_m must be a multiple of bin_m, both positive, got {self.scope_m} and "
                 f"{self.bin_m}"

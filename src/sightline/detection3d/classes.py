@@ -1,8 +1,9 @@
 """The kinds of road users that are detected."""
 
-import math
 from dataclasses import dataclass
 from typing import Final
+
+_SMALLEST_M, _LARGEST_M = 0.01, 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,9 +17,10 @@ class RoadUserClass:
 
     def __post_init__(self) -> None:
         """Checks the sizes."""
-        if not all(0 < size_m < math.inf for size_m in self.mean_size_m):
+        if not all(_SMALLEST_M <= size_m <= _LARGEST_M for size_m in self.mean_size_m):
             raise ValueError(
-                f"mean_size_m of {self.name} must be positive and finite, got {self.mean_size_m}"
+                f"mean_size_m of {self.name} must be from {_SMALLEST_M:g} to {_LARGEST_M:g}, got "
+                f"{self.mean_size_m}"
             )
 
 

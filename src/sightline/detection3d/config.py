@@ -1,8 +1,13 @@
 """Settings of both stages' networks. The defaults are those of the published detectors."""
 
-import math
 from dataclasses import dataclass
 from typing import Final
+
+# Bounds of what costs time or memory but adds no weights: a file of them may come from anywhere.
+MOST_NUMBERS: Final = 2**29
+"""That a layer may give for a sweep: 2 GB."""
+_MOST_CENTERS = 2**16
+_LARGEST_RADIUS_M = 1000.0
 
 
 def _check_widths(name: str, widths: tuple[int, ...]) -> None:
@@ -23,8 +28,10 @@ class NeighbourhoodConfig:
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        if not 0 < self.radius_m < math.inf:
-            raise ValueError(f"radius_m must be positive and finite, got {self.radius_m}")
+        if not 0 < self.radius_m <= _LARGEST_RADIUS_M:
+            raise ValueError(
+                f"radius_m must be positive and up to {_LARGEST_RADIUS_M:g}, got {self.radius_m}"
+            )
         if self.num_neighbours < 1:
             raise ValueError(f"num_neighbours must be at least 1, got {self.num_neighbours}")
         _check_widths("widths", self.widths)
@@ -41,15 +48,29 @@ class AbstractionConfig:
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        if self.num_centers < 1:
-            raise ValueError(f"num_centers must be at least 1, got {self.num_centers}")
+        if not 1 <= self.num_centers <= _MOST_CENTERS:
+            raise ValueError(
+                f"num_centers must be from 1 to {_MOST_CENTERS}, got {self.num_centers}"
+            )
         if not self.scales:
             raise ValueError("scales must hold one neighbourhood or more, got none")
+        if self.numbers > MOST_NUMBERS:
+            raise ValueError(
+                f"num_centers, num_neighbours and widths make a layer of {self.numbers} numbers, "
+                f"expected up to {MOST_NUMBERS}"
+            )
 
     @property
     def out_channels(self) -> int:
         """Of each centre."""
         return sum(scale.widths[-1] for scale in self.scales)
+
+    @property
+    def numbers(self) -> int:
+        """That its largest layer gives."""
+        return self.num_centers * max(
+            scale.num_neighbours * max(scale.widths) for scale in self.scales
+        )
 
 
 def _two_scales(
@@ -138,3 +159,9 @@ class RefinementConfig:
         _check_widths("global_widths", self.global_widths)
         if self.head_widths:
             _check_widths("head_widths", self.head_widths)
+
+    def numbers(self, num_points: int) -> int:
+        """That its largest layer gives for a region of so many points."""
+        last = self.levels[-1].num_centers if self.levels else num_points
+        levels = (level.numbers for level in self.levels)
+        return max(num_points * (3 + self.in_channels), *levels, last * max(self.global_widths))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from sightline.data.settings import IN_USE_ALONE
 from sightline.detection3d.alignment import ClassAlignment
 from sightline.detection3d.classes import RoadUserClass
-from sightline.detection3d.config import RefinementConfig
+from sightline.detection3d.config import MOST_NUMBERS, RefinementConfig
 from sightline.detection3d.pillar_config import PillarNetworkConfig
 from sightline.detection3d.pillar_detections import PillarDetectionConfig
 from sightline.detection3d.proposal_network import ProposalNetworkConfig
@@ -19,8 +19,11 @@ from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
 
+# Bounds of what costs time or memory but adds no weights: a file of them may come from anywhere.
 _MOST_POINTS = 2**22
 _MOST_PROPOSALS = 10_000
+_MOST_DISTANCES = 2**32  # between points and centres: some seconds
+_FARTHEST_M = 1e5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +52,8 @@ class SweepConfig:
                 f"input.num_points must be from 1 to {_MOST_POINTS}, got {self.num_points}"
             )
         numbers = (*self.lowest_m, *self.highest_m, self.far_m, self.height_offset_m)
-        if not all(map(math.isfinite, numbers)):
-            raise ValueError(f"lengths of the input must be finite, got {numbers}")
+        if not all(abs(number) <= _FARTHEST_M for number in numbers):
+            raise ValueError(f"lengths of the input must be within {_FARTHEST_M:g}, got {numbers}")
         if any(low >= high for low, high in zip(self.lowest_m, self.highest_m, strict=True)):
             raise ValueError(
                 f"input.lowest_m must be below highest_m in x, y and z, got {self.lowest_m} and "
@@ -116,6 +119,7 @@ class Detection3DConfig:
                 f"input.reflectance {self.input.reflectance}: set both alike"
             )
         self._check_second()
+        self._check_work()
         self._check_alignment()
         self._check_flip_test()
 
@@ -125,6 +129,24 @@ class Detection3DConfig:
         first = self.points or self.pillars
         assert first is not None, "checked when built"
         return first.classes
+
+    def _check_work(self) -> None:
+        """Checks what proposals and points around them take together."""
+        name, most = "centers.max_boxes", self.centers.max_boxes
+        if self.points is not None:
+            name, most = "proposals.num_proposals", self.proposals.num_proposals
+        if self.regions is not None:
+            stage, numbers = "regions", self.regions.numbers
+        elif self.refinement is not None:
+            stage, numbers = "refinement", self.refinement.numbers(self.pooling.num_points)
+        else:
+            return
+        if most * numbers > MOST_NUMBERS:
+            raise ValueError(
+                f"{stage} makes layers of {numbers} numbers of a proposal, of which {name} allows "
+                f"{most}, expected up to {MOST_NUMBERS} numbers together: lower {name}, or the "
+                "points of a proposal"
+            )
 
     def _check_alignment(self) -> None:
         known = [each.name for each in self.classes]
@@ -158,6 +180,12 @@ class Detection3DConfig:
     def _check_points(self, points: ProposalNetworkConfig) -> None:
         if self.input.num_points is None:
             raise ValueError("input.num_points must be a number where points are the first stage")
+        centers = points.backbone.levels[0].num_centers
+        if self.input.num_points * centers > _MOST_DISTANCES:
+            raise ValueError(
+                "input.num_points times num_centers of the first of points.backbone.levels must "
+                f"be up to {_MOST_DISTANCES}, got {self.input.num_points} times {centers}"
+            )
         extra = points.backbone.in_channels
         if extra != self.input.reflectance:
             raise ValueError(

@@ -9,6 +9,8 @@ from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClas
 HEAD_STRIDE: Final = 2
 """Cells of the features that a cell of the heads is long and wide."""
 _COARSEST_STRIDE: Final = 8  # of the backbone's last stage
+_MOST_NUMBERS: Final = 2**26  # of the map: a network then takes 3 GB
+_FARTHEST_M: Final = 1e5
 _SLACK: Final = 1e-6  # of a block of cells: lengths are decimal fractions
 
 
@@ -40,15 +42,26 @@ class PillarGridConfig:
                 "cell_m and slice_m must be positive and finite, got "
                 f"{self.cell_m} and {self.slice_m}"
             )
-        if self.slices < 1 or not math.isfinite(self.lowest_slice_m):
+        if self.slices < 1 or not abs(self.lowest_slice_m) <= _FARTHEST_M:
             raise ValueError(
-                "slices must be at least 1 and lowest_slice_m finite, got "
+                f"slices must be at least 1 and lowest_slice_m within {_FARTHEST_M:g}, got "
                 f"{self.slices} and {self.lowest_slice_m}"
             )
         for name in ("x_m", "y_m", "z_m"):
             low, high = getattr(self, name)
-            if not -math.inf < low < high < math.inf:
-                raise ValueError(f"{name} must rise and be finite, got {low} to {high}")
+            if not -_FARTHEST_M <= low < high <= _FARTHEST_M:
+                raise ValueError(
+                    f"{name} must rise and lie within {_FARTHEST_M:g}, got {low} to {high}"
+                )
+        self._check_cells()
+
+    def _check_cells(self) -> None:
+        x, y = ((high - low) / self.cell_m for low, high in (self.x_m, self.y_m))
+        if not x * y * self.channels <= _MOST_NUMBERS:
+            raise ValueError(
+                f"the grid has {x:.0f} x {y:.0f} cells of {self.channels} numbers, expected up to "
+                f"{_MOST_NUMBERS} numbers together; set a larger cell_m, or less ground"
+            )
         for name in ("x_m", "y_m"):
             low, high = getattr(self, name)
             blocks = (high - low) / (_COARSEST_STRIDE * self.cell_m)

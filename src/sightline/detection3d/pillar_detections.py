@@ -17,6 +17,7 @@ from sightline.geometry.transforms import wrap_angle
 from sightline.ops.nms import nms_bev
 from sightline.ops.rotated_iou import pairwise_iou_bev
 
+_MOST_PAIRS = 2**25  # of boxes whose overlap is taken: 256 MB for each number of them
 _QUALITY_FOCUS = 4  # the power of the predicted IoU that a neighbour's box is weighted by
 
 
@@ -50,6 +51,11 @@ class PillarDetectionConfig:
             raise ValueError(
                 "max_cells and max_boxes must be at least 1, got "
                 f"{self.max_cells} and {self.max_boxes}"
+            )
+        if self.max_cells * self.max_boxes > _MOST_PAIRS:
+            raise ValueError(
+                f"max_cells times max_boxes must be up to {_MOST_PAIRS}, got {self.max_cells} "
+                f"times {self.max_boxes}"
             )
 
 

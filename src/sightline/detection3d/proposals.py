@@ -10,6 +10,8 @@ from torch import Tensor
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.nms import nms_bev
 
+_MOST_PAIRS = 2**25  # of boxes whose overlap is taken, which takes a few seconds
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProposalConfig:
@@ -33,6 +35,11 @@ class ProposalConfig:
             raise ValueError(
                 f"num_proposals must be from 1 to num_candidates {self.num_candidates}, got "
                 f"{self.num_proposals}"
+            )
+        if self.num_proposals * self.num_candidates > _MOST_PAIRS:
+            raise ValueError(
+                f"num_proposals times num_candidates must be up to {_MOST_PAIRS}, got "
+                f"{self.num_proposals} times {self.num_candidates}"
             )
         if not 0 <= self.iou <= 1:
             raise ValueError(f"iou must be from 0 to 1, got {self.iou}")

@@ -1,11 +1,13 @@
 """Settings of the compact second stage: what it sees of a region, and by which network."""
 
-import math
 from dataclasses import dataclass
 
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
 
+# Bounds of what costs time or memory but adds no weights: a file of them may come from anywhere.
 _MOST_PASSES = 10
+_MOST_POINTS = 2**14
+_LARGEST_MARGIN_M = 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,11 +40,13 @@ class RegionConfig:
         """Checks the numbers."""
         if not self.classes or len({entry.name for entry in self.classes}) < len(self.classes):
             raise ValueError(f"classes must hold one or more different ones, got {self.classes}")
-        if not all(0 <= margin < math.inf for margin in self.margin_m):
-            raise ValueError(f"margin_m must be finite and not negative, got {self.margin_m}")
-        if self.num_points < 1 or self.in_channels < 0:
+        if not all(0 <= margin <= _LARGEST_MARGIN_M for margin in self.margin_m):
             raise ValueError(
-                "num_points must be at least 1 and in_channels not negative, got "
+                f"margin_m must be from 0 to {_LARGEST_MARGIN_M:g}, got {self.margin_m}"
+            )
+        if not 1 <= self.num_points <= _MOST_POINTS or self.in_channels < 0:
+            raise ValueError(
+                f"num_points must be from 1 to {_MOST_POINTS} and in_channels not negative, got "
                 f"{self.num_points} and {self.in_channels}"
             )
         for name in ("point_widths", "head_widths"):
@@ -60,6 +64,11 @@ class RegionConfig:
     def point_channels(self) -> int:
         """Of what a point of a region tells."""
         return (9 if self.canonical else 3) + self.in_channels
+
+    @property
+    def numbers(self) -> int:
+        """That its largest layer gives for a region."""
+        return self.num_points * max(self.point_channels, *self.point_widths, self.region_width)
 
     @property
     def context_channels(self) -> int:

@@ -1,6 +1,5 @@
 """What lies in and around each proposal: the second stage's input."""
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,6 +8,9 @@ from torch import Tensor
 
 from sightline.ops.group_points import group_points
 from sightline.ops.roi_points import roi_points
+
+_LARGEST_MARGIN_M = 100.0
+_MOST_POINTS = 2**14
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +24,12 @@ class RoiPoolingConfig:
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        if not 0 <= self.margin_m < math.inf:
-            raise ValueError(f"margin_m must be finite and not negative, got {self.margin_m}")
-        if self.num_points < 1:
-            raise ValueError(f"num_points must be at least 1, got {self.num_points}")
+        if not 0 <= self.margin_m <= _LARGEST_MARGIN_M:
+            raise ValueError(
+                f"margin_m must be from 0 to {_LARGEST_MARGIN_M:g}, got {self.margin_m}"
+            )
+        if not 1 <= self.num_points <= _MOST_POINTS:
+            raise ValueError(f"num_points must be from 1 to {_MOST_POINTS}, got {self.num_points}")
 
 
 class PooledRois(NamedTuple):
