@@ -2,8 +2,9 @@
 
 Each network answers all frames with its first stage alone and with its second applied once, twice
 and so on, as often as it was made for. The first stage is scored as a finder of proposals, too:
-recall with at most 100 and 300 of a frame. There is no flip test. Result files stay in OUT, those
-that are there are taken as they are. Prints tables of cars; OUT/scores.json has all classes.
+recall with at most 100 and 300 of a frame. There is no flip test, and proposals are refined from
+their own axes alone. Result files stay in OUT, those that are there are taken as they are. Prints
+tables of cars; OUT/scores.json has all classes.
 """
 
 import itertools
@@ -81,7 +82,7 @@ def main(
     rows: list[dict[str, Any]] = []
     for number, name in enumerate(weights):
         loaded = load_network(NETWORK_TASK, name)
-        loaded = _changed(loaded, replace(loaded.network.config, flip_test=False))
+        loaded = _changed(loaded, replace(loaded.network.config, flip_test=False, axes=None))
         answers = _score_answers(loaded, scene, out / loaded.name)
         rows += (row for row, _ in answers)
         rows.append(_score_proposals(loaded, scene, out / loaded.name / "proposals"))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from sightline.cli.main import main
+from sightline.detection3d.axes_config import AxesConfig
 from sightline.detection3d.center_coding import (
     cell_middles,
     encode_centers,
@@ -167,7 +168,7 @@ def test_with_a_flip_test_proposals_of_a_mirrored_sweep_are_the_mirrored_proposa
     torch.testing.assert_close(there.scores, here.scores, atol=1e-4, rtol=0)
     assert torch.equal(there.classes, here.classes)
     assert same_boxes(there.boxes, here.boxes * MIRROR.float())
-    plain, other = (propose(detector, each, flip_test=False)[0] for each in (sweep, mirrored))
+    plain, other = (propose(detector, each, in_use=False)[0] for each in (sweep, mirrored))
     assert not same_boxes(other.boxes, plain.boxes * MIRROR.float())
 
 
@@ -179,7 +180,7 @@ def test_with_a_flip_test_it_does_not_matter_at_which_end_a_proposal_has_its_fro
     here, there = (refine(detector, sweep, each) for each in (proposed, turned))
     torch.testing.assert_close(there.scores, here.scores, atol=1e-4, rtol=0)
     assert same_boxes(there.boxes.tensor, here.boxes.tensor)
-    plain, other = (refine(detector, sweep, each, flip_test=False) for each in (proposed, turned))
+    plain, other = (refine(detector, sweep, each, in_use=False) for each in (proposed, turned))
     assert not same_boxes(other.boxes.tensor, plain.boxes.tensor)
 
 
@@ -192,11 +193,12 @@ def same_boxes(one, other):
 
 
 @pytest.mark.parametrize("is_cached", [False, True])
-def test_a_training_scores_without_the_flip_test(is_cached, tmp_path):
+def test_a_training_scores_without_what_is_for_use_alone(is_cached, tmp_path):
     weights = tmp_path / "w.safetensors"
-    write_network(weights, replace(COMPACT, flip_test=True))
+    in_use = replace(COMPACT, flip_test=True, axes=AxesConfig(class_names=NAMES, passes=1))
+    write_network(weights, in_use)
     answers = []
-    for config in (COMPACT, replace(COMPACT, flip_test=True)):
+    for config in (COMPACT, in_use):
         task = Detection3D(config, stages="second", initial_weights=weights).eval()
         cache = None
         if is_cached:
@@ -210,7 +212,7 @@ def test_a_training_scores_without_the_flip_test(is_cached, tmp_path):
         with torch.no_grad():
             answers.append(task.score(batch)[0])
     assert torch.equal(answers[0].boxes.tensor, answers[1].boxes.tensor)
-    assert task.network_config().flip_test
+    assert task.network_config() == in_use
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from sightline.detection3d.axes import surest_axes, turn_to_axes
+from sightline.detection3d.axes_config import AxesConfig
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.stages import (
     FirstStage,
@@ -29,7 +31,7 @@ def propose(
     run: Run | None = None,
     *,
     training: Sequence[bool] = (False,),
-    flip_test: bool | None = None,
+    in_use: bool = True,
 ) -> list[Proposed]:
     """The first stage's proposals for a sweep of one point or more, in as many ways as asked for.
 
@@ -38,11 +40,11 @@ def propose(
         sweep: As `sweeps` prepares it.
         run: Runs the stage's module. None: PyTorch, where the module is.
         training: For each way, whether they are for a second stage's training.
-        flip_test: Whether it sees the sweep mirrored, too. None: as the settings say.
+        in_use: Whether what the settings ask for in use alone is done: `flip_test`.
     """
     first = detector.first
     inputs = first.inputs([sweep])
-    views = _views(detector, first, flip_test=flip_test)
+    views = _views(detector, first, in_use=in_use)
     output = answer_of_views(run or _here(first), inputs, views)
     with full_precision(sweep):
         return [first.propose(output, [sweep], training=each)[0] for each in training]
@@ -54,7 +56,7 @@ def refine(
     proposed: Proposed,
     run: Run | None = None,
     *,
-    flip_test: bool | None = None,
+    in_use: bool = True,
 ) -> Detections3D:
     """What is answered of proposals: refined where there is a second stage, then suppressed.
 
@@ -63,27 +65,49 @@ def refine(
         sweep: As the proposals' first stage saw it.
         proposed: What it proposed.
         run: Runs the second stage's module. None: PyTorch, where the module is.
-        flip_test: Whether it sees regions turned round, too. None: as the settings say.
+        in_use: Whether what the settings ask for in use alone is done: `flip_test` and `axes`.
 
     Returns:
         The surest first, in the labels' frame.
     """
     scores, config = proposed.scores, detector.config
     if detector.second is not None:
-        views = _views(detector, detector.second, flip_test=flip_test)
+        views = _views(detector, detector.second, in_use=in_use)
         ask = partial(answer_of_views, run or _here(detector.second), views=views)
-        proposed, scores = _all_passes(detector.second, sweep, proposed, ask)
+        axes = config.axes if in_use else None
+        proposed, scores = _all_passes(detector, sweep, proposed, ask, axes)
     with full_precision(sweep):
         kept = suppress_boxes(proposed.boxes, scores, config.suppression, labels=proposed.classes)
     return as_detections(detector, proposed.boxes[kept], proposed.classes[kept], scores[kept])
 
 
 def _all_passes(
-    second: SecondStage, sweep: Sweep, proposed: Proposed, ask: Run
+    detector: Detector3D, sweep: Sweep, proposed: Proposed, ask: Run, axes: AxesConfig | None
 ) -> tuple[Proposed, Float[Tensor, " num_boxes"]]:
     """The refined boxes with the proposals' scores, where each pass starts; the last scores."""
+    second = detector.second
+    assert second is not None, "there is something to refine by"
+    if axes is None or not len(proposed.boxes):
+        return _passes(second, sweep, proposed, ask, second.passes)
+    named = [detector.class_names.index(name) for name in axes.class_names]
+    turned = turn_to_axes(
+        proposed, torch.isin(proposed.classes, proposed.classes.new_tensor(named)), axes.number
+    )
+    refined, scores = _passes(second, sweep, turned.proposed, ask, axes.passes)
+    kept = surest_axes(scores, turned, axes)
+    boxes, classes, heat = (values[kept] for values in refined[:3])
+    surest = Proposed(boxes, classes, heat, refined.features)
+    if axes.passes == second.passes:
+        return surest, scores[kept]
+    return _passes(second, sweep, surest, ask, second.passes - axes.passes)
+
+
+def _passes(
+    second: SecondStage, sweep: Sweep, proposed: Proposed, ask: Run, number: int
+) -> tuple[Proposed, Float[Tensor, " num_boxes"]]:
+    """So many passes, one after the other."""
     scores = proposed.scores
-    for _ in range(second.passes):
+    for _ in range(number):
         if not len(proposed.boxes):
             break
         with full_precision(sweep):
@@ -125,7 +149,6 @@ def _here(stage: FirstStage | SecondStage) -> Run:
 
 
 def _views(
-    detector: Detector3D, stage: FirstStage | SecondStage, *, flip_test: bool | None
+    detector: Detector3D, stage: FirstStage | SecondStage, *, in_use: bool
 ) -> tuple[View, ...]:
-    is_asked = detector.config.flip_test if flip_test is None else flip_test
-    return stage.views if is_asked else stage.views[:1]
+    return stage.views if in_use and detector.config.flip_test else stage.views[:1]

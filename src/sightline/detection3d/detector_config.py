@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from sightline.data.settings import IN_USE_ALONE
 from sightline.detection3d.alignment import ClassAlignment
+from sightline.detection3d.axes_config import AxesConfig
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.config import MOST_NUMBERS, RefinementConfig
 from sightline.detection3d.pillar_config import PillarNetworkConfig
@@ -90,6 +91,9 @@ class Detection3DConfig:
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
     """Whether predictors ask the compact first stage about the mirrored sweep, too, and the second
     about regions turned round; see `answer_of_views`."""
+    axes: AxesConfig | None = field(default=None, metadata=IN_USE_ALONE)
+    """Which proposals predictors have the compact second stage refine from several axes. None:
+    none."""
     alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
     """How detections are fitted to the labels of other sensors, in use alone: a training scores
     boxes as they were learned, and the weights that it writes have none."""
@@ -122,6 +126,7 @@ class Detection3DConfig:
         self._check_work()
         self._check_alignment()
         self._check_flip_test()
+        self._check_axes()
 
     @property
     def classes(self) -> tuple[RoadUserClass, ...]:
@@ -175,6 +180,21 @@ class Detection3DConfig:
             raise ValueError(
                 "flip_test needs a grid as far to the left as to the right, got pillars.grid.y_m "
                 f"{right} to {left}: change it, or set flip_test to false"
+            )
+
+    def _check_axes(self) -> None:
+        if self.axes is None:
+            return
+        known = [each.name for each in self.classes]
+        for name in self.axes.class_names:
+            if name not in known:
+                raise ValueError(f"axes names {name}, but the classes are {', '.join(known)}")
+        if self.regions is None or not self.regions.canonical:
+            raise ValueError("axes needs regions in their own frames: set it to null, or regions")
+        if self.axes.passes > self.regions.passes:
+            raise ValueError(
+                f"axes.passes is {self.axes.passes}, expected up to regions.passes "
+                f"({self.regions.passes})"
             )
 
     def _check_points(self, points: ProposalNetworkConfig) -> None:

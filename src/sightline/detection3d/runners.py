@@ -53,7 +53,7 @@ class StageRunners:
         if not len(sweep):
             return nothing_proposed(sweep), nothing_proposed(sweep)
         in_use, in_training = propose(
-            self.detector, sweep, self._first, training=(False, True), flip_test=False
+            self.detector, sweep, self._first, training=(False, True), in_use=False
         )
         return in_use, in_training
 

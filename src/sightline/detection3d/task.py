@@ -140,11 +140,11 @@ class Detection3D(TrainingModule):
             if batch.records is not None:
                 proposed = proposed_by(batch.records[number], points)
             elif len(points):
-                proposed = propose(self.network, points, flip_test=False)[0]
+                proposed = propose(self.network, points, in_use=False)[0]
             else:
                 proposed = nothing_proposed(points)
             proposals.append(proposed.boxes)
-            answers.append(refine(self.network, points, proposed, flip_test=False))
+            answers.append(refine(self.network, points, proposed, in_use=False))
         results = [
             kitti_from_detections(found, frame.calibration.to("cpu"), frame.image_size)
             for found, frame in zip(answers, batch.frames, strict=True)

@@ -1,0 +1,61 @@
+"""Proposals asked about from several axes.
+
+Which way somebody far away faces is easily mistaken. From a proposal with a wrong axis the second
+stage seldom gets away; from one with the right axis it stays there, and expects the better box.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.stages import Proposed
+from sightline.geometry.transforms import wrap_angle
+
+
+class TurnedProposals(NamedTuple):
+    """Proposals, all as they are first, then some with another axis."""
+
+    proposed: Proposed
+    origins: Int64[Tensor, " num_turned"]
+    """Places of what they were made of among the proposals."""
+    axes: Int64[Tensor, " num_turned"]
+    """Which axis each has; 0: its own."""
+
+
+def turn_to_axes(
+    proposed: Proposed, is_turned: Bool[Tensor, " num_proposals"], number: int
+) -> TurnedProposals:
+    """Proposals, some of them from `number` axes, evenly spread over half a turn."""
+    count, device = len(proposed.boxes), proposed.boxes.device
+    again = is_turned.nonzero()[:, 0]
+    axes = torch.arange(1, number, device=device).repeat_interleave(len(again))
+    origins = torch.cat((torch.arange(count, device=device), again.repeat(number - 1)))
+    axes = torch.cat((torch.zeros(count, dtype=torch.int64, device=device), axes))
+    boxes, classes, scores = (values[origins] for values in proposed[:3])
+    boxes[:, 6] = wrap_angle(boxes[:, 6] + axes.to(boxes.dtype) * (math.pi / number))
+    turned = Proposed(boxes, classes, scores, proposed.features)
+    return TurnedProposals(turned, origins, axes)
+
+
+def surest_axes(
+    scores: Float[Tensor, " num_turned"], turned: TurnedProposals, config: AxesConfig
+) -> Int64[Tensor, " num_proposals"]:
+    """Places of the best box of each proposal among all that was made of them.
+
+    Args:
+        scores: What the second stage gives for what became of them.
+        turned: What they were.
+        config: By how much another axis must be better.
+    """
+    is_own = turned.axes == 0
+    worth = torch.where(is_own, scores, scores / (1 + config.least_gain))
+    table = worth.new_full((int(turned.axes.max()) + 1, int(is_own.sum())), -math.inf)
+    places = torch.zeros_like(table, dtype=torch.int64)
+    table[turned.axes, turned.origins] = worth
+    places[turned.axes, turned.origins] = torch.arange(len(scores), device=scores.device)
+    best = table.argmax(dim=0, keepdim=True)
+    return places.gather(0, best)[0]
