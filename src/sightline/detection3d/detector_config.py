@@ -142,6 +142,7 @@ class Detection3DConfig:
             name, most = "proposals.num_proposals", self.proposals.num_proposals
         if self.regions is not None:
             stage, numbers = "regions", self.regions.numbers
+            numbers *= 1 if self.axes is None else self.axes.number
         elif self.refinement is not None:
             stage, numbers = "refinement", self.refinement.numbers(self.pooling.num_points)
         else:
@@ -186,11 +187,15 @@ class Detection3DConfig:
         if self.axes is None:
             return
         known = [each.name for each in self.classes]
-        for name in self.axes.class_names:
-            if name not in known:
-                raise ValueError(f"axes names {name}, but the classes are {', '.join(known)}")
+        unknown = sorted(set(self.axes.class_names) - set(known))
+        if unknown:
+            raise ValueError(
+                f"axes names {', '.join(unknown)}, but the classes are {', '.join(known)}"
+            )
         if self.regions is None or not self.regions.canonical:
-            raise ValueError("axes needs regions in their own frames: set it to null, or regions")
+            raise ValueError(
+                "axes needs regions in their own frames: set it to null, or regions.canonical"
+            )
         if self.axes.passes > self.regions.passes:
             raise ValueError(
                 f"axes.passes is {self.axes.passes}, expected up to regions.passes "
