@@ -129,7 +129,7 @@ def test_settings_that_make_no_sense_are_refused():
             replace(COMPACT, axes=axes)
     large = replace(COMPACT.regions, num_points=2**14, region_width=512)
     replace(COMPACT, regions=large)
-    with pytest.raises(ValueError, match="regions makes layers of .* numbers of a proposal"):
+    with pytest.raises(ValueError, match=r"regions makes layers of \d+ numbers of a proposal"):
         replace(COMPACT, regions=large, axes=AxesConfig(number=16))
     with pytest.raises(ValueError, match="axes needs regions in their own frames"):
         Detection3DConfig(axes=AxesConfig(class_names=("Car",)))
