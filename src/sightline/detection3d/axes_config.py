@@ -12,9 +12,9 @@ class AxesConfig:
 
     class_names: tuple[str, ...] = ("Pedestrian",)
     """Of the detector's classes."""
-    number: int = 4
+    number: int = 2
     """Axes of each proposal, evenly spread over half a turn from its own one on."""
-    passes: int = 2
+    passes: int = 1
     """After so many of the second stage's passes the surest box of each proposal goes on alone."""
     least_gain: float = 0.015
     """By so much of it the score from another axis must exceed that from the proposal's own."""
