@@ -1,4 +1,5 @@
 import json
+import math
 import pickle
 import shutil
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from scipy.spatial.transform import Rotation
 
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import write_depth_png
@@ -128,8 +130,6 @@ TURNED = {
 
 @pytest.mark.parametrize("cause", TURNED)
 def test_each_mistake_in_a_mount_is_named_by_opening_and_by_check(tmp_path, cause):
-    from scipy.spatial.transform import Rotation
-
     wrong = TURNED[cause]
     if wrong is None:  # R = Rz(90 rad) .. instead of degrees
         wrong = CAMERA_FROM_LIDAR.copy()
@@ -141,6 +141,31 @@ def test_each_mistake_in_a_mount_is_named_by_opening_and_by_check(tmp_path, caus
     (problem,) = check_tree(tmp_path)
     assert cause in problem.problem
     assert problem.path == tmp_path / "calibration.yaml"
+
+
+@pytest.mark.parametrize("yaw_deg", [8, -50, 90, 179])
+def test_a_lidar_that_is_mounted_turned_is_read_as_one_that_looks_ahead(tmp_path, yaw_deg):
+    old_from_new = np.eye(4)
+    old_from_new[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    mounted = CAMERA_FROM_LIDAR @ old_from_new.T
+    write_recording(tmp_path, ("a",), cloud=".npy", camera_from_lidar=mounted.tolist())
+    places = POINTS[:, :3].astype(np.float64) @ old_from_new[:3, :3].T
+    write_cloud_file(
+        tmp_path / "points" / "a.npy", np.column_stack((places, POINTS[:, 3])).astype(np.float32)
+    )
+    (tmp_path / "labels").mkdir()
+    shutil.copy(LABELS, tmp_path / "labels" / "a.txt")
+    sample = open_dataset(tmp_path)[0]
+    torch.testing.assert_close(sample.points, SAMPLE.points, rtol=0, atol=2e-5)
+    ours, true = sample.calibration.image_from_lidar, SAMPLE.calibration.image_from_lidar
+    torch.testing.assert_close(ours, true, rtol=0, atol=1e-9)
+    boxes, expected = sample.objects.boxes3d.tensor, SAMPLE.objects.boxes3d.tensor
+    # KITTI's files are of camera 0, whose centre is not the recording's.
+    torch.testing.assert_close(boxes[:, 3:], expected[:, 3:], rtol=0, atol=1e-9)
+    assert sample.turned_rad == pytest.approx(math.radians(yaw_deg))
+    assert list(check_tree(tmp_path)) == []
+    (summary,) = summarize_tree(tmp_path)
+    assert f"the camera looks {yaw_deg} degrees (counter-clockwise)" in str(summary)
 
 
 def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path):

@@ -57,6 +57,15 @@ def test_canonical_coordinates_of_the_corners_are_the_half_sizes():
     assert canonical[0].tolist() == pytest.approx([2, 1, -0.5])  # front left bottom
 
 
+@given(row=box_rows, yaw_rad=st.floats(-7, 7))
+def test_the_corners_of_turned_boxes_are_the_corners_turned(row, yaw_rad):
+    turned = one_box(*row).turn(yaw_rad)
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    expected = [(cos * x - sin * y, sin * x + cos * y, z) for x, y, z in reference.box_corners(row)]
+    assert turned.corners()[0].tolist() == [pytest.approx(each, abs=1e-9) for each in expected]
+    assert -math.pi <= turned.yaws.item() < math.pi
+
+
 def test_enlarging_grows_each_size_by_twice_the_margin_and_keeps_the_rest():
     grown = one_box(1, 2, 3, 4, 2, 1, 0.3).enlarge(1.0)
     assert grown.tensor[0].tolist() == pytest.approx([1, 2, 3, 6, 4, 3, 0.3])

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sightline.geometry.mount import mount_doubt, resolution_doubt
+from sightline.geometry.mount import mount_doubt, resolution_doubt, turn_ahead
+from tests.data.recordings import CAMERA_FROM_LIDAR
 
 NOMINAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 TILTS_DEG = ((0.0, 0.0, 0.0), (0.4, -0.8, 0.2), (1.0, 3.0, -2.0), (-1.0, -6.0, 4.0))
@@ -28,7 +29,7 @@ def rigid(request):
 angle_deg = st.floats(-9, 9)
 
 
-@given(roll=angle_deg, pitch=angle_deg, yaw=st.floats(-45, 45))
+@given(roll=angle_deg, pitch=angle_deg, yaw=st.floats(-14, 14))
 def test_a_camera_that_looks_ahead_is_not_doubted(roll, pitch, yaw):
     tilt = Rotation.from_euler("xyz", (roll, pitch, yaw), degrees=True).as_matrix()
     assert mount_doubt(mounted(NOMINAL @ tilt)) is None
@@ -60,9 +61,7 @@ def test_a_camera_whose_axes_are_swapped_is_told_where_they_point(rigid, axes, s
 def test_a_lidar_whose_x_axis_points_aside_is_told_where_the_camera_looks(rigid):
     x_to_the_right = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])  # ours from nuScenes'
     doubt = mount_doubt(mounted(rigid[:3, :3] @ x_to_the_right))
-    assert (
-        "degrees to the left of the LiDAR's x axis: the LiDAR's axes are probably swapped" in doubt
-    )
+    assert "degrees to the left of the LiDAR's x axis, expected x forward" in doubt
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -106,3 +105,21 @@ def test_a_camera_that_was_cropped_is_not_doubted():
         assert resolution_doubt(camera, size) is None
     camera = np.array([[700.0, 0, 959.5], [0, 700.0, 100.0], [0, 0, 1]])  # half of it cut off
     assert resolution_doubt(camera, (700, 1920)) is None
+
+
+@pytest.mark.parametrize("yaw_deg", [-150, -90, -45, -6, 10, 45, 90, 180])
+def test_a_lidar_frame_is_turned_until_x_points_where_the_camera_looks(yaw_deg):
+    aside = np.eye(4)
+    aside[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    new_from_old, angle_deg = turn_ahead(CAMERA_FROM_LIDAR @ aside.T)
+    assert (angle_deg - yaw_deg + 180) % 360 == pytest.approx(180, abs=1e-6)
+    camera_from_new = CAMERA_FROM_LIDAR @ aside.T @ np.linalg.inv(new_from_old)
+    np.testing.assert_allclose(camera_from_new[2, :2], (1, 0), atol=1e-9)
+    np.testing.assert_array_equal(new_from_old[2], (0, 0, 1, 0))
+
+
+def test_what_looks_ahead_or_stands_on_its_head_is_left_alone():
+    for rigid in (CAMERA_FROM_LIDAR, np.diag([-1.0, -1, 1, 1]) @ CAMERA_FROM_LIDAR, np.eye(4)):
+        new_from_old, angle_deg = turn_ahead(rigid)
+        assert angle_deg == 0
+        np.testing.assert_array_equal(new_from_old, np.eye(4))

@@ -1,13 +1,15 @@
 """Recordings of your own: images and clouds in folders, and how they fit."""
 
+import math
 import warnings
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 from torch.utils.data import Dataset
 
@@ -32,6 +34,8 @@ from sightline.data.sample_list import read_sample_list
 from sightline.data.undistortion import undistort
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.geometry.calibration import Calibration, centred_image_size
+from sightline.geometry.mount import turn_ahead
+from sightline.geometry.transforms import transform_points
 from sightline.structures.sample import CameraLidarSample
 
 _REMEDY = "see docs/recordings.md for the layout"
@@ -41,8 +45,9 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     """The frames of a recording, by name; `list_recording` says which files it has.
 
     Sizes of images and numbers of beams may differ from frame to frame. Images of a lens that
-    distorts are straightened as they are read. Warns once, with the likely cause, where the LiDAR
-    can hardly sit as the calibration says.
+    distorts are straightened as they are read, and clouds are turned about z, with the calibration,
+    where the camera looks more than 5 degrees aside of the LiDAR's x axis. Warns once, with the
+    likely cause, where the LiDAR can hardly sit as the calibration says.
     """
 
     def __init__(
@@ -88,7 +93,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self._reference_images = reference_images(files.frames)
         self._times = None if files.times is None else read_times(files.times)
         self._start_s = min(self._times.values(), default=0.0) if self._times else 0.0
-        self._last_calibration: tuple[Path, RecordingCalibration, Calibration] | None = None
+        self._last_rig: tuple[Path, _Rig] | None = None
         view = view_of_recording(first_whole(self._frames))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=3)
@@ -118,7 +123,8 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         keep_opencv_to_one_thread_in_workers()
         frame = self._frames[index]
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
-        said, calibration = self._calibration(frame.calibration)
+        rig = self._rig(frame.calibration)
+        said, calibration = rig.said, rig.calibration
         image = None
         if frame.image is not None and "image" in self.parts:
             image = _straight_image(frame.image, said)
@@ -129,7 +135,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 raise FileError(misfit.path, misfit.problem, misfit.remedy)
         points = None
         if frame.points is not None and "points" in self.parts:
-            points = torch.from_numpy(read_cloud(frame.points, said.max_intensity))
+            points = rig.cloud(frame.points)
         objects = None
         if frame.objects is not None and "objects" in self.parts:
             objects = labels_from_kitti(read_labels(frame.objects), calibration)
@@ -144,22 +150,18 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
                 timestamp_s=self._time_of(frame.sample_id),
                 lidar_height_m=self._height(said) if points is not None else None,
+                turned_rad=rig.turned_rad,
             )
         except FileError:
             raise
         except ValueError as error:
             raise FileError(self.folder, str(error), _REMEDY) from error
 
-    def _calibration(self, path: Path) -> tuple[RecordingCalibration, Calibration]:
+    def _rig(self, path: Path) -> "_Rig":
         """Reads a calibration; one file for all frames once."""
-        if self._last_calibration is None or self._last_calibration[0] != path:
-            said = read_recording_calibration(path)
-            calibration = Calibration(
-                image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
-                camera_from_lidar=torch.from_numpy(said.matrices.camera_from_lidar),
-            )
-            self._last_calibration = (path, said, calibration)
-        return self._last_calibration[1:]
+        if self._last_rig is None or self._last_rig[0] != path:
+            self._last_rig = (path, _Rig.of(read_recording_calibration(path)))
+        return self._last_rig[1]
 
     def _height(self, said: RecordingCalibration) -> float | None:
         return self._height_by_clouds if said.lidar_height_m is None else said.lidar_height_m
@@ -202,6 +204,40 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                     f"{len(self._frames)} frames ({describe_absent(absent)}); add them or name a "
                     "list of the frames that are there"
                 )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Rig:
+    """A camera and a LiDAR whose x axis points where the camera looks."""
+
+    said: RecordingCalibration
+    """Of the LiDAR as it is mounted."""
+    calibration: Calibration
+    """Of the LiDAR turned."""
+    new_from_old: Float64[Tensor, "4 4"]
+    turned_rad: float
+
+    @classmethod
+    def of(cls, said: RecordingCalibration) -> "_Rig":
+        """Turns the LiDAR frame if need be."""
+        mounted = said.matrices.camera_from_lidar
+        new_from_old, angle_deg = turn_ahead(mounted)
+        return cls(
+            said=said,
+            calibration=Calibration(
+                image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
+                camera_from_lidar=torch.from_numpy(mounted @ new_from_old.T),
+            ),
+            new_from_old=torch.from_numpy(new_from_old),
+            turned_rad=math.radians(angle_deg),
+        )
+
+    def cloud(self, path: Path) -> Float32[Tensor, "num_points 4"]:
+        """Reads a frame's points."""
+        points = torch.from_numpy(read_cloud(path, self.said.max_intensity))
+        if not self.turned_rad:
+            return points
+        return torch.cat((transform_points(self.new_from_old, points[:, :3]), points[:, 3:]), dim=1)
 
 
 def _straight_image(path: Path, said: RecordingCalibration) -> UInt8[Tensor, "3 height width"]:

@@ -21,7 +21,12 @@ from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.view import is_in_view
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
+from sightline.geometry.mount import (
+    LEAST_SHARE_IN_IMAGE,
+    mount_doubt,
+    resolution_doubt,
+    turn_ahead,
+)
 from sightline.geometry.road_height import drive_height_m
 
 _REMEDY = "correct the calibration file; docs/recordings.md says how"
@@ -93,6 +98,8 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )
     described = [] if view is None else [str(view)]
+    if said is not None:
+        described += describe_turn(turn_ahead(said.matrices.camera_from_lidar)[1])
     if said is not None and said.lidar_height_m is None:
         height_m = height_of_recording(frames)
         described.append(
@@ -101,6 +108,16 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
             else f"by the road that it sees the LiDAR is {height_m:.2f} m above it"
         )
     return tuple(described)
+
+
+def describe_turn(angle_deg: float) -> tuple[str, ...]:
+    """That clouds are turned, in a clause; none where they are not, by 0 degrees."""
+    if not angle_deg:
+        return ()
+    return (
+        f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x axis: "
+        "clouds are turned, so that x points where it looks",
+    )
 
 
 def height_of_recording(frames: Sequence[ObjectFrame]) -> float | None:
@@ -135,7 +152,8 @@ def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]
 
 def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
     """What is implausible about a calibration alone, or against the size of its images."""
-    doubt = mount_doubt(said.matrices.camera_from_lidar)
+    new_from_old, _ = turn_ahead(said.matrices.camera_from_lidar)
+    doubt = mount_doubt(said.matrices.camera_from_lidar @ new_from_old.T)  # as frames are read
     if doubt is not None:
         return f"camera_from_lidar {doubt}"
     scale = None if size is None else resolution_doubt(said.matrices.image_from_camera, size)

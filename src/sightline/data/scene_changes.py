@@ -14,7 +14,7 @@ from torch import Tensor
 
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.transforms import rigid_inverse, transform_points, wrap_angle
+from sightline.geometry.transforms import rigid_inverse, transform_points
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
 
@@ -81,7 +81,7 @@ def turn_scene(sample: CameraLidarSample, yaw_deg: float) -> CameraLidarSample:
             image_from_camera=sample.calibration.image_from_camera,
             camera_from_lidar=sample.calibration.camera_from_lidar @ back,
         ),
-        objects=_turned_objects(sample.objects, turn, math.radians(yaw_deg)),
+        objects=_turned_objects(sample.objects, math.radians(yaw_deg)),
         world_from_lidar=None
         if sample.world_from_lidar is None
         else sample.world_from_lidar @ back,
@@ -128,16 +128,11 @@ def _with_sweep(
     return replace(sample, points=points)
 
 
-def _turned_objects(
-    objects: ObjectLabels | None, turn: Float64[Tensor, "4 4"], yaw: float
-) -> ObjectLabels | None:
+def _turned_objects(objects: ObjectLabels | None, yaw_rad: float) -> ObjectLabels | None:
     if objects is None:
         return None
-    boxes3d = objects.boxes3d.tensor.clone()
-    boxes3d[:, :3] = transform_points(turn, boxes3d[:, :3])
-    turned = wrap_angle(boxes3d[:, 6] + yaw)
-    boxes3d[:, 6] = torch.where(objects.has_box3d, turned, boxes3d[:, 6])
-    return replace(objects, boxes3d=Boxes3D(boxes3d))
+    boxes, turned = objects.boxes3d.tensor, objects.boxes3d.turn(yaw_rad).tensor
+    return replace(objects, boxes3d=Boxes3D(torch.where(objects.has_box3d[:, None], turned, boxes)))
 
 
 def _with_longer_translation(

@@ -94,6 +94,12 @@ class Boxes3D:
         grown = torch.cat((self.centers, self.sizes + 2 * margin_m, self.tensor[..., 6:]), dim=-1)
         return Boxes3D(grown)
 
+    def turn(self, yaw_rad: float) -> "Boxes3D":
+        """The boxes turned about the origin's z axis, counter-clockwise from above."""
+        rotation = yaw_rotation(self.tensor.new_tensor(yaw_rad))
+        yaws = wrap_angle(self.tensor[..., 6:] + yaw_rad)
+        return Boxes3D(torch.cat((self.centers @ rotation.T, self.sizes, yaws), dim=-1))
+
     def to_canonical(
         self, points: Float[Tensor, "*batch num_points 3"]
     ) -> Float[Tensor, "*batch num_boxes num_points 3"]:

@@ -19,6 +19,8 @@ LEAST_SHARE_IN_IMAGE: Final = 0.01
 
 _MAX_TILT_DEG = 20.0  # of the camera's vertical against the LiDAR's
 _MAX_ASIDE_DEG = 60.0  # of the view against the LiDAR's x axis
+_NOTICED_DEG = 15.0  # off the x axis, from where on detectors find less
+_AHEAD_DEG = 5.0  # what is left of any mount that is meant to look ahead
 _SWAPPED_DEG = 15.0  # off axes that are only swapped
 _SMALL_TURN_DEG = 5.0  # what 90 degrees become that are written in radians: 1.6
 _IDENTITY_DEG = 0.01
@@ -71,6 +73,29 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
     )
 
 
+def turn_ahead(
+    camera_from_lidar: Float64[np.ndarray, "4 4"],
+) -> tuple[Float64[np.ndarray, "4 4"], float]:
+    """A LiDAR frame turned about its z axis so that x points where the camera looks.
+
+    That is what detectors, KITTI's files and pictures from above expect. nuScenes' LiDAR has x to
+    the right, a camera may look aside, and a LiDAR may be mounted as its plug wants it.
+
+    Returns:
+        new_from_old, and the angle [deg], counter-clockwise, from the old x axis to the new; the
+        identity and 0 where the camera looks ahead (within 5 degrees), or is not upright.
+    """
+    rotation = camera_from_lidar[:3, :3]
+    angle = _aside_rad(rotation)
+    is_upright = _tilt_deg(rotation) <= _MAX_TILT_DEG
+    new_from_old = np.eye(4)
+    if not is_upright or abs(np.degrees(angle)) <= _AHEAD_DEG:
+        return new_from_old, 0.0
+    cos, sin = np.cos(angle), np.sin(angle)
+    new_from_old[:2, :2] = [[cos, sin], [-sin, cos]]
+    return new_from_old, float(np.degrees(angle))
+
+
 def resolution_doubt(
     camera_matrix: Float64[np.ndarray, "3 columns"], image_size: tuple[int, int]
 ) -> str | None:
@@ -102,13 +127,13 @@ def resolution_doubt(
 
 def _doubt_of_upright(rotation: Float64[np.ndarray, "3 3"]) -> str | None:
     aside_deg = _aside_deg(rotation)
-    if aside_deg <= _MAX_ASIDE_DEG:
+    if aside_deg <= _NOTICED_DEG:
         return None
     side = "left" if rotation[2, 1] > 0 else "right"
     return (
-        f"lets the camera look {aside_deg:.0f} degrees to the {side} of the LiDAR's x axis: the "
-        "LiDAR's axes are probably swapped, expected x forward, y left, z up; depth is completed "
-        "all the same, detectors want x along the view"
+        f"lets the camera look {aside_deg:.0f} degrees to the {side} of the LiDAR's x axis, "
+        "expected x forward, y left, z up: turn points and transform about z (a recording's are "
+        "turned as they are read); depth is completed all the same, detectors want x along the view"
     )
 
 
@@ -119,7 +144,12 @@ def _tilt_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
 
 def _aside_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
     """From the LiDAR's x axis to the camera's view, seen from above."""
-    return float(abs(np.degrees(np.arctan2(rotation[2, 1], rotation[2, 0]))))
+    return abs(float(np.degrees(_aside_rad(rotation))))
+
+
+def _aside_rad(rotation: Float64[np.ndarray, "3 3"]) -> float:
+    """The same with its sign, counter-clockwise."""
+    return float(np.arctan2(rotation[2, 1], rotation[2, 0]))
 
 
 def _turn_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:

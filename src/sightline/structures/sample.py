@@ -66,6 +66,9 @@ class CameraLidarSample:
     """Seconds since the drive's first frame."""
     lidar_height_m: float | None = None
     """Of the LiDAR above the road; None: as high as KITTI's."""
+    turned_rad: float = 0.0
+    """From the x axis of the LiDAR as it is mounted to this frame's, counter-clockwise: a
+    recording's clouds are turned until x points where the camera looks."""
 
     def __post_init__(self) -> None:
         """Checks that all maps are of one size."""

@@ -1,4 +1,4 @@
-"""Coordinate frames: chains of transforms, and a LiDAR frame that looks where the camera does."""
+"""Coordinate frames: chains of transforms between sensors."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -6,9 +6,6 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
-
-_TURNED_FROM_DEG = 30.0  # up to here a camera looks ahead
-_UPRIGHT = 0.9  # cosine between what is up for camera and LiDAR
 
 Rigid = Float64[np.ndarray, "4 4"]
 
@@ -55,21 +52,3 @@ def find_transform(
                 reached[frame] = frame_from_at @ reached[at]
                 waiting.append(frame)
     return reached.get(target)
-
-
-def turn_ahead(camera_from_lidar: Rigid) -> tuple[Rigid, float]:
-    """A LiDAR frame turned about its z axis so that x points where the camera looks.
-
-    That is what detectors expect: nuScenes' LiDAR has x to the right, and a camera may look aside.
-
-    Returns:
-        new_from_old, and the angle [deg], counter-clockwise, from the old x axis to the new; the
-        identity and 0 where the camera looks ahead (within 30 degrees), or is not upright.
-    """
-    is_upright = -camera_from_lidar[1, 2] >= _UPRIGHT
-    angle = float(np.arctan2(camera_from_lidar[2, 1], camera_from_lidar[2, 0]))
-    if not is_upright or abs(np.degrees(angle)) <= _TURNED_FROM_DEG:
-        return np.eye(4), 0.0
-    new_from_old = np.eye(4)
-    new_from_old[:3, :3] = Rotation.from_euler("z", -angle).as_matrix()
-    return new_from_old, float(np.degrees(angle))

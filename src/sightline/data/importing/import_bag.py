@@ -14,7 +14,7 @@ from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_ba
 from sightline.data.importing.bag_calibration import calibration_of_bag
 from sightline.data.importing.bag_messages import cloud_of, picture_file_of, picture_of
 from sightline.data.importing.bag_topics import ChosenTopics, choose_topics
-from sightline.data.importing.frames import Rigid, turn_ahead
+from sightline.data.importing.frames import Rigid
 from sightline.data.importing.pairing import pair_nearest
 from sightline.data.importing.writer import (
     RESULTS,
@@ -34,8 +34,10 @@ from sightline.data.recording_calibration import (
     read_recording_calibration,
     recording_calibration_text,
 )
+from sightline.data.recording_checks import describe_turn
 from sightline.data.recording_tree import IMAGES, POINTS
 from sightline.geometry.cloud_checks import cloud_fault, echoes
+from sightline.geometry.mount import turn_ahead
 
 Clock = Literal["header", "received"]
 """Which time pairs messages: when a sensor took them, or when the bag got them."""
@@ -110,18 +112,9 @@ def import_bag(
             f"camera {topics.camera}, LiDAR {topics.lidar}, calibration "
             f"{calibration or topics.info}; intensities of 0 to {intensity:g}",
             pairs.note,
-            *_describe_turn(angle_deg),
+            *describe_turn(angle_deg),
             *describe_view(out),
         ),
-    )
-
-
-def _describe_turn(angle_deg: float) -> tuple[str, ...]:
-    if not angle_deg:
-        return ()
-    return (
-        f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x axis: "
-        "clouds are turned, so that x points where it looks",
     )
 
 

@@ -11,7 +11,6 @@ from jaxtyping import Float32
 from sightline.data.atomic import atomic_link
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import read_image_size
-from sightline.data.importing.frames import turn_ahead
 from sightline.data.importing.nuscenes import Moment, Tables
 from sightline.data.importing.nuscenes_labels import kitti_from_annotations
 from sightline.data.importing.writer import (
@@ -32,6 +31,7 @@ from sightline.data.problem import FileError
 from sightline.data.progress import track
 from sightline.data.recording_calibration import RecordingCalibration
 from sightline.data.recording_tree import CALIBRATIONS, IMAGES, LABELS, POINTS
+from sightline.geometry.mount import turn_ahead
 
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26
