@@ -26,7 +26,7 @@ def import_recording(
 
     A frame appears whole or not at all, and those that are there are skipped: an import that was
     stopped goes on when it is run again. Where the camera looks aside of the LiDAR's x axis by more
-    than 30 degrees, clouds are turned about z until it looks ahead.
+    than 5 degrees, clouds are turned about z until it looks ahead.
 
     Examples:
         >>> import pathlib, sightline
