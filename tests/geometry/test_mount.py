@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from sightline.geometry.mount import mount_doubt, resolution_doubt, turn_ahead
-from tests.data.recordings import CAMERA_FROM_LIDAR
 
 NOMINAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 TILTS_DEG = ((0.0, 0.0, 0.0), (0.4, -0.8, 0.2), (1.0, 3.0, -2.0), (-1.0, -6.0, 4.0))
@@ -64,6 +63,13 @@ def test_a_lidar_whose_x_axis_points_aside_is_told_where_the_camera_looks(rigid)
     assert "degrees to the left of the LiDAR's x axis, expected x forward" in doubt
 
 
+@pytest.mark.parametrize(("yaw_deg", "side"), [(20, "right"), (-50, "left")])
+def test_a_camera_that_looks_aside_by_more_than_training_shows_is_told(yaw_deg, side):
+    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    doubt = mount_doubt(mounted(NOMINAL @ turn))
+    assert f"look {abs(yaw_deg)} degrees to the {side} of the LiDAR's x axis" in doubt
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_degrees_for_radians_are_named(rigid, order):
     with warnings.catch_warnings():
@@ -111,15 +117,15 @@ def test_a_camera_that_was_cropped_is_not_doubted():
 def test_a_lidar_frame_is_turned_until_x_points_where_the_camera_looks(yaw_deg):
     aside = np.eye(4)
     aside[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    new_from_old, angle_deg = turn_ahead(CAMERA_FROM_LIDAR @ aside.T)
+    new_from_old, angle_deg = turn_ahead(mounted(NOMINAL) @ aside.T)
     assert (angle_deg - yaw_deg + 180) % 360 == pytest.approx(180, abs=1e-6)
-    camera_from_new = CAMERA_FROM_LIDAR @ aside.T @ np.linalg.inv(new_from_old)
+    camera_from_new = mounted(NOMINAL) @ aside.T @ np.linalg.inv(new_from_old)
     np.testing.assert_allclose(camera_from_new[2, :2], (1, 0), atol=1e-9)
     np.testing.assert_array_equal(new_from_old[2], (0, 0, 1, 0))
 
 
 def test_what_looks_ahead_or_stands_on_its_head_is_left_alone():
-    for rigid in (CAMERA_FROM_LIDAR, np.diag([-1.0, -1, 1, 1]) @ CAMERA_FROM_LIDAR, np.eye(4)):
+    for rigid in (mounted(NOMINAL), np.diag([-1.0, -1, 1, 1]) @ mounted(NOMINAL), np.eye(4)):
         new_from_old, angle_deg = turn_ahead(rigid)
         assert angle_deg == 0
         np.testing.assert_array_equal(new_from_old, np.eye(4))

@@ -99,59 +99,6 @@ def test_a_run_is_not_begun_over_another(recipes):
         run_training("fit", ["--config", "toy"], recipes)
 
 
-@pytest.mark.parametrize("subcommand", ["validate", "test"])
-def test_scores_of_the_best_weights_are_written(recipes, subcommand, capsys):
-    run_training("fit", ["--config", "toy"], recipes)
-    configured = (recipes.parent / "work/runs/toy/config.yaml").read_text()
-    assert run_training(subcommand, ["--config", "toy"], recipes) == 0
-    key = {"validate": "validation/mse", "test": "test/mse"}[subcommand]
-    report = json.loads(Path(f"runs/toy/{subcommand}.json").read_text())
-    assert report["checkpoint"] == "runs/toy/best.ckpt"
-    assert report["metrics"].keys() == {key}
-    assert key in capsys.readouterr().out
-    assert (recipes.parent / "work/runs/toy/config.yaml").read_text() == configured
-
-
-def test_weights_files_can_be_tested_without_a_run(recipes):
-    run_training("fit", ["--config", "toy"], recipes)
-    weights = "runs/toy/weights.safetensors"
-    run_training(
-        "test",
-        ["--config", "toy", "--run_folder", "other", "--model.initial_weights", weights],
-        recipes,
-    )
-    run_training("test", ["--config", "toy"], recipes)
-    reports = [
-        json.loads(Path(folder, "test.json").read_text())["metrics"]
-        for folder in ("other", "runs/toy")
-    ]
-    assert reports[0] == reports[1]
-
-
-@pytest.mark.parametrize("kept", ["best", "last"])
-def test_a_run_that_started_from_weights_is_scored_itself_even_when_they_are_gone(
-    recipes, capsys, kept
-):
-    run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
-    config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]
-    run_training("fit", config, recipes)
-    if kept == "last":
-        Path("runs/toy/best.ckpt").unlink()
-    Path("first/weights.safetensors").unlink()
-    capsys.readouterr()
-    run_training("test", config, recipes)
-    run_training(
-        "test", ["--config=toy", "--run_folder=other", f"--ckpt_path=runs/toy/{kept}.ckpt"], recipes
-    )
-    reports = [json.loads(Path(run, "test.json").read_text()) for run in ("runs/toy", "other")]
-    assert reports[0].pop("initial_weights") == "first/weights.safetensors"
-    assert reports[1].pop("initial_weights") is None
-    assert reports[0] == reports[1]
-    assert reports[0]["checkpoint"] == f"runs/toy/{kept}.ckpt"
-    said = capsys.readouterr().out
-    assert f"scored runs/toy/{kept}.ckpt, which started from first/weights.safetensors" in said
-
-
 def test_a_run_that_started_from_weights_goes_on_when_they_are_gone(recipes):
     run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
     config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]
@@ -204,13 +151,6 @@ def test_a_run_does_not_go_on_from_the_checkpoint_of_another_network(recipes):
             run_training(
                 subcommand, ["--config=toy", weights, "--ckpt_path=second/last.ckpt"], recipes
             )
-
-
-def test_scores_that_are_no_numbers_are_null_in_the_report(recipes, monkeypatch):
-    run_training("fit", ["--config", "toy"], recipes)
-    monkeypatch.setattr(toy.ToyScores, "compute", lambda _: {"mse": torch.tensor(float("nan"))})
-    run_training("test", ["--config", "toy"], recipes)
-    assert json.loads(Path("runs/toy/test.json").read_text())["metrics"] == {"test/mse": None}
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -301,11 +241,6 @@ def test_a_damaged_checkpoint_is_refused(recipes):
     Path("broken.ckpt").write_bytes(b"PK\x03\x04 and no more")
     with pytest.raises(ValueError, match="cannot be read as a checkpoint"):
         run_training("fit", ["--config", "toy", "--ckpt_path", "broken.ckpt"], recipes)
-
-
-def test_testing_without_any_weights_is_refused(recipes):
-    with pytest.raises(ValueError, match=r"there is no checkpoint runs/toy/last\.ckpt"):
-        run_training("test", ["--config", "toy"], recipes)
 
 
 def test_nothing_is_said_that_the_user_cannot_act_on(recipes, capfd, recwarn):

@@ -85,6 +85,7 @@ def turn_scene(sample: CameraLidarSample, yaw_deg: float) -> CameraLidarSample:
         world_from_lidar=None
         if sample.world_from_lidar is None
         else sample.world_from_lidar @ back,
+        turned_rad=sample.turned_rad - math.radians(yaw_deg),
     )
 
 

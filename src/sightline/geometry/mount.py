@@ -19,7 +19,7 @@ LEAST_SHARE_IN_IMAGE: Final = 0.01
 
 _MAX_TILT_DEG = 20.0  # of the camera's vertical against the LiDAR's
 _MAX_ASIDE_DEG = 60.0  # of the view against the LiDAR's x axis
-_NOTICED_DEG = 15.0  # off the x axis, from where on detectors find less
+_BEYOND_TRAINING_DEG = 15.0  # off the x axis: more than scenes are turned in training
 _AHEAD_DEG = 5.0  # what is left of any mount that is meant to look ahead
 _SWAPPED_DEG = 15.0  # off axes that are only swapped
 _SMALL_TURN_DEG = 5.0  # what 90 degrees become that are written in radians: 1.6
@@ -127,7 +127,7 @@ def resolution_doubt(
 
 def _doubt_of_upright(rotation: Float64[np.ndarray, "3 3"]) -> str | None:
     aside_deg = _aside_deg(rotation)
-    if aside_deg <= _NOTICED_DEG:
+    if aside_deg <= _BEYOND_TRAINING_DEG:
         return None
     side = "left" if rotation[2, 1] > 0 else "right"
     return (
