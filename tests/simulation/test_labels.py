@@ -76,6 +76,12 @@ def test_a_pedestrians_box_is_as_wide_as_the_person_and_as_high_as_the_3d_box():
     assert whole[0] < box[0] - 3 < box[2] + 3 < whole[2]
 
 
+def test_a_label_has_the_size_that_annotators_give():
+    plain = box_actor(10.0, -2.0, yaw=0.4, size_lwh=(1.0, 0.6, 1.8))
+    _, labels = look(street(replace(plain, labelled_lwh=(0.8, 0.7, 1.7))))
+    assert labels.objects.dimensions_hwl[0].tolist() == [1.7, 0.7, 0.8]
+
+
 def test_what_is_largely_hidden_and_cut_by_the_image_is_of_unknown_occlusion():
     for ahead, offset, level in ((8.0, 0.0, 3), (14.0, 0.3, 2)):  # the image cuts the first
         hidden = box_actor(ahead, 5.0, size_lwh=(4.0, 1.8, 1.5))

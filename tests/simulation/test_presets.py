@@ -13,10 +13,12 @@ def test_presets_split_into_training_and_validation():
         "street-2k": (2000, 200),
         "street-8k": (8000, 500),
         "street-hard-500": (0, 500),
+        "street-negatives-4k": (4000, 500),
     }
     assert PRESETS["street-2k"].config.image_size == (352, 1216)
     assert PRESETS["street-8k"].config == SimulationConfig(seed=8000)
     assert PRESETS["street-hard-500"].config.hard
+    assert PRESETS["street-negatives-4k"].config.hard_negatives
 
 
 def test_no_two_presets_share_a_street():

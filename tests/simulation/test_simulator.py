@@ -8,7 +8,7 @@ from tests.simulation.data_sets import TINY
 from tests.simulation.streets import make_tiny_street
 
 
-def test_other_makers_of_streets_are_asked_for_hard_ones_only_where_that_is_set():
+def test_other_makers_of_streets_are_asked_for_special_ones_only_where_that_is_set():
     asked = []
 
     def maker(rng: np.random.Generator, **arguments: object) -> Street:
@@ -17,4 +17,9 @@ def test_other_makers_of_streets_are_asked_for_hard_ones_only_where_that_is_set(
 
     simulate_street(TINY, 0, maker)
     simulate_street(replace(TINY, hard=True), 0, maker)
-    assert asked == [{"duration_s": 0.0}, {"duration_s": 0.0, "hard": True}]
+    simulate_street(replace(TINY, hard_negatives=True), 0, maker)
+    assert asked == [
+        {"duration_s": 0.0},
+        {"duration_s": 0.0, "hard": True},
+        {"duration_s": 0.0, "hard_negatives": True},
+    ]

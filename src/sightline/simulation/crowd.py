@@ -188,6 +188,7 @@ class Crowd:
                 size_lwh=model.size_lwh,
                 shape=model.shape,
                 motion=track,
+                labelled_lwh=model.labelled_lwh,
             )
         )
         return True

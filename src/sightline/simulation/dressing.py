@@ -3,8 +3,9 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Float, Float64
 
+from sightline.simulation.hard_negatives import set_out_hard_negatives
 from sightline.simulation.layout import (
     Ground,
     Layout,
@@ -16,37 +17,40 @@ from sightline.simulation.layout import (
     ground_places,
 )
 from sightline.simulation.materials import Material
-from sightline.simulation.meshes.batches import QuadBatch, stamped
+from sightline.simulation.meshes.batches import QuadBatch
 from sightline.simulation.meshes.furniture import (
     Item,
     add_boxes_along,
     add_posts,
     item_footprint,
-    item_model,
 )
 from sightline.simulation.meshes.markings import stop_lines
 from sightline.simulation.meshes.primitives import Finish
-from sightline.simulation.meshes.trees import Plants, Species, set_out
+from sightline.simulation.meshes.trees import Plants, Species
 from sightline.simulation.occupancy import Occupancy
 from sightline.simulation.scene import Mesh
+from sightline.simulation.setting_out import Things
 
 _KERB_CLEARANCE: Final = 0.55
-_FAR: Final = 115.0
-"""Station beyond which nothing is set out [m]."""
-_ROOM_M: Final = 0.25
-"""Free space around things along a street."""
 _TRUNK_M: Final = 0.5
 _SITE_SHARE: Final = 0.12
 """Share of streets with a building site."""
-_TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))
-"""Range of the factors of painted things' colours."""
 _ALONG: Final = (Item.PARKING_SIGN, Item.NO_PARKING_SIGN, Item.BICYCLE, Item.POSTER)
 """What faces along the street instead of towards it."""
 _ROW_TREES: Final = (Species.PLANE, Species.LIME, Species.CHERRY, Species.BIRCH, Species.POPLAR)
 
 
-def dress(rng: np.random.Generator, layout: Layout, taken: Occupancy) -> list[Mesh]:
-    """All furniture and rows of trees of a street, clear of road users and walls."""
+def dress(
+    rng: np.random.Generator, layout: Layout, taken: Occupancy, *, hard_negatives: bool = False
+) -> list[Mesh]:
+    """All furniture and rows of trees of a street, clear of road users and walls.
+
+    Args:
+        rng: Where all randomness comes from.
+        layout: The street.
+        taken: The ground that is taken, which grows.
+        hard_negatives: Whether to add what is easily taken for a person or a car.
+    """
     dresser = _Dresser(rng, layout, taken)
     if layout.junction is not None:  # lights and signs of priority come before all else
         dresser.junction()
@@ -63,6 +67,8 @@ def dress(rng: np.random.Generator, layout: Layout, taken: Occupancy) -> list[Me
     dresser.signs()
     if rng.random() < _SITE_SHARE:
         dresser.building_site(layout.main.left if rng.random() < 0.5 else layout.main.right)
+    if hard_negatives:
+        set_out_hard_negatives(rng, layout, dresser.things, dresser.trunks)
     return dresser.meshes()
 
 
@@ -72,65 +78,16 @@ class _Dresser:
     def __init__(self, rng: np.random.Generator, layout: Layout, taken: Occupancy) -> None:
         self._rng = rng
         self._layout = layout
-        self._taken = taken
-        self._places: dict[Item, list[np.ndarray]] = {}
-        self._parts: list[Mesh] = []
+        self.things = Things(rng, layout, taken)
+        self.trunks: list[Float64[np.ndarray, "_ 3"]] = []
+        """Where the trees of rows stand."""
         self._batch = QuadBatch()
         self._lamp = Item.POST_LAMP if rng.random() < 0.35 else Item.ARM_LAMP
         self._tree = _ROW_TREES[int(rng.integers(len(_ROW_TREES)))]
 
     def meshes(self) -> list[Mesh]:
         """Everything set out so far."""
-        copies = []
-        for item, rows in self._places.items():
-            table = np.concatenate(rows)
-            tints = self._rng.uniform(*_TINTS, (len(table), 3))
-            model, paint = item_model(item), (Material.CAR_PAINT,)
-            copies.append(stamped(model, table[:, :3], table[:, 3], tints=tints, tinted=paint))
-        return [*self._parts, *copies, self._batch.mesh()]
-
-    def put(
-        self,
-        item: Item,
-        road: Road,
-        stations: Float[np.ndarray, " count"],
-        offset: float,
-        level: float,
-        turn: float,
-    ) -> Float64[np.ndarray, " num_set"]:
-        """Sets things at stations of a road, turned against its heading by `turn`.
-
-        Those that would overlap something placed earlier, a road user or a wall are left out.
-        Returns the stations of the others.
-        """
-        places = ground_places(self._layout, road, stations, offset, level)
-        rows = np.concatenate((places, (road.line.yaw(stations) + turn)[:, None]), axis=1)
-        free = self._settle(rows, *item_footprint(item))
-        self._places.setdefault(item, []).append(rows[free])
-        kept: Float64[np.ndarray, " num_set"] = stations[free]
-        return kept
-
-    def _settle(
-        self, rows: Float64[np.ndarray, "count 4"], length: float, width: float
-    ) -> Bool[np.ndarray, " count"]:
-        """Takes the ground of things at x, y, z, yaw where it is free; returns which fitted."""
-        still = [np.tile(row, (self._taken.num_moments, 1)) for row in rows]
-        free = [self._taken.is_free(poses, length, width, _ROOM_M) for poses in still]
-        for poses, is_free in zip(still, free, strict=True):
-            if is_free:
-                self._taken.take(poses, length, width)
-        return np.array(free, dtype=bool)
-
-    def free_stations(
-        self, road: Road, side: Side, stations: Float[np.ndarray, " count"], margin: float
-    ) -> Float64[np.ndarray, " num_free"]:
-        """The stations on the road, `margin` [m] away from the junction and not too far ahead."""
-        free = np.ones(len(stations), dtype=bool)
-        for start, stop in side.gaps:
-            free &= (stations < start - margin) | (stations > stop + margin)
-        inside = (stations > road.first + 1.0) & (stations < min(road.last, _FAR) - 1.0)
-        kept: Float64[np.ndarray, " num_free"] = stations[free & inside]
-        return kept
+        return [*self.things.meshes(), self._batch.mesh()]
 
     def trees(self, road: Road, side: Side) -> None:
         """A row of equal trees on the verge or at the pavement's edge."""
@@ -146,17 +103,18 @@ class _Dresser:
             distance = side.edge + 0.9
         pitch = float(rng.uniform(6.5, 12.0))
         first = road.first + float(rng.uniform(0, pitch))
-        stations = self.free_stations(road, side, np.arange(first, road.last, pitch), 1.0)
+        stations = self.things.free_stations(road, side, np.arange(first, road.last, pitch), 1.0)
         stations = stations[rng.random(len(stations)) < 0.9]
         stations = stations + rng.uniform(-0.6, 0.6, len(stations))
         places = ground_places(self._layout, road, stations, side.sign * distance, side.level)
         rows = np.concatenate((places, np.zeros((len(places), 1))), axis=1)
-        places = places[self._settle(rows, _TRUNK_M, _TRUNK_M)]
+        places = places[self.things.settle(rows, _TRUNK_M, _TRUNK_M)]
         usual = {Species.CHERRY: 5.5, Species.BIRCH: 10.0, Species.POPLAR: 14.0}.get(
             self._tree, 11.5
         )
         heights = usual * rng.uniform(0.8, 1.15) * rng.uniform(0.88, 1.1, len(places))
-        self._parts += set_out(rng, self._tree, Plants(places=places, heights=heights, spread=1.0))
+        self.trunks.append(places)
+        self.things.plant(self._tree, Plants(places=places, heights=heights, spread=1.0))
 
     def lamps(self, road: Road, side: Side) -> None:
         """Lamps along the kerb, on both sides or one."""
@@ -166,10 +124,10 @@ class _Dresser:
             return
         pitch = 22.0 if self._lamp is Item.POST_LAMP else 31.0
         first = road.first + float(rng.uniform(0, pitch))
-        stations = self.free_stations(road, side, np.arange(first, road.last, pitch), 0.5)
+        stations = self.things.free_stations(road, side, np.arange(first, road.last, pitch), 0.5)
         distance = side.edge + _KERB_CLEARANCE
         turn = -side.sign * np.pi / 2
-        self.put(self._lamp, road, stations, side.sign * distance, side.level, turn)
+        self.things.put(self._lamp, road, stations, side.sign * distance, side.level, turn)
 
     def small_things(self, road: Road, side: Side) -> None:
         """Bollards, bins, boards and the like at the kerb or against the plots."""
@@ -201,8 +159,8 @@ class _Dresser:
                     turn = 0.0 if side.sign > 0 else np.pi
                 deep = item_footprint(item)[1 if item in _ALONG else 0] / 2
                 distance = side.edge + 0.4 + deep if is_at_kerb else side.outer - 0.15 - deep
-                free = self.free_stations(road, side, stations, 1.0)
-                kept = self.put(item, road, free, side.sign * distance, side.level, turn)
+                free = self.things.free_stations(road, side, stations, 1.0)
+                kept = self.things.put(item, road, free, side.sign * distance, side.level, turn)
                 if item is Item.BICYCLE_STAND:
                     self._bicycles(road, side, kept, distance)
 
@@ -216,7 +174,7 @@ class _Dresser:
         turns = np.where(self._rng.random(len(hoops)) < 0.5, 0.5, -0.5) * np.pi
         turns += road.line.yaw(hoops) + self._rng.normal(0, 0.06, len(hoops))
         rows = np.concatenate((places, turns[:, None]), axis=1)
-        self._places.setdefault(Item.BICYCLE, []).append(rows)
+        self.things.add(Item.BICYCLE, rows)
 
     def building_site(self, side: Side) -> None:
         """Barriers and cones along the kerb, with a building site behind them."""
@@ -227,8 +185,8 @@ class _Dresser:
 
         def set_out(item: Item, stations: Float[np.ndarray, " count"], distance: float) -> None:
             level = side.level if distance > side.edge else 0.0
-            free = self.free_stations(main, side, stations, 1.0)
-            self.put(item, main, free, side.sign * distance, level, facing)
+            free = self.things.free_stations(main, side, stations, 1.0)
+            self.things.put(item, main, free, side.sign * distance, level, facing)
 
         middle = np.array([(start + stop) / 2 + rng.uniform(-2.0, 2.0)])
         if side.plots in (Plots.BLOCKS, Plots.TERRACES) and side.setback < 2.0:
@@ -245,15 +203,17 @@ class _Dresser:
         rng = self._rng
         distance = side.edge + 0.6
         stations = np.arange(road.first + 6.0, road.last, 25.0 if rng.random() < 0.5 else 50.0)
-        free = self.free_stations(road, side, stations, 2.0)
-        self.put(Item.DELINEATOR, road, free, side.sign * distance, side.level, 0.0)
+        free = self.things.free_stations(road, side, stations, 2.0)
+        self.things.put(Item.DELINEATOR, road, free, side.sign * distance, side.level, 0.0)
         if rng.random() < 0.3 and road is self._layout.main:
             for start, stop in side.stretches(max(road.first, -40.0), road.last, 6.0):
                 self._guard_rail(road, side, np.arange(start, stop, 4.0))
         if rng.random() < 0.25:
-            poles = self.free_stations(road, side, np.arange(road.first, road.last, 38.0), 3.0)
+            poles = self.things.free_stations(
+                road, side, np.arange(road.first, road.last, 38.0), 3.0
+            )
             far = side.sign * (side.outer + 3.5)
-            self.put(Item.WIRE_POLE, road, poles, far, -0.1, 0.0)
+            self.things.put(Item.WIRE_POLE, road, poles, far, -0.1, 0.0)
 
     def _guard_rail(self, road: Road, side: Side, stations: Float[np.ndarray, " count"]) -> None:
         if len(stations) < 2:
@@ -281,7 +241,7 @@ class _Dresser:
                     stations = np.arange(rng.uniform(-5, 8), 70.0, rng.uniform(9.0, 18.0))
                     turn = -side.sign * np.pi / 2
                     distance = side.edge + (2.4 if item is Item.PARASOL else 0.6)
-                    kept = self.put(item, main, stations, side.sign * distance, 0.0, turn)
+                    kept = self.things.put(item, main, stations, side.sign * distance, 0.0, turn)
                     if item is Item.BICYCLE_STAND:
                         self._bicycles(main, side, kept, distance)
 
@@ -293,25 +253,25 @@ class _Dresser:
         common = (Item.SPEED_SIGN, Item.PRIORITY_SIGN, Item.NO_PARKING_SIGN, Item.PATH_SIGN)
         for side in main.sides:
             count = int(rng.integers(1, 4))
-            stations = self.free_stations(main, side, rng.uniform(2.0, 100.0, count), 1.0)
+            stations = self.things.free_stations(main, side, rng.uniform(2.0, 100.0, count), 1.0)
             turn = 0.0 if side.sign > 0 else np.pi
             for station in stations:
                 item = common[int(rng.integers(len(common)))]
                 distance = side.sign * (side.edge + 0.65)
-                self.put(item, main, np.array([station]), distance, side.level, turn)
+                self.things.put(item, main, np.array([station]), distance, side.level, turn)
         is_wide = self._layout.kind in (StreetKind.AVENUE, StreetKind.COUNTRY)
         if is_wide and rng.random() < 0.35:
             side = main.right
             if side.plots is not Plots.BLOCKS:
-                spot = self.free_stations(main, side, rng.uniform(20.0, 80.0, 1), 3.0)
+                spot = self.things.free_stations(main, side, rng.uniform(20.0, 80.0, 1), 3.0)
                 distance = -(side.edge + 2.2)
-                self.put(Item.DIRECTION_SIGN, main, spot, distance, side.level, np.pi)
+                self.things.put(Item.DIRECTION_SIGN, main, spot, distance, side.level, np.pi)
         for side in main.sides:
             if side.setback > 3.5 and rng.random() < 0.12:
-                spot = self.free_stations(main, side, rng.uniform(15.0, 80.0, 1), 3.0)
+                spot = self.things.free_stations(main, side, rng.uniform(15.0, 80.0, 1), 3.0)
                 distance = side.sign * (side.outer + 2.4)
                 turn = np.pi + side.sign * float(rng.uniform(0.1, 0.7))
-                self.put(Item.BILLBOARD, main, spot, distance, side.level, turn)
+                self.things.put(Item.BILLBOARD, main, spot, distance, side.level, turn)
 
     def junction(self) -> None:
         """Lights or signs of priority at each stop line, and a street's name at a corner."""
@@ -324,11 +284,11 @@ class _Dresser:
                 distance = side.sign * (side.edge + 0.5)
                 spot = np.array([station])
                 if junction.has_lights:
-                    self.put(Item.TRAFFIC_LIGHT, road, spot, distance, side.level, turn)
+                    self.things.put(Item.TRAFFIC_LIGHT, road, spot, distance, side.level, turn)
                 elif road is junction.cross:
                     item = Item.YIELD_SIGN if self._rng.random() < 0.75 else Item.STOP_SIGN
-                    self.put(item, road, spot, distance, side.level, turn)
+                    self.things.put(item, road, spot, distance, side.level, turn)
                 if layout.kind is not StreetKind.COUNTRY:
                     corner = side.sign * (side.edge + 1.2)
                     ahead = np.array([station + direction * 1.5])
-                    self.put(Item.NAME_SIGN, road, ahead, corner, side.level, np.pi / 2)
+                    self.things.put(Item.NAME_SIGN, road, ahead, corner, side.level, np.pi / 2)

@@ -137,7 +137,7 @@ class _Onlooker:
         camera_from_actor = self.camera_from_world @ world_from_footprint(pose, 0.0)
         location = camera_from_actor[:3, 3]
         rotation_y = float(np.arctan2(-camera_from_actor[2, 0], camera_from_actor[0, 0]))
-        corners = box_corners(location, np.array(actor.size_lwh[::-1]), rotation_y)
+        corners = box_corners(location, np.array(actor.box_lwh[::-1]), rotation_y)
         height, width = self.owners.shape
         box, truncation = project_box(corners, self.image_from_camera, (height, width))
         outline, share = self._outline(index)
@@ -228,5 +228,5 @@ def _row(item: _Seen) -> Float64[np.ndarray, "14"]:
     bearing = np.arctan2(item.location[0], item.location[2])
     turns = wrap_angle(np.array((item.rotation_y - bearing, item.rotation_y)))
     start = item.truncation, _occlusion(item), turns[0]
-    row = (*start, *item.box, *item.actor.size_lwh[::-1], *item.location, turns[1])
+    row = (*start, *item.box, *item.actor.box_lwh[::-1], *item.location, turns[1])
     return np.array(row, dtype=np.float64)

@@ -22,7 +22,7 @@ class SimulatedSet:
     config: SimulationConfig = field(default_factory=SimulationConfig)
 
 
-PresetName = Literal["street-2k", "street-8k", "street-hard-500"]
+PresetName = Literal["street-2k", "street-8k", "street-hard-500", "street-negatives-4k"]
 PRESETS: Final[Mapping[PresetName, SimulatedSet]] = {
     # 2,000 frames to train on and 200 to validate, of the size of the depth benchmark's crop.
     "street-2k": SimulatedSet(
@@ -44,6 +44,13 @@ PRESETS: Final[Mapping[PresetName, SimulatedSet]] = {
         validation_frames=500,
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=500, hard=True),
+    ),
+    # 4,000 frames to train detectors on and 500 to validate, of streets full of hard negatives.
+    "street-negatives-4k": SimulatedSet(
+        frames=4500,
+        validation_frames=500,
+        velodyne="velodyne_reduced",
+        config=SimulationConfig(seed=4000, hard_negatives=True),
     ),
 }
 

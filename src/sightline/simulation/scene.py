@@ -94,6 +94,13 @@ class Actor:
     cm."""
     shape: Shape
     motion: Motion
+    labelled_lwh: tuple[float, float, float] | None = None
+    """Size [m] that annotators give it, where that is not `size_lwh`; about the same middle."""
+
+    @property
+    def box_lwh(self) -> tuple[float, float, float]:
+        """Length, width, height [m] of its label."""
+        return self.labelled_lwh or self.size_lwh
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

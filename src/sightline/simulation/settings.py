@@ -38,6 +38,9 @@ class SimulationConfig:
     """Whether pictures are taken; without them all else is the same, in half the time."""
     hard: bool = False
     """Whether streets are hard: objects far away, hidden and on slopes, with few points."""
+    hard_negatives: bool = False
+    """Whether much stands beside streets that is easily taken for a person or a car: beacons of
+    road works, masts, low signs, bare trunks, bushes, heaps."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""

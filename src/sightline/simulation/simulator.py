@@ -89,12 +89,17 @@ class StreetMaker(Protocol):
     __qualname__: str
 
     def __call__(
-        self, rng: np.random.Generator, *, duration_s: float, hard: bool = False
+        self,
+        rng: np.random.Generator,
+        *,
+        duration_s: float,
+        hard: bool = False,
+        hard_negatives: bool = False,
     ) -> Street:
         """Makes a street whose traffic is known for `duration_s`.
 
-        `hard` is given only where `SimulationConfig.hard` is set: a maker of one kind of streets
-        needs no such argument, and then refuses that setting with a TypeError.
+        `hard` and `hard_negatives` are given only where `SimulationConfig` has them set: a maker of
+        one kind of streets needs no such argument, and then refuses that setting with a TypeError.
         """
 
     def __hash__(self) -> int:
@@ -170,9 +175,9 @@ def simulate_street(
     """The street of a drive, which is a frame where `sequence_length` is 1."""
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, drive]))
     duration_s = (config.sequence_length - 1) * FRAME_S
-    if config.hard:
-        return streets(rng, duration_s=duration_s, hard=True)
-    return streets(rng, duration_s=duration_s)
+    special = {"hard": config.hard, "hard_negatives": config.hard_negatives}
+    given = {name: True for name, is_set in special.items() if is_set}
+    return streets(rng, duration_s=duration_s, **given)
 
 
 def simulate_course(

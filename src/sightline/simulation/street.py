@@ -24,6 +24,7 @@ def make_street(
     duration_s: float = 0.0,
     kind: StreetKind | None = None,
     hard: bool = False,
+    hard_negatives: bool = False,
 ) -> Street:
     """Draws a street with its traffic and weather.
 
@@ -33,6 +34,7 @@ def make_street(
             street is long enough.
         kind: What kind of street; None draws it.
         hard: Whether it is fuller and hillier than usual, so that more is far away and hidden.
+        hard_negatives: Whether much stands beside it that is easily taken for a person or a car.
 
     Raises:
         ValueError: `duration_s` is negative.
@@ -47,7 +49,7 @@ def make_street(
     parts = [make_ground(rng, layout), make_markings(rng, layout)]
     parts += make_plots(rng, layout, lots)
     parts += make_horizon(rng, layout)
-    parts += dress(rng, layout, traffic.taken)
+    parts += dress(rng, layout, traffic.taken, hard_negatives=hard_negatives)
     return Street(
         ground_and_buildings=Mesh.joined(parts),
         actors=traffic.actors,

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch, box_corners
 from sightline.simulation.meshes.clutter import CLUTTER
+from sightline.simulation.meshes.look_alikes import LOOK_ALIKES
 from sightline.simulation.meshes.primitives import (
     Finish,
     box,
@@ -72,13 +73,30 @@ class Item(Enum):
     SKIP = "skip"
     SITE_CABIN = "site cabin"
     SCAFFOLD = "scaffold"
+    BEACON = "beacon"
+    LIT_BEACON = "lit beacon"
+    KEEP_RIGHT_SIGN = "keep-right sign"
+    CHEVRONS = "chevrons"
+    SIGNAL_MAST = "signal mast"
+    POSTER_POLE = "poster pole"
+    DISPLAY_STAND = "display stand"
+    LITTER_BIN = "litter bin"
+    PARKING_METER = "parking meter"
+    BARE_TRUNK = "bare trunk"
+    LEANING_TRUNKS = "leaning trunks"
+    STAKED_TREE = "staked tree"
+    SAND_HEAP = "sand heap"
+    GRAVEL_HEAP = "gravel heap"
+    STACK_OF_PALLETS = "stack of pallets"
+    CONTAINER = "container"
 
 
 @cache
 def item_model(item: Item) -> Mesh:
     """The mesh of a thing, its foot at the origin; made once."""
-    if item.value in CLUTTER:
-        return Mesh.joined(CLUTTER[item.value]())
+    for plain in (CLUTTER, LOOK_ALIKES):
+        if item.value in plain:
+            return Mesh.joined(plain[item.value]())
     return _MAKERS[item]()
 
 

@@ -19,6 +19,8 @@ class ActorModel:
     What a car has on its roof, its aerial and its tow bar are left out, as in KITTI's labels.
     """
     shape: Shape
+    labelled_lwh: tuple[float, float, float] | None = None
+    """Size [m] that annotators give it, where that is not `size_lwh`; about the same middle."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

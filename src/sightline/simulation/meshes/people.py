@@ -17,6 +17,9 @@ from sightline.simulation.scene import Mesh
 
 _LEG_LENGTH = 0.90 / 1.75  # of the height
 _WALKING_FROM_MPS = 0.15
+_ANNOTATED_STRIDE = 0.90, 0.125  # mean and deviation of a walker's labelled length, in strides
+_ANNOTATED_ROOM_M = 0.10, 0.10  # of what a label of someone who stands is longer than the person
+_ANNOTATED_WIDTH = 1.10, 0.22  # of a label's width, in the person's
 _PHASES = np.arange(12) * (np.pi / 6)  # moments of a stride at which its extent is measured
 
 
@@ -88,14 +91,35 @@ def make_pedestrian(rng: np.random.Generator, speed_mps: float) -> ActorModel:
     figure = make_figure(build, outfit)
     if speed_mps < _WALKING_FROM_MPS:
         mesh = _centered(_grounded(figure, _standing_pose(rng), (0.0, 0.0)))
-        return _model("Pedestrian", mesh, RigidShape(mesh=mesh))
+        return _annotated(rng, _model("Pedestrian", mesh, RigidShape(mesh=mesh)), walks=False)
     gait = _gait(rng, build, speed_mps, outfit)
     walking = WalkingPerson(figure=figure, gait=gait, offset=(0.0, 0.0))
     low, high = _extent(figure, [walking_pose(phase, gait) for phase in _PHASES])
     middle = (low + high) / 2
     walking = replace(walking, offset=(-float(middle[0]), -float(middle[1])))
     length, width, height = (high - low).tolist()
-    return ActorModel(class_name="Pedestrian", size_lwh=(length, width, height), shape=walking)
+    model = ActorModel(class_name="Pedestrian", size_lwh=(length, width, height), shape=walking)
+    return _annotated(rng, model, walks=True)
+
+
+def _annotated(rng: np.random.Generator, model: ActorModel, *, walks: bool) -> ActorModel:
+    """With a label as KITTI's annotators draw it: one size by eye for all of a person's frames.
+
+    Walkers' boxes hold most of a stride, seldom all of it, those of people who stand have room,
+    and so the lengths of all are as those of KITTI's 4,487: 0.84 m, deviation 0.23 m. It takes
+    no numbers from `rng` itself, so that streets are what they are whatever is written on labels.
+    """
+    own, (length, width, height) = rng.spawn(1)[0], model.size_lwh
+    if walks:
+        length *= own.normal(*_ANNOTATED_STRIDE)
+    else:
+        length += own.normal(*_ANNOTATED_ROOM_M)
+    width *= own.normal(*_ANNOTATED_WIDTH)
+    low, high = KITTI_SIZES["Pedestrian"].low, KITTI_SIZES["Pedestrian"].high
+    length = float(np.clip(length, low.length, high.length))
+    return replace(
+        model, labelled_lwh=(length, float(np.clip(width, low.width, high.width)), height)
+    )
 
 
 def _extent(

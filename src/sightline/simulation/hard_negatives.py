@@ -1,0 +1,162 @@
+"""Sets out what is easily taken for a person or a car, much more of it than real streets have.
+
+What detectors that have only seen simulated streets find on real ones where nothing is: beacons
+and heaps of road works, low signs, masts and bins for people; bushes and hedges for both.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from sightline.simulation.layout import Layout, Road, Side, ground_places
+from sightline.simulation.meshes.furniture import Item
+from sightline.simulation.meshes.trees import Plants, Species
+from sightline.simulation.setting_out import Things
+
+_AT_KERB: Final = (
+    Item.KEEP_RIGHT_SIGN, Item.CHEVRONS, Item.SIGNAL_MAST, Item.POSTER_POLE, Item.DISPLAY_STAND,
+    Item.LITTER_BIN, Item.PARKING_METER, Item.STAKED_TREE, Item.BOLLARD, Item.BIN,
+)  # fmt: skip
+_AT_PLOTS: Final = (
+    Item.POSTER_POLE, Item.DISPLAY_STAND, Item.LITTER_BIN, Item.BARE_TRUNK, Item.LEANING_TRUNKS,
+    Item.STACK_OF_PALLETS, Item.PILLAR, Item.HYDRANT, Item.CONTAINER, Item.SAND_HEAP,
+    Item.WHEELED_BIN,
+)  # fmt: skip
+_IN_THE_MIDDLE: Final = (Item.KEEP_RIGHT_SIGN, Item.CHEVRONS, Item.SIGNAL_MAST, Item.BEACON)
+_NUM_KINDS: Final = 3.0
+"""Mean number of kinds of things at a kerb, and as many at its plots."""
+_FIRST_M, _LAST_M = -5.0, 65.0
+_WORKS_SHARE: Final = 0.4
+"""Share of streets with road works."""
+_NUM_SHRUBS, _NUM_HEDGES = 4.0, 3.0
+"""Mean numbers on each side of a road."""
+_SHRUB_HEIGHTS_M: Final = (0.9, 2.1)
+_SHRUB_SPREADS: Final = (0.28, 0.6)
+_HEDGE_HEIGHTS_M: Final = (1.0, 2.0)
+_HEDGE_SPREADS: Final = (0.9, 1.8)
+_TRUNK_HEIGHTS_M: Final = (0.4, 1.3)
+"""Of the bushes around trunks."""
+
+
+def set_out_hard_negatives(
+    rng: np.random.Generator,
+    layout: Layout,
+    things: Things,
+    trunks: Sequence[Float64[np.ndarray, "_ 3"]],
+) -> None:
+    """Adds to a street that is dressed; nothing comes into the way of anybody.
+
+    Args:
+        rng: Where all randomness comes from.
+        layout: The street.
+        things: What is set out in it, which grows.
+        trunks: Where the trees of rows stand, which get bushes around them.
+    """
+    planter = _Planter(rng, layout, things)
+    for road in layout.roads:
+        for side in road.sides:
+            planter.line_kerb(road, side)
+            planter.line_plots(road, side)
+            planter.shrubs(road, side)
+        planter.middle(road)
+    if rng.random() < _WORKS_SHARE:
+        planter.road_works(layout.main.left if rng.random() < 0.5 else layout.main.right)
+    for row in trunks:
+        planter.bushes(row[rng.random(len(row)) < rng.uniform(0.0, 0.7)])
+
+
+class _Planter:
+    """Sets things out in one street."""
+
+    def __init__(self, rng: np.random.Generator, layout: Layout, things: Things) -> None:
+        self._rng = rng
+        self._layout = layout
+        self._things = things
+
+    def line_kerb(self, road: Road, side: Side) -> None:
+        """Signs, masts, bins and the like at the edge of the carriageway."""
+        for item in self._drawn(_AT_KERB):
+            self._put(item, road, side, side.edge + float(self._rng.uniform(0.35, 1.0)))
+
+    def line_plots(self, road: Road, side: Side) -> None:
+        """Trunks, heaps, stacks and the like on and beyond the last band."""
+        for item in self._drawn(_AT_PLOTS):
+            self._put(item, road, side, side.outer + float(self._rng.uniform(-1.2, 2.5)))
+
+    def middle(self, road: Road) -> None:
+        """Signs and masts between lanes that run against each other."""
+        ahead = [lane.offset for lane in road.lanes if lane.direction > 0]
+        against = [lane.offset for lane in road.lanes if lane.direction < 0]
+        if not ahead or not against:
+            return
+        between = (max(ahead) + min(against)) / 2
+        for item in self._drawn(_IN_THE_MIDDLE, mean=0.7):
+            self._put(item, road, road.left, between)
+
+    def road_works(self, side: Side) -> None:
+        """A row of beacons on the carriageway, with heaps and stacks behind it."""
+        rng, main = self._rng, self._layout.main
+        start, length = float(rng.uniform(2.0, 40.0)), float(rng.uniform(6.0, 40.0))
+        stations = np.arange(start, start + length, float(rng.uniform(1.5, 6.0)))
+        item = Item.LIT_BEACON if rng.random() < 0.5 else Item.BEACON
+        distance = side.lane_edge - float(rng.uniform(-0.4, 1.2))
+        self._set(item, main, side, stations, distance, turn=np.pi if rng.random() < 0.5 else 0.0)
+        heaps = (Item.SAND_HEAP, Item.GRAVEL_HEAP, Item.STACK_OF_PALLETS, Item.SKIP, Item.BARRIER)
+        for heap in self._drawn(heaps):
+            behind = distance + float(rng.uniform(1.2, 4.0))
+            self._put(heap, main, side, behind)
+
+    def shrubs(self, road: Road, side: Side) -> None:
+        """Bushes as slender as people and as large as cars, beyond the last band."""
+        kinds = (
+            (_NUM_SHRUBS, _SHRUB_HEIGHTS_M, _SHRUB_SPREADS),
+            (_NUM_HEDGES, _HEDGE_HEIGHTS_M, _HEDGE_SPREADS),
+        )
+        for mean, heights, spreads in kinds:
+            stations = self._rng.uniform(_FIRST_M, _LAST_M, int(self._rng.poisson(mean)))
+            free = self._things.free_stations(road, side, stations, 1.0)
+            for station in free:
+                height, spread = self._rng.uniform(*heights), self._rng.uniform(*spreads)
+                offset = side.sign * (side.outer + self._rng.uniform(-0.3, 3.0))
+                spot = np.array([station])
+                place = ground_places(self._layout, road, spot, offset, side.level)
+                wide = 1.1 * height * spread  # a bush is 1.1 times as wide as it is high
+                row = np.concatenate((place, np.zeros((1, 1))), axis=1)
+                if self._things.settle(row, wide, wide).all():
+                    plants = Plants(places=place, heights=np.array([height]), spread=float(spread))
+                    self._things.plant(Species.BUSH, plants)
+
+    def bushes(self, places: Float64[np.ndarray, "count 3"]) -> None:
+        """Bushes around trunks, or shoots from their feet."""
+        heights = self._rng.uniform(*_TRUNK_HEIGHTS_M, len(places))
+        plants = Plants(places=places, heights=heights, spread=float(self._rng.uniform(0.5, 1.2)))
+        self._things.plant(Species.BUSH, plants)
+
+    def _drawn(self, items: Sequence[Item], mean: float = _NUM_KINDS) -> list[Item]:
+        """Some of the items, each once."""
+        count = min(int(self._rng.poisson(mean)), len(items))
+        return [items[row] for row in self._rng.choice(len(items), count, replace=False)]
+
+    def _put(self, item: Item, road: Road, side: Side, distance: float) -> None:
+        """One to three of a kind somewhere along a road, facing anywhere."""
+        stations = self._rng.uniform(_FIRST_M, _LAST_M, int(self._rng.integers(1, 4)))
+        turn = float(self._rng.uniform(-np.pi, np.pi))
+        self._set(item, road, side, stations, distance, turn)
+
+    def _set(
+        self,
+        item: Item,
+        road: Road,
+        side: Side,
+        stations: Float[np.ndarray, " count"],
+        distance: float,
+        turn: float,
+    ) -> None:
+        """Things at their stations, all stretched alike, on the carriageway or the pavement."""
+        wide, high = self._rng.uniform(0.8, 1.3), self._rng.uniform(0.85, 1.2)
+        level = side.level if distance > side.edge else 0.0
+        free = self._things.free_stations(road, side, stations, 1.0)
+        offset = side.sign * distance
+        self._things.put(item, road, free, offset, level, turn, scale=(wide, wide, high))

@@ -1,0 +1,109 @@
+"""Sets things out along the roads of a street, each where its ground is still free."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+
+from sightline.simulation.layout import Layout, Road, Side, ground_places
+from sightline.simulation.materials import Material
+from sightline.simulation.meshes.batches import stamped
+from sightline.simulation.meshes.furniture import Item, item_footprint, item_model
+from sightline.simulation.meshes.trees import Plants, Species, set_out
+from sightline.simulation.occupancy import Occupancy
+from sightline.simulation.scene import Mesh
+
+_FAR: Final = 115.0
+"""Station beyond which nothing is set out [m]."""
+_ROOM_M: Final = 0.25
+"""Free space around things along a street."""
+_TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))
+"""Range of the factors of painted things' colours."""
+
+Row = Float64[np.ndarray, "count 4"]
+"""x, y, z, yaw of things."""
+
+
+class Things:
+    """Collects the places of things in a street and makes their meshes at the end."""
+
+    def __init__(self, rng: np.random.Generator, layout: Layout, taken: Occupancy) -> None:
+        self._rng = rng
+        self._layout = layout
+        self._taken = taken
+        self._places: dict[Item, list[np.ndarray]] = {}
+        self._scales: dict[Item, list[np.ndarray]] = {}
+        self._plants: list[Mesh] = []
+
+    def meshes(self) -> list[Mesh]:
+        """Everything set out so far."""
+        copies = []
+        for item, rows in self._places.items():
+            table, scales = np.concatenate(rows), np.concatenate(self._scales[item])
+            tints = self._rng.uniform(*_TINTS, (len(table), 3))
+            copies.append(
+                stamped(
+                    item_model(item),
+                    table[:, :3],
+                    table[:, 3],
+                    scales=scales,
+                    tints=tints,
+                    tinted=(Material.CAR_PAINT,),
+                )
+            )
+        return [*self._plants, *copies]
+
+    def put(
+        self,
+        item: Item,
+        road: Road,
+        stations: Float[np.ndarray, " count"],
+        offset: float,
+        level: float,
+        turn: float,
+        *,
+        scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    ) -> Float64[np.ndarray, " num_set"]:
+        """Sets things at stations of a road, turned against its heading by `turn`.
+
+        Those that would overlap something placed earlier, a road user or a wall are left out.
+        Returns the stations of the others.
+        """
+        places = ground_places(self._layout, road, stations, offset, level)
+        rows = np.concatenate((places, (road.line.yaw(stations) + turn)[:, None]), axis=1)
+        length, width = item_footprint(item)
+        free = self.settle(rows, length * scale[0], width * scale[1])
+        self.add(item, rows[free], scale)
+        kept: Float64[np.ndarray, " num_set"] = stations[free]
+        return kept
+
+    def add(
+        self, item: Item, rows: Row, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    ) -> None:
+        """Things at x, y, z, yaw, whatever stands there."""
+        self._places.setdefault(item, []).append(rows)
+        self._scales.setdefault(item, []).append(np.tile(scale, (len(rows), 1)))
+
+    def plant(self, species: Species, plants: Plants) -> None:
+        """Plants at their places, whatever stands there."""
+        self._plants += set_out(self._rng, species, plants)
+
+    def settle(self, rows: Row, length: float, width: float) -> Bool[np.ndarray, " count"]:
+        """Takes the ground of things at x, y, z, yaw where it is free; returns which fitted."""
+        still = [np.tile(row, (self._taken.num_moments, 1)) for row in rows]
+        free = [self._taken.is_free(poses, length, width, _ROOM_M) for poses in still]
+        for poses, is_free in zip(still, free, strict=True):
+            if is_free:
+                self._taken.take(poses, length, width)
+        return np.array(free, dtype=bool)
+
+    def free_stations(
+        self, road: Road, side: Side, stations: Float[np.ndarray, " count"], margin: float
+    ) -> Float64[np.ndarray, " num_free"]:
+        """The stations on the road, `margin` [m] away from the junction and not too far ahead."""
+        free = np.ones(len(stations), dtype=bool)
+        for start, stop in side.gaps:
+            free &= (stations < start - margin) | (stations > stop + margin)
+        inside = (stations > road.first + 1.0) & (stations < min(road.last, _FAR) - 1.0)
+        kept: Float64[np.ndarray, " num_free"] = stations[free & inside]
+        return kept
