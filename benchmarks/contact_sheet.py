@@ -28,7 +28,11 @@ _VIEW = BirdsEyeView(x_min_m=-3.0, x_max_m=47.0, y_min_m=-25.0, y_max_m=25.0, pi
 
 
 def main(
-    out: Path = Path("docs/pictures/street_simulator.jpg"), first_seed: int = 0, frames: int = 12
+    out: Path = Path("docs/pictures/street_simulator.jpg"),
+    first_seed: int = 0,
+    frames: int = 12,
+    *,
+    hard_negatives: bool = False,
 ) -> None:
     """Simulates the frames and draws them, two columns of three pictures each.
 
@@ -36,10 +40,13 @@ def main(
         out: The picture.
         first_seed: Seed of the first frame; the others follow.
         frames: How many, an even number.
+        hard_negatives: Whether the streets are full of what is taken for people and cars.
     """
     seeds = range(first_seed, first_seed + frames)
     rows = [
-        _row(sample_of(simulate_frame(SimulationConfig(seed=seed), 0)))
+        _row(
+            sample_of(simulate_frame(SimulationConfig(seed=seed, hard_negatives=hard_negatives), 0))
+        )
         for seed in track(seeds, description="simulating")
     ]
     columns = [np.concatenate(rows[start::2]) for start in (0, 1)]
