@@ -198,6 +198,7 @@ def test_the_same_seed_makes_the_same_person_whatever_the_global_generator_does(
     np.random.seed(2)  # noqa: NPY002
     second = MAKERS[name](np.random.default_rng(3))
     assert first.size_lwh == second.size_lwh
+    assert first.labelled_lwh == second.labelled_lwh
     one, other = first.shape.at(0.7), second.shape.at(0.7)
     assert one.vertices.tobytes() == other.vertices.tobytes()
     assert one.colors.tobytes() == other.colors.tobytes()

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from sightline.simulation.layout import Layout, Road, Side, ground_places
-from sightline.simulation.meshes.furniture import Item
+from sightline.simulation.meshes.furniture import Item, item_footprint
 from sightline.simulation.meshes.trees import Plants, Species
 from sightline.simulation.setting_out import Things
 
@@ -46,7 +46,7 @@ def set_out_hard_negatives(
     things: Things,
     trunks: Sequence[Float64[np.ndarray, "_ 3"]],
 ) -> None:
-    """Adds to a street that is dressed; nothing comes into the way of anybody.
+    """Adds to a street that is dressed; no thing overlaps a road user or a house.
 
     Args:
         rng: Where all randomness comes from.
@@ -83,7 +83,9 @@ class _Planter:
     def line_plots(self, road: Road, side: Side) -> None:
         """Trunks, heaps, stacks and the like on and beyond the last band."""
         for item in self._drawn(_AT_PLOTS):
-            self._put(item, road, side, side.outer + float(self._rng.uniform(-1.2, 2.5)))
+            clear = side.edge + 0.65 * float(np.hypot(*item_footprint(item)))  # stretched by 1.3
+            anywhere = side.outer + float(self._rng.uniform(-1.2, 2.5))
+            self._put(item, road, side, max(anywhere, clear))
 
     def middle(self, road: Road) -> None:
         """Signs and masts between lanes that run against each other."""
@@ -101,7 +103,7 @@ class _Planter:
         start, length = float(rng.uniform(2.0, 40.0)), float(rng.uniform(6.0, 40.0))
         stations = np.arange(start, start + length, float(rng.uniform(1.5, 6.0)))
         item = Item.LIT_BEACON if rng.random() < 0.5 else Item.BEACON
-        distance = side.lane_edge - float(rng.uniform(-0.4, 1.2))
+        distance = side.lane_edge - float(rng.uniform(-0.4, 0.5))
         self._set(item, main, side, stations, distance, turn=np.pi if rng.random() < 0.5 else 0.0)
         heaps = (Item.SAND_HEAP, Item.GRAVEL_HEAP, Item.STACK_OF_PALLETS, Item.SKIP, Item.BARRIER)
         for heap in self._drawn(heaps):

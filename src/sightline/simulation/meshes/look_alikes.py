@@ -33,15 +33,15 @@ def _post(height: float, radius: float, finish: Finish = _STEEL) -> Mesh:
 def _beacon() -> list[Mesh]:
     """A striped panel on a foot, as it leads past road works."""
     stripes = [
-        box((0, 0, 0.27 + 0.2 * row), (0.03, 0.125, 0.1), _WHITE if row % 2 else _RED)
+        box((0, 0, 0.22 + 0.2 * row), (0.03, 0.125, 0.1), _WHITE if row % 2 else _RED)
         for row in range(5)
     ]
     return [box((0, 0, 0.06), (0.2, 0.4, 0.06), _BLACK), *stripes]
 
 
 def _lit_beacon() -> list[Mesh]:
-    lamp = superellipsoid((0, 0, 1.37), (0.07, 0.1, 0.1), _AMBER, num_rings=6, num_sides=10)
-    return [*_beacon(), box((0, 0, 1.22), (0.06, 0.09, 0.06), _AMBER), lamp]
+    lamp = superellipsoid((0, 0, 1.28), (0.07, 0.1, 0.1), _AMBER, num_rings=6, num_sides=10)
+    return [*_beacon(), box((0, 0, 1.15), (0.06, 0.09, 0.06), _AMBER), lamp]
 
 
 def _chevrons() -> list[Mesh]:

@@ -1,6 +1,7 @@
 """Pedestrians who stand and walk, and people who sit."""
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ _WALKING_FROM_MPS = 0.15
 _ANNOTATED_STRIDE = 0.90, 0.125  # mean and deviation of a walker's labelled length, in strides
 _ANNOTATED_ROOM_M = 0.10, 0.10  # of what a label of someone who stands is longer than the person
 _ANNOTATED_WIDTH = 1.10, 0.22  # of a label's width, in the person's
+_LABELS = 21  # tells the numbers of labels from those of all else
 _PHASES = np.arange(12) * (np.pi / 6)  # moments of a stride at which its extent is measured
 
 
@@ -109,7 +111,9 @@ def _annotated(rng: np.random.Generator, model: ActorModel, *, walks: bool) -> A
     and so the lengths of all are as those of KITTI's 4,487: 0.84 m, deviation 0.23 m. It takes
     no numbers from `rng` itself, so that streets are what they are whatever is written on labels.
     """
-    own, (length, width, height) = rng.spawn(1)[0], model.size_lwh
+    length, width, height = model.size_lwh
+    ahead = deepcopy(rng.bit_generator).random_raw(2)
+    own = np.random.default_rng([_LABELS, *ahead.tolist()])
     if walks:
         length *= own.normal(*_ANNOTATED_STRIDE)
     else:
