@@ -11,8 +11,8 @@ from sightline.simulation.layout_drawing import draw_layout
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch, stamped
 from sightline.simulation.meshes.clutter import CLUTTER
+from sightline.simulation.meshes.decoys import DECOYS
 from sightline.simulation.meshes.furniture import Item, item_model
-from sightline.simulation.meshes.look_alikes import LOOK_ALIKES
 from sightline.simulation.meshes.primitives import Finish, box
 from sightline.simulation.meshes.trees import Detail, Species, tree_model
 from sightline.simulation.occupancy import Occupancy
@@ -130,8 +130,8 @@ def test_nothing_is_set_out_on_ground_that_is_taken():
 
 
 def test_all_clutter_is_street_furniture():
-    assert set(CLUTTER) | set(LOOK_ALIKES) <= {item.value for item in Item}
-    assert not set(CLUTTER) & set(LOOK_ALIKES)
+    assert set(CLUTTER) | set(DECOYS) <= {item.value for item in Item}
+    assert not set(CLUTTER) & set(DECOYS)
 
 
 def test_a_negative_duration_is_refused():

@@ -12,7 +12,7 @@ from sightline.cli.declared import declare
 from sightline.simulation.presets import PresetName, SimulatedSet, choose_set
 from sightline.simulation.settings import SimulationConfig
 
-_HELP = """Makes street frames or drives in KITTI's format, with dense depth and exact labels.
+_HELP = """Makes street frames or drives in KITTI's format, with dense depth and labels.
 
 The same settings give the same files for any number of workers. An interrupted run is finished
 by running it again; more frames extend what is there.

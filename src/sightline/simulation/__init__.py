@@ -1,1 +1,1 @@
-"""Simulated streets, as a camera and a LiDAR see them, with exact labels."""
+"""Simulated streets, as a camera and a LiDAR see them, with labels as KITTI's."""

@@ -1,16 +1,17 @@
 """Sets out what is easily taken for a person or a car, much more of it than real streets have.
 
 What detectors that have only seen simulated streets find on real ones where nothing is: beacons
-and heaps of road works, low signs, masts and bins for people; bushes and hedges for both.
+and heaps of road works, low signs, masts, bins and bushes.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Float64
 
-from sightline.simulation.layout import Layout, Road, Side, ground_places
+from sightline.simulation.layout import Layout, Road, Side
 from sightline.simulation.meshes.furniture import Item, item_footprint
 from sightline.simulation.meshes.trees import Plants, Species
 from sightline.simulation.setting_out import Things
@@ -28,16 +29,24 @@ _IN_THE_MIDDLE: Final = (Item.KEEP_RIGHT_SIGN, Item.CHEVRONS, Item.SIGNAL_MAST, 
 _NUM_KINDS: Final = 3.0
 """Mean number of kinds of things at a kerb, and as many at its plots."""
 _FIRST_M, _LAST_M = -5.0, 65.0
+"""Stations of the main road between which things stand; half as far on either arm of another."""
 _WORKS_SHARE: Final = 0.4
 """Share of streets with road works."""
-_NUM_SHRUBS, _NUM_HEDGES = 4.0, 3.0
-"""Mean numbers on each side of a road."""
-_SHRUB_HEIGHTS_M: Final = (0.9, 2.1)
-_SHRUB_SPREADS: Final = (0.28, 0.6)
-_HEDGE_HEIGHTS_M: Final = (1.0, 2.0)
-_HEDGE_SPREADS: Final = (0.9, 1.8)
-_TRUNK_HEIGHTS_M: Final = (0.4, 1.3)
-"""Of the bushes around trunks."""
+_NUM_SLENDER, _NUM_BROAD = 4.0, 3.0
+"""Mean numbers of bushes on each side of a road."""
+_SLENDER_HEIGHTS_M: Final = (0.9, 2.1)
+_SLENDER_SPREADS: Final = (0.28, 0.6)
+_BROAD_HEIGHTS_M: Final = (1.0, 2.0)
+_BROAD_SPREADS: Final = (0.9, 1.8)
+_FOOT_HEIGHTS_M: Final = (0.4, 0.9)
+_FOOT_SPREADS: Final = (0.5, 0.85)
+"""Of the bushes around trunks, which so stay within the ground that is kept free around them."""
+_BUSH_WIDTH: Final = 1.6
+"""Width of a bush of spread 1, in heights, at most but for a few twigs."""
+_WIDEST: Final = 1.3
+"""Factor by which things are stretched across, at most."""
+_GARDEN_M: Final = 0.7
+"""Behind the last band; hedges and fences stand nearer to it."""
 
 
 def set_out_hard_negatives(
@@ -78,14 +87,17 @@ class _Planter:
     def line_kerb(self, road: Road, side: Side) -> None:
         """Signs, masts, bins and the like at the edge of the carriageway."""
         for item in self._drawn(_AT_KERB):
-            self._put(item, road, side, side.edge + float(self._rng.uniform(0.35, 1.0)))
+            clear = side.edge + _reach(item)
+            self._put(item, road, side, clear + float(self._rng.uniform(0.0, 0.6)))
 
     def line_plots(self, road: Road, side: Side) -> None:
-        """Trunks, heaps, stacks and the like on and beyond the last band."""
+        """Trunks, heaps, stacks and the like on the bands, or behind hedges and fences."""
         for item in self._drawn(_AT_PLOTS):
-            clear = side.edge + 0.65 * float(np.hypot(*item_footprint(item)))  # stretched by 1.3
-            anywhere = side.outer + float(self._rng.uniform(-1.2, 2.5))
-            self._put(item, road, side, max(anywhere, clear))
+            reach = _reach(item)
+            inner, outer = side.edge + reach, side.outer - reach
+            if inner > outer or self._rng.random() < 0.4:
+                inner, outer = side.outer + _GARDEN_M + reach, side.outer + _GARDEN_M + reach + 2.0
+            self._put(item, road, side, float(self._rng.uniform(inner, outer)))
 
     def middle(self, road: Road) -> None:
         """Signs and masts between lanes that run against each other."""
@@ -94,8 +106,9 @@ class _Planter:
         if not ahead or not against:
             return
         between = (max(ahead) + min(against)) / 2
+        closed = replace(road.left, gaps=road.left.gaps + road.right.gaps)
         for item in self._drawn(_IN_THE_MIDDLE, mean=0.7):
-            self._put(item, road, road.left, between)
+            self._put(item, road, closed, between)
 
     def road_works(self, side: Side) -> None:
         """A row of beacons on the carriageway, with heaps and stacks behind it."""
@@ -107,24 +120,22 @@ class _Planter:
         self._set(item, main, side, stations, distance, turn=np.pi if rng.random() < 0.5 else 0.0)
         heaps = (Item.SAND_HEAP, Item.GRAVEL_HEAP, Item.STACK_OF_PALLETS, Item.SKIP, Item.BARRIER)
         for heap in self._drawn(heaps):
-            behind = distance + float(rng.uniform(1.2, 4.0))
-            self._put(heap, main, side, behind)
+            behind = max(distance + 0.5, side.lane_edge) + _reach(heap)
+            self._put(heap, main, side, behind + float(rng.uniform(0.0, 2.0)))
 
     def shrubs(self, road: Road, side: Side) -> None:
         """Bushes as slender as people and as large as cars, beyond the last band."""
         kinds = (
-            (_NUM_SHRUBS, _SHRUB_HEIGHTS_M, _SHRUB_SPREADS),
-            (_NUM_HEDGES, _HEDGE_HEIGHTS_M, _HEDGE_SPREADS),
+            (_NUM_SLENDER, _SLENDER_HEIGHTS_M, _SLENDER_SPREADS),
+            (_NUM_BROAD, _BROAD_HEIGHTS_M, _BROAD_SPREADS),
         )
         for mean, heights, spreads in kinds:
-            stations = self._rng.uniform(_FIRST_M, _LAST_M, int(self._rng.poisson(mean)))
-            free = self._things.free_stations(road, side, stations, 1.0)
-            for station in free:
+            stations = self._stations(road, int(self._rng.poisson(mean)))
+            for station in self._things.free_stations(road, side, stations, 1.0):
                 height, spread = self._rng.uniform(*heights), self._rng.uniform(*spreads)
-                offset = side.sign * (side.outer + self._rng.uniform(-0.3, 3.0))
-                spot = np.array([station])
-                place = ground_places(self._layout, road, spot, offset, side.level)
-                wide = 1.1 * height * spread  # a bush is 1.1 times as wide as it is high
+                wide = _BUSH_WIDTH * height * spread
+                distance = side.outer + _GARDEN_M + wide / 2 + self._rng.uniform(0.0, 2.5)
+                place = self._things.on_surface(road, np.array([station]), side.sign * distance)
                 row = np.concatenate((place, np.zeros((1, 1))), axis=1)
                 if self._things.settle(row, wide, wide).all():
                     plants = Plants(places=place, heights=np.array([height]), spread=float(spread))
@@ -132,8 +143,9 @@ class _Planter:
 
     def bushes(self, places: Float64[np.ndarray, "count 3"]) -> None:
         """Bushes around trunks, or shoots from their feet."""
-        heights = self._rng.uniform(*_TRUNK_HEIGHTS_M, len(places))
-        plants = Plants(places=places, heights=heights, spread=float(self._rng.uniform(0.5, 1.2)))
+        heights = self._rng.uniform(*_FOOT_HEIGHTS_M, len(places))
+        spread = float(self._rng.uniform(*_FOOT_SPREADS))
+        plants = Plants(places=places, heights=heights, spread=spread)
         self._things.plant(Species.BUSH, plants)
 
     def _drawn(self, items: Sequence[Item], mean: float = _NUM_KINDS) -> list[Item]:
@@ -141,9 +153,15 @@ class _Planter:
         count = min(int(self._rng.poisson(mean)), len(items))
         return [items[row] for row in self._rng.choice(len(items), count, replace=False)]
 
+    def _stations(self, road: Road, count: int) -> Float64[np.ndarray, " count"]:
+        """Stations where something may stand."""
+        if road is self._layout.main:
+            return self._rng.uniform(_FIRST_M, _LAST_M, count)
+        return self._rng.uniform(-_LAST_M / 2, _LAST_M / 2, count)
+
     def _put(self, item: Item, road: Road, side: Side, distance: float) -> None:
         """One to three of a kind somewhere along a road, facing anywhere."""
-        stations = self._rng.uniform(_FIRST_M, _LAST_M, int(self._rng.integers(1, 4)))
+        stations = self._stations(road, int(self._rng.integers(1, 4)))
         turn = float(self._rng.uniform(-np.pi, np.pi))
         self._set(item, road, side, stations, distance, turn)
 
@@ -157,8 +175,12 @@ class _Planter:
         turn: float,
     ) -> None:
         """Things at their stations, all stretched alike, on the carriageway or the pavement."""
-        wide, high = self._rng.uniform(0.8, 1.3), self._rng.uniform(0.85, 1.2)
-        level = side.level if distance > side.edge else 0.0
+        wide, high = self._rng.uniform(0.8, _WIDEST), self._rng.uniform(0.85, 1.2)
         free = self._things.free_stations(road, side, stations, 1.0)
         offset = side.sign * distance
-        self._things.put(item, road, free, offset, level, turn, scale=(wide, wide, high))
+        self._things.put(item, road, free, offset, None, turn, scale=(wide, wide, high))
+
+
+def _reach(item: Item) -> float:
+    """From a thing's middle to its farthest corner [m], however it is turned and stretched."""
+    return _WIDEST * float(np.hypot(*item_footprint(item))) / 2

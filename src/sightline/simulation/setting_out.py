@@ -11,6 +11,7 @@ from sightline.simulation.meshes.batches import stamped
 from sightline.simulation.meshes.furniture import Item, item_footprint, item_model
 from sightline.simulation.meshes.trees import Plants, Species, set_out
 from sightline.simulation.occupancy import Occupancy
+from sightline.simulation.relief import surface_height
 from sightline.simulation.scene import Mesh
 
 _FAR: Final = 115.0
@@ -20,7 +21,7 @@ _ROOM_M: Final = 0.25
 _TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))
 """Range of the factors of painted things' colours."""
 
-Row = Float64[np.ndarray, "count 4"]
+Rows = Float64[np.ndarray, "count 4"]
 """x, y, z, yaw of things."""
 
 
@@ -59,17 +60,21 @@ class Things:
         road: Road,
         stations: Float[np.ndarray, " count"],
         offset: float,
-        level: float,
+        level: float | None,
         turn: float,
         *,
         scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ) -> Float64[np.ndarray, " num_set"]:
         """Sets things at stations of a road, turned against its heading by `turn`.
 
-        Those that would overlap something placed earlier, a road user or a wall are left out.
-        Returns the stations of the others.
+        Those that would overlap something placed earlier, a road user or a house are left out.
+        They stand `level` above the terrain, or, where it is None, on the surface with its crown
+        and kerbs. Returns the stations of the others.
         """
-        places = ground_places(self._layout, road, stations, offset, level)
+        if level is None:
+            places = self.on_surface(road, stations, offset)
+        else:
+            places = ground_places(self._layout, road, stations, offset, level)
         rows = np.concatenate((places, (road.line.yaw(stations) + turn)[:, None]), axis=1)
         length, width = item_footprint(item)
         free = self.settle(rows, length * scale[0], width * scale[1])
@@ -77,8 +82,16 @@ class Things:
         kept: Float64[np.ndarray, " num_set"] = stations[free]
         return kept
 
+    def on_surface(
+        self, road: Road, stations: Float[np.ndarray, " count"], offset: float
+    ) -> Float64[np.ndarray, "count 3"]:
+        """World points on the surface of a road or beside it, crown and kerbs included."""
+        offsets = np.full(len(stations), offset)
+        heights = surface_height(self._layout.terrain, road, stations, offsets)
+        return np.concatenate((road.line.place(stations, offsets), heights[:, None]), axis=1)
+
     def add(
-        self, item: Item, rows: Row, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+        self, item: Item, rows: Rows, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
     ) -> None:
         """Things at x, y, z, yaw, whatever stands there."""
         self._places.setdefault(item, []).append(rows)
@@ -88,7 +101,7 @@ class Things:
         """Plants at their places, whatever stands there."""
         self._plants += set_out(self._rng, species, plants)
 
-    def settle(self, rows: Row, length: float, width: float) -> Bool[np.ndarray, " count"]:
+    def settle(self, rows: Rows, length: float, width: float) -> Bool[np.ndarray, " count"]:
         """Takes the ground of things at x, y, z, yaw where it is free; returns which fitted."""
         still = [np.tile(row, (self._taken.num_moments, 1)) for row in rows]
         free = [self._taken.is_free(poses, length, width, _ROOM_M) for poses in still]

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from sightline.simulation.materials import Material
 from sightline.simulation.meshes.batches import QuadBatch, box_corners
 from sightline.simulation.meshes.clutter import CLUTTER
-from sightline.simulation.meshes.look_alikes import LOOK_ALIKES
+from sightline.simulation.meshes.decoys import DECOYS
 from sightline.simulation.meshes.primitives import (
     Finish,
     box,
@@ -94,7 +94,7 @@ class Item(Enum):
 @cache
 def item_model(item: Item) -> Mesh:
     """The mesh of a thing, its foot at the origin; made once."""
-    for plain in (CLUTTER, LOOK_ALIKES):
+    for plain in (CLUTTER, DECOYS):
         if item.value in plain:
             return Mesh.joined(plain[item.value]())
     return _MAKERS[item]()

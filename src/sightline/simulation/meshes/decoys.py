@@ -36,7 +36,7 @@ def _beacon() -> list[Mesh]:
         box((0, 0, 0.22 + 0.2 * row), (0.03, 0.125, 0.1), _WHITE if row % 2 else _RED)
         for row in range(5)
     ]
-    return [box((0, 0, 0.06), (0.2, 0.4, 0.06), _BLACK), *stripes]
+    return [box((0, 0, 0.02), (0.2, 0.4, 0.1), _BLACK), *stripes]
 
 
 def _lit_beacon() -> list[Mesh]:
@@ -82,7 +82,7 @@ def _staked_tree() -> list[Mesh]:
     ]
 
 
-LOOK_ALIKES: Final[Mapping[str, Callable[[], list[Mesh]]]] = {
+DECOYS: Final[Mapping[str, Callable[[], list[Mesh]]]] = {
     "beacon": _beacon,
     "lit beacon": _lit_beacon,
     "keep-right sign": lambda: [
@@ -92,7 +92,7 @@ LOOK_ALIKES: Final[Mapping[str, Callable[[], list[Mesh]]]] = {
     "signal mast": _signal_mast,
     "poster pole": _poster_pole,
     "display stand": lambda: [
-        box((0, 0, 0.08), (0.28, 0.3, 0.08), _BLACK),
+        box((0, 0, 0.0), (0.28, 0.3, 0.16), _BLACK),
         superellipsoid((0, 0, 0.75), (0.05, 0.32, 0.58), _PAINT, exponents=(0.4, 0.4)),
     ],
     "litter bin": lambda: [
@@ -114,10 +114,11 @@ LOOK_ALIKES: Final[Mapping[str, Callable[[], list[Mesh]]]] = {
         tube([(0, 0, -0.1), (0, 0, 0.6), (0, 0, 0.95)], (1.9, 1.2, 0.4), _GRIT, num_sides=18)
     ],
     "stack of pallets": lambda: [
-        box((0, 0, 0.07 + 0.15 * row), (0.4, 0.6, 0.06), _WOOD) for row in range(9)
+        box((0, 0, 0.6), (0.34, 0.54, 0.75), _WOOD),
+        *(box((0, 0, 0.07 + 0.15 * row), (0.4, 0.6, 0.06), _WOOD) for row in range(9)),
     ],
     "container": lambda: [
-        box((0, 0, 0.7), (1.1, 2.2, 0.7), _PAINT), box((0, 0, 1.42), (1.15, 2.25, 0.04), _STEEL)
+        box((0, 0, 0.6), (1.1, 2.2, 0.8), _PAINT), box((0, 0, 1.42), (1.15, 2.25, 0.04), _STEEL)
     ],
 }  # fmt: skip
 """The parts of each thing; its foot is at the origin, its face looks along x."""
