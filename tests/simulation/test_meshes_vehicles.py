@@ -50,11 +50,11 @@ def test_vehicles_fill_their_box_and_stand_in_its_middle_on_the_ground():
     for model in models(6):
         vertices = model.shape.at(0.0).vertices
         size = np.array(model.size_lwh)
-        inside = (np.abs(vertices[:, 0]) < size[0] / 2 + 0.01) & (vertices[:, 2] < size[2] + 0.01)
+        inside = (np.abs(vertices[:, :2]) < size[:2] / 2 + 0.004).all(axis=1)
+        inside &= vertices[:, 2] < size[2] + 0.004
         low, high = vertices[inside].min(axis=0), vertices[inside].max(axis=0)
         assert high - low == pytest.approx(size, abs=0.01)
         assert low + high == pytest.approx((0, 0, size[2]), abs=0.01)
-        assert vertices[:, 1].min() > -size[1] / 2 - 0.01  # nothing sticks out at the sides
 
 
 def test_only_what_cars_carry_or_tow_with_reaches_out_of_their_box():
@@ -69,6 +69,28 @@ def test_only_what_cars_carry_or_tow_with_reaches_out_of_their_box():
         assert behind < 0.2
         assert above < 0.5
     assert loads == {False, True}
+
+
+@pytest.mark.parametrize("make", [make_car, make_van])
+def test_mirrors_alone_stand_out_at_both_sides_of_cars_and_labels_leave_them_out(make):
+    for seed in range(20):
+        model = make(np.random.default_rng(seed))
+        vertices = model.shape.at(0.0).vertices
+        _, width, height = model.size_lwh
+        beyond = vertices[np.abs(vertices[:, 1]) > width / 2 + 0.01]
+        assert np.ptp(beyond[:, 0]) < 0.2
+        assert beyond[:, 0].min() > 0.0
+        assert beyond[:, 2].min() > 0.4 * height
+        assert beyond[:, 2].max() < 0.85 * height
+        assert 0.05 < beyond[:, 1].max() - width / 2 < 0.3
+        assert beyond[:, 1].min() == pytest.approx(-beyond[:, 1].max(), abs=1e-4)
+
+
+def test_only_mirrors_of_cars_stand_out_at_the_sides():
+    for model in models(3):
+        if model.class_name not in ("Car", "Van"):
+            reach = np.abs(model.shape.at(0.0).vertices[:, 1]).max()
+            assert reach < model.size_lwh[1] / 2 + 0.01
 
 
 def test_meshes_are_sound():

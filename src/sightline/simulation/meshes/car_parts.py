@@ -32,6 +32,7 @@ _REAR_REFLECTOR = Finish(Material.RETRO_REFLECTOR, (0.45, 0.01, 0.01))
 _SEAT = Finish(Material.CLOTH, (0.030, 0.030, 0.033))
 _WHEEL_SIDES = 20
 _RIM_PROFILE = (0.45, 0.92, 1.0, 1.0, 0.93, 0.70, 0.65, 0.62, 0.50, 0.20, 0.16, 0.02)  # of radius
+_MIRROR_REACH = (0.08, 0.24)  # [m] beyond the body
 _SPOKES = ((1, 1, 0, 0), (1, 0), (1, 1, 1, 0), (1,))  # repeated around the rim
 
 
@@ -83,12 +84,14 @@ def plate(rng: np.random.Generator, x: float, z: float, facing: int) -> list[Mes
     ]
 
 
-def mirrors(body: Body, shell: Finish) -> Mesh:
-    """The door mirrors; they stay within the width of the body, which the labels leave out."""
+def mirrors(rng: np.random.Generator, body: Body) -> Mesh:
+    """The door mirrors, whose ends stand out beyond the body."""
+    shell = body.paint if rng.random() < 0.75 else BLACK_PLASTIC
     x = float(body.screen_x(0.10)) - 0.10
     z = float(body.shoulder_height(np.array([x]))[0]) + 0.075
-    inner, outer = float(body.cabin_half_width(0.2)) * 0.96, body.width / 2
-    y, half = (inner + outer) / 2 + 0.005, (outer - inner) / 2
+    inner = float(body.cabin_half_width(0.2)) * 0.96
+    outer = body.width / 2 + float(rng.uniform(*_MIRROR_REACH))
+    y, half = (inner + outer) / 2, (outer - inner) / 2
     housing = superellipsoid(
         (x, y, z), (0.055, half, 0.065), shell, exponents=(0.6, 0.6), num_rings=7, num_sides=10
     )

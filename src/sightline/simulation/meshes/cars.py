@@ -130,7 +130,8 @@ class VehicleDesign:
         labelled = Mesh.joined(_parts(rng, body, self._style))
         low, high = labelled.vertices.min(axis=0), labelled.vertices.max(axis=0)
         origin = np.array([*(low + high)[:2] / 2, low[2]])
-        mesh = Mesh.joined([labelled, *extras(rng, body, self._style.roof_load)])
+        beyond = [*extras(rng, body, self._style.roof_load), mirrors(rng, body)]
+        mesh = Mesh.joined([labelled, *beyond])
         front, rear = body.wheel_places
         reach, top = 1.12 * body.wheel_radius + 0.04, body.form.screen_top * length / 2
         knots = (low[0], rear - reach, rear + reach, top, front - reach, front + reach, high[0])
@@ -151,7 +152,6 @@ def _parts(rng: np.random.Generator, body: Body, style: CarStyle) -> list[Mesh]:
         lower_body(body),
         cabin(body),
         wheels(one, body.wheel_places, body.width / 2 - tyre / 2 - 0.015, body.wheel_radius),
-        mirrors(body, shell),
         *handles(body, shell),
         *front_trim(rng, body),
         *rear_trim(rng, body),

@@ -16,7 +16,7 @@ class ActorModel:
     size_lwh: tuple[float, float, float]
     """Length, width, height [m] of the upright box that holds `shape` at all times.
 
-    What a car has on its roof, its aerial and its tow bar are left out, as in KITTI's labels.
+    What a car has on its roof, its mirrors, aerial and tow bar are left out, as in KITTI's labels.
     """
     shape: Shape
     labelled_lwh: tuple[float, float, float] | None = None
