@@ -86,7 +86,7 @@ def test_mirrors_alone_stand_out_at_both_sides_of_cars_and_labels_leave_them_out
         assert beyond[:, 1].min() == pytest.approx(-beyond[:, 1].max(), abs=1e-4)
 
 
-def test_only_mirrors_of_cars_stand_out_at_the_sides():
+def test_nothing_stands_out_at_the_sides_of_other_vehicles():
     for model in models(3):
         if model.class_name not in ("Car", "Van"):
             reach = np.abs(model.shape.at(0.0).vertices[:, 1]).max()
