@@ -82,6 +82,24 @@ def test_a_label_has_the_size_that_annotators_give():
     assert labels.objects.dimensions_hwl[0].tolist() == [1.7, 0.7, 0.8]
 
 
+@pytest.mark.parametrize("yaw", [0.0, math.pi])
+@pytest.mark.parametrize(("class_name", "left_out"), [("Car", 0.4), ("Truck", 0.0)])
+def test_the_box_of_a_car_ends_on_the_far_side_where_its_flank_does(
+    yaw: float, class_name: str, left_out: float
+):
+    class Wedged:
+        def at(self, time_s: float) -> Mesh:  # noqa: ARG002 - a `Shape`
+            sides = block((0.0, 0.0, 0.75), (1.6, 0.8, 0.75))
+            return Mesh.joined([sides, block((0.0, 0.0, 0.75), (2.0, 0.3, 0.75))])
+
+    plain = box_actor(15.0, 2.0, yaw=yaw, class_name=class_name)
+    _, labels = look(street(replace(plain, shape=Wedged())))
+    objects = labels.objects
+    assert objects.dimensions_hwl[0].tolist() == pytest.approx([1.5, 1.6, 4.0 - left_out])
+    middle = CALIBRATION.camera_from_lidar[:3] @ (15.0 - left_out / 2, 2.0, 0.0, 1.0)
+    assert objects.locations[0, [0, 2]] == pytest.approx(middle[[0, 2]], abs=1e-3)
+
+
 def test_what_is_largely_hidden_and_cut_by_the_image_is_of_unknown_occlusion():
     for ahead, offset, level in ((8.0, 0.0, 3), (14.0, 0.3, 2)):  # the image cuts the first
         hidden = box_actor(ahead, 5.0, size_lwh=(4.0, 1.8, 1.5))

@@ -24,7 +24,7 @@ from sightline.simulation.writer import (
     ObjectLayout,
 )
 
-SIMULATOR_REVISION: Final = 6
+SIMULATOR_REVISION: Final = 7
 """Revision of what frames look like; raised by each change after which a seed gives other
 frames."""
 MANIFEST_NAME: Final = "simulation.json"

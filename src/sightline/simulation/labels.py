@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64, Int32
+from jaxtyping import Float32, Float64, Int32
 from scipy.ndimage import find_objects
 
 from sightline.data.calibration_text import CalibrationMatrices
@@ -13,6 +13,7 @@ from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects, obj
 from sightline.data.pixels import wrap_angle
 from sightline.simulation.camera_rays import View, camera_view
 from sightline.simulation.embree import EmbreeScene
+from sightline.simulation.label_ends import labelled_ends
 from sightline.simulation.scene import Actor, Scene, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX
 
@@ -37,6 +38,8 @@ _PERSON_ROOM_M: Final = 0.02
 """Between a pedestrian and either side of the box, which then has 0.72 of the width of the 3D box's
 (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
 _DONT_CARE_GAP_PX: Final = 4.0
+_ROUND: Final = ("Car", "Van")
+"""Classes of which annotators see the far end no further than the flank."""
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
 """The numbers on the line of a DontCare region; its box goes after the third."""
 
@@ -47,6 +50,8 @@ class _Seen:
 
     index: int
     actor: Actor
+    size_lwh: tuple[float, float, float]
+    """Of the label [m]."""
     location: Float64[np.ndarray, "3"]
     """Bottom centre, camera frame [m]."""
     rotation_y: float
@@ -135,9 +140,10 @@ class _Onlooker:
         """Place, boxes, truncation and visible share of one actor."""
         actor, pose = self.scene.actors[index], self.scene.poses[index]
         camera_from_actor = self.camera_from_world @ world_from_footprint(pose, 0.0)
-        location = camera_from_actor[:3, 3]
+        size_lwh, middle = self._labelled(index, camera_from_actor)
+        location = camera_from_actor[:3, 3] + camera_from_actor[:3, 0] * middle
         rotation_y = float(np.arctan2(-camera_from_actor[2, 0], camera_from_actor[0, 0]))
-        corners = box_corners(location, np.array(actor.box_lwh[::-1]), rotation_y)
+        corners = box_corners(location, np.array(size_lwh[::-1]), rotation_y)
         height, width = self.owners.shape
         box, truncation = project_box(corners, self.image_from_camera, (height, width))
         outline, share = self._outline(index)
@@ -149,6 +155,7 @@ class _Onlooker:
         return _Seen(
             index=index,
             actor=actor,
+            size_lwh=size_lwh,
             location=location,
             rotation_y=rotation_y,
             box=box,
@@ -158,15 +165,34 @@ class _Onlooker:
             num_pixels=num_pixels,
         )
 
+    def _labelled(
+        self, index: int, camera_from_actor: Float64[np.ndarray, "4 4"]
+    ) -> tuple[tuple[float, float, float], float]:
+        """Size of an actor's label [m], and how far ahead of the actor's its middle is [m]."""
+        actor = self.scene.actors[index]
+        if actor.class_name not in _ROUND:
+            return actor.box_lwh, 0.0
+        actor_from_camera = np.linalg.inv(camera_from_actor)
+        to_actor = actor_from_camera @ self.camera_from_world
+        vertices = self._mesh(index)[0] @ to_actor[:3, :3].T + to_actor[:3, 3]
+        rear, front = labelled_ends(vertices, actor.box_lwh, actor_from_camera[:2, 3])
+        return (front - rear, *actor.box_lwh[1:]), (rear + front) / 2
+
+    def _mesh(
+        self, index: int
+    ) -> tuple[Float32[np.ndarray, "num_vertices 3"], Int32[np.ndarray, "num_faces 3"]]:
+        """Vertices in the world [m] and faces of an actor."""
+        first, last = np.searchsorted(self.scene.owners, (index, index + 1))
+        faces = self.scene.mesh.faces[first:last]
+        start = faces.min()  # an actor's vertices stand together
+        return self.scene.mesh.vertices[start : faces.max() + 1], faces - start
+
     def _outline(self, index: int) -> tuple[Float64[np.ndarray, "2"], float]:
         """From where to where in the image an actor alone would reach [px], and which share shows.
 
         What reaches behind the camera may reach anywhere: NaN.
         """
-        first, last = np.searchsorted(self.scene.owners, (index, index + 1))
-        faces = self.scene.mesh.faces[first:last]
-        start = faces.min()  # an actor's vertices stand together
-        vertices = self.scene.mesh.vertices[start : faces.max() + 1]
+        vertices, faces = self._mesh(index)
         image_from_world = self.image_from_camera @ self.camera_from_world
         homogeneous = vertices @ image_from_world[:, :3].T + image_from_world[:, 3]
         end = np.array(self.owners.shape[::-1]) - 1
@@ -181,7 +207,7 @@ class _Onlooker:
         rays = self.view.rays(
             (columns + x_min).astype(np.float32), (rows + y_min).astype(np.float32)
         )
-        found, _, _ = EmbreeScene(vertices, faces - start).intersect(*rays, coherent=True)
+        found, _, _ = EmbreeScene(vertices, faces).intersect(*rays, coherent=True)
         alone = found >= 0
         return reach, float((shown[alone] == index).mean()) if alone.any() else 0.0
 
@@ -228,5 +254,5 @@ def _row(item: _Seen) -> Float64[np.ndarray, "14"]:
     bearing = np.arctan2(item.location[0], item.location[2])
     turns = wrap_angle(np.array((item.rotation_y - bearing, item.rotation_y)))
     start = item.truncation, _occlusion(item), turns[0]
-    row = (*start, *item.box, *item.actor.box_lwh[::-1], *item.location, turns[1])
+    row = (*start, *item.box, *item.size_lwh[::-1], *item.location, turns[1])
     return np.array(row, dtype=np.float64)

@@ -49,6 +49,9 @@ class Family:
     """Standard deviations within a style [m]."""
 
 
+UNSEEN_M = 0.28
+"""What labels leave out of an end that faces away, in the mean (`label_ends`): by so much bodies
+are longer than KITTI's labels."""
 CARS = Family(class_name="Car", styles=STYLES, spread=Size(0.35, 0.08, 0.08))
 VANS = Family(class_name="Van", styles=VAN_STYLES, spread=Size(0.45, 0.10, 0.15))
 
@@ -87,7 +90,7 @@ class VehicleDesign:
         self._index, size = self._draw_size(rng, None if style is None else names.index(style))
         self._style = family.styles[names[self._index]]
         length = self._style.kind.mean_size.length * float(rng.uniform(0.94, 1.06))
-        self._size = Size(length, size.width, size.height)
+        self._size = Size(length + UNSEEN_M, size.width, size.height)
         self._seed = int(rng.integers(2**32))
 
     def model(self, rng: np.random.Generator) -> ActorModel:
@@ -102,7 +105,8 @@ class VehicleDesign:
     def _draw_size(self, rng: np.random.Generator, wanted: int | None) -> tuple[int, Size]:
         kinds = [style.kind for style in self._family.styles.values()]
         statistics = KITTI_SIZES[self._family.class_name]
-        return draw_kind(rng, statistics, kinds, self._family.spread, wanted)
+        kind, size = draw_kind(rng, statistics, kinds, self._family.spread, wanted)
+        return kind, Size(size.length + UNSEEN_M, size.width, size.height)
 
     def _one(self, size: Size, paint: Finish, seed: int) -> Mesh:
         mesh, knots, (_, width, height) = self._built
