@@ -3,7 +3,7 @@
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
@@ -18,6 +18,18 @@ _SCALES_M: Final = (1.0, 0.05)
 """Residuals above which a cell counts less, in the first rounds and the last ones."""
 _GROUND_ENDS_M: Final = 0.5
 """Points farther from the plane are not ground."""
+_FACES_M: Final = (0.25, 1.1)
+"""How high above a car's bottom its ends and flanks are looked at: above the road, below the
+windows."""
+_FLANK_M: Final = 0.3
+"""Points so near to the nearer side are on the flank."""
+_MIN_ON_FLANK: Final = 15
+_LEAST_SINE: Final = 0.1
+"""Of the angle between a flank and the line of sight, for a flank that is seen."""
+_MIRRORS_M: Final = ((0.06, 0.35), (0.75, 1.25))
+"""How far beyond the label's sides door mirrors are looked for, and how high."""
+_MIRROR_PLACES: Final = (0.0, 0.7)
+"""How far ahead of the middle, as a share of half the length."""
 
 
 class Ground(NamedTuple):
@@ -37,6 +49,11 @@ class FreeCar(NamedTuple):
     distance_m: float
     reflectances: Float32[np.ndarray, " num_points"]
     """Of the points in its box."""
+    beyond_flank_m: float | None
+    """How far the label reaches beyond the last points of the flank, on the far side; None: the
+    flank is not seen well."""
+    shows_mirrors: bool
+    """Whether points lie where mirrors stand out beyond the label."""
 
 
 def fit_ground(points: Float32[np.ndarray, "num_points 4"]) -> Ground | None:
@@ -79,8 +96,53 @@ def free_cars(
         if name == "Car" and objects.occlusion[index] == 0 and objects.truncation[index] <= 0:
             location, size_hwl = objects.locations[index], objects.dimensions_hwl[index]
             cos, sin = np.cos(objects.rotation_y[index]), np.sin(objects.rotation_y[index])
-            x, y, z = (in_camera - location).T
-            own = np.stack((y + size_hwl[0] / 2, sin * x + cos * z, cos * x - sin * z), axis=1)
+            to_own = np.array([[0.0, 1, 0], [sin, 0, cos], [cos, 0, -sin]])
+            own = (in_camera - location) @ to_own.T + (size_hwl[0] / 2, 0, 0)
+            camera = -to_own @ location
             inside = (np.abs(own) <= size_hwl / 2).all(axis=1)
-            cars.append(FreeCar(float(np.hypot(location[0], location[2])), points[inside, 3]))
+            cars.append(
+                FreeCar(
+                    float(np.hypot(location[0], location[2])),
+                    points[inside, 3],
+                    _beyond_flank(own, camera, size_hwl),
+                    _shows_mirrors(own, size_hwl),
+                )
+            )
     return cars
+
+
+def _beyond_flank(
+    own: Float64[np.ndarray, "num_points 3"],
+    camera: Float64[np.ndarray, "3"],
+    size_hwl: Float64[np.ndarray, "3"],
+) -> float | None:
+    """`FreeCar.beyond_flank_m`; coordinates are down from the middle, to the right and ahead."""
+    height, width, length = size_hwl
+    _, side, end = np.where(camera < 0, -1, 1)
+    down, right, ahead = own.T
+    far_end = (-end * length / 2, side * width / 2)
+    line_of_sight = np.array(far_end) - camera[[2, 1]]
+    if side * -line_of_sight[1] < _LEAST_SINE * np.hypot(*line_of_sight):
+        return None
+    up = height / 2 - down
+    on_flank = (up > _FACES_M[0]) & (up < _FACES_M[1])
+    on_flank &= np.abs(side * right - width / 2) < _FLANK_M
+    reach = -end * ahead[on_flank]
+    reach = reach[(reach > _FLANK_M - length / 2) & (reach < length / 2 + 2 * _FLANK_M)]
+    if len(reach) < _MIN_ON_FLANK:
+        return None
+    return float(length / 2 - np.sort(reach)[-2])  # the last may be a stray one
+
+
+def _shows_mirrors(
+    own: Float64[np.ndarray, "num_points 3"], size_hwl: Float64[np.ndarray, "3"]
+) -> bool:
+    """`FreeCar.shows_mirrors`; coordinates as in `_beyond_flank`."""
+    height, width, length = size_hwl
+    down, right, ahead = own.T
+    values = np.abs(right) - width / 2, height / 2 - down, ahead / (length / 2)
+    ranges = *_MIRRORS_M, _MIRROR_PLACES
+    inside = [
+        (value > low) & (value < high) for value, (low, high) in zip(values, ranges, strict=True)
+    ]
+    return bool(np.logical_and.reduce(inside).any())

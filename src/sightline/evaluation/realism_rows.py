@@ -18,6 +18,8 @@ _MIN_OBJECTS: Final = 5
 """Statistics of fewer objects are left out."""
 _FAR_M: Final = 30.0
 """Beyond this, the height of what stands on the ground tells how flat the ground is."""
+_SEEN_WELL_M: Final = 25.0
+"""Within this, the flanks of cars are compared with their labels."""
 _AXIS_RAD: Final = np.radians(5)
 _GROUP_M: Final = 1.5
 _NO_OBJECTS: Final = parse_objects(b"", "no labels", with_scores=False)
@@ -171,6 +173,22 @@ def _reflectance_on_cars(nearest_m: float, farthest_m: float) -> _Tell:
     return lambda measures: _quantile(_on_cars(measures, nearest_m, farthest_m), 0.5)
 
 
+def _label_beyond_flank(share: float) -> _Tell:
+    return lambda measures: _quantile(
+        [
+            car.beyond_flank_m
+            for car in _cars(measures, 0.0, _SEEN_WELL_M)
+            if car.beyond_flank_m is not None
+        ],
+        share,
+        _MIN_OBJECTS,
+    )
+
+
+def _with_mirrors(measures: Measures) -> float | None:
+    return _mean([car.shows_mirrors for car in _cars(measures, 0.0, _FAR_M)], _MIN_OBJECTS)
+
+
 def _reflectance(share: float) -> _Tell:
     return lambda measures: _quantile(_pooled(measures.reflectances), share)
 
@@ -207,6 +225,11 @@ _POINTS: Final[Mapping[str, _Tell]] = {
     "reflectance on free cars, share of zeros": lambda m: _mean(
         np.equal(_on_cars(m, 0.0, np.inf), 0)
     ),
+    **{
+        f"label beyond a free car's flank [m], {share:.0%}": _label_beyond_flank(share)
+        for share in (0.25, 0.5, 0.75)
+    },
+    "free cars within 30 m with points on mirrors": _with_mirrors,
     "ground off a plane [m], median": lambda m: _quantile([g.residual_m for g in m.grounds], 0.5),
     "ground off a plane [m], 90 %": lambda m: _quantile([g.residual_90_m for g in m.grounds], 0.5),
     "ground's pitch [degrees], spread": lambda m: _half_spread([g.pitch_deg for g in m.grounds]),
