@@ -99,7 +99,7 @@ class Actor:
 
     @property
     def box_lwh(self) -> tuple[float, float, float]:
-        """Length, width, height [m] of its label."""
+        """Length, width, height [m] of its label, for a car before `label_ends`."""
         return self.labelled_lwh or self.size_lwh
 
 

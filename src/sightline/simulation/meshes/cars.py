@@ -1,4 +1,4 @@
-"""Cars and vans of several body styles, sized as KITTI's labels are.
+"""Cars and vans of several body styles, sized so that their labels are as KITTI's.
 
 A design is what cars of one make have in common. Nose, tail and the slope of the screens depend
 little on its length: longer cars are longer mostly in the middle.
