@@ -85,10 +85,10 @@ def label_frame(
     """Labels what the camera shows as KITTI's annotators would, in the order of the actors.
 
     The 2D box is `kitti_boxes.project_box`, hidden parts included; one of a pedestrian is as wide
-    as the person, not as the 3D box. Occlusion is 0, 1 or 2 by the share of the object's pixels
-    within the image that it owns there; what is largely hidden and cut by the image is 3, as are
-    95 % of KITTI's cars of that level. What is too small, far or hidden to label is DontCare,
-    close ones in one box.
+    as the person, not as the 3D box. Cars and vans end as `label_ends` has it. Occlusion is 0,
+    1 or 2 by the share of the object's pixels within the image that it owns there; what is
+    largely hidden and cut by the image is 3, as are 95 % of KITTI's cars of that level. What is
+    too small, far or hidden to label is DontCare, close ones in one box.
 
     Args:
         scene: Where the actors are.
