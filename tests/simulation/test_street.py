@@ -79,8 +79,9 @@ def test_all_actors_stand_on_the_surface_below_them(streets):
         materials = street.ground_and_buildings.materials[hits.faces]
         assert np.isin(materials, np.array(GROUND, np.int32)).mean() > 0.97
         on_ground = np.isin(materials, np.array(GROUND, np.int32))
-        # The wheels of a long vehicle bridge what is between them.
-        assert np.abs(hits.distances[on_ground] - 0.6).max() < 0.05
+        # The wheels of a long vehicle bridge what is between them, and who steps off a kerb is
+        # half-way down for a moment.
+        assert np.abs(hits.distances[on_ground] - 0.6).max() < 0.07
         num_actors += len(poses)
     assert num_actors > 50
 
