@@ -10,6 +10,7 @@ from torch import Tensor
 from sightline.detection3d.axes import surest_axes, turn_to_axes
 from sightline.detection3d.axes_config import AxesConfig
 from sightline.detection3d.model import Detector3D
+from sightline.detection3d.passes import Passed, mean_answer, run_passes
 from sightline.detection3d.stages import (
     FirstStage,
     Proposed,
@@ -21,8 +22,6 @@ from sightline.detection3d.suppression import suppress_boxes
 from sightline.detection3d.views import Run, View, answer_of_views
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D
-
-_SEED = 0  # of the points that are drawn around proposals: a sweep is always answered alike
 
 
 def propose(
@@ -70,55 +69,36 @@ def refine(
     Returns:
         The surest first, in the labels' frame.
     """
-    scores, config = proposed.scores, detector.config
-    if detector.second is not None:
-        views = _views(detector, detector.second, in_use=in_use)
-        ask = partial(answer_of_views, run or _here(detector.second), views=views)
-        axes = config.axes if in_use else None
-        proposed, scores = _all_passes(detector, sweep, proposed, ask, axes)
+    boxes, classes, scores, _ = proposed
+    second, config = detector.second, detector.config
+    if second is not None:
+        views = _views(detector, second, in_use=in_use)
+        ask = partial(answer_of_views, run or _here(second), views=views)
+        passed = _all_passes(detector, sweep, proposed, ask, config.axes if in_use else None)
+        classes = passed.proposed.classes
+        if passed.answers:
+            answers = passed.answers if second.mean_of_passes else passed.answers[-1:]
+            boxes, scores = mean_answer(answers)
     with full_precision(sweep):
-        kept = suppress_boxes(proposed.boxes, scores, config.suppression, labels=proposed.classes)
-    return as_detections(detector, proposed.boxes[kept], proposed.classes[kept], scores[kept])
+        kept = suppress_boxes(boxes, scores, config.suppression, labels=classes)
+    return as_detections(detector, boxes[kept], classes[kept], scores[kept])
 
 
 def _all_passes(
     detector: Detector3D, sweep: Sweep, proposed: Proposed, ask: Run, axes: AxesConfig | None
-) -> tuple[Proposed, Float[Tensor, " num_boxes"]]:
-    """The refined boxes with the proposals' scores, where each pass starts; the last scores."""
+) -> Passed:
+    """The proposals after all passes, where asked for from their surest axes."""
     second = detector.second
     assert second is not None, "there is something to refine by"
     if axes is None or not len(proposed.boxes):
-        return _passes(second, sweep, proposed, ask, second.passes)
+        return run_passes(second, sweep, Passed(proposed), ask, second.passes)
     named = [detector.class_names.index(name) for name in axes.class_names]
     turned = turn_to_axes(
         proposed, torch.isin(proposed.classes, proposed.classes.new_tensor(named)), axes.number
     )
-    refined, scores = _passes(second, sweep, turned.proposed, ask, axes.passes)
-    kept = surest_axes(scores, turned, axes)
-    boxes, classes, heat = (values[kept] for values in refined[:3])
-    surest = Proposed(boxes, classes, heat, refined.features)
-    if axes.passes == second.passes:
-        return surest, scores[kept]
-    return _passes(second, sweep, surest, ask, second.passes - axes.passes)
-
-
-def _passes(
-    second: SecondStage, sweep: Sweep, proposed: Proposed, ask: Run, number: int
-) -> tuple[Proposed, Float[Tensor, " num_boxes"]]:
-    """So many passes, one after the other."""
-    scores = proposed.scores
-    for _ in range(number):
-        if not len(proposed.boxes):
-            break
-        with full_precision(sweep):
-            regions = second.regions(sweep, proposed, seed=_SEED)
-        boxes, scores, classes = regions.boxes, regions.scores, proposed.classes[regions.places]
-        if len(boxes):
-            output = ask(regions.inputs)
-            with full_precision(sweep):
-                boxes, scores = second.refine(output, regions)
-        proposed = Proposed(boxes, classes, regions.scores, proposed.features)
-    return proposed, scores
+    passed = run_passes(second, sweep, Passed(turned.proposed), ask, axes.passes)
+    surest = passed.kept(surest_axes(passed.answers[-1].scores, turned, axes))
+    return run_passes(second, sweep, surest, ask, second.passes - axes.passes)
 
 
 def as_detections(

@@ -33,6 +33,9 @@ class RegionConfig:
     sweep's."""
     passes: int = 2
     """How often boxes are changed; each pass sees the points around the boxes of the one before."""
+    mean_of_passes: bool = False
+    """Whether the answer is the mean of what all passes give (`mean_answer`), else what the last
+    gives."""
     quality_share: float = 0.5
     """Share of the last quality in the score, a product of powers; the proposal has the rest."""
 

@@ -28,6 +28,7 @@ class RegionStage(nn.Module):
         super().__init__()
         self.config = config
         self.passes = config.passes
+        self.mean_of_passes = config.mean_of_passes
         self.network = RegionNetwork(config)
 
     def forward(

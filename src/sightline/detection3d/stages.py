@@ -126,6 +126,11 @@ class SecondStage(Protocol):
         ...
 
     @property
+    def mean_of_passes(self) -> bool:
+        """Whether the mean of all passes is answered; else the last one."""
+        ...
+
+    @property
     def output_type(self) -> Callable[..., tuple[Any, ...]]:
         """What the module gives."""
         ...

@@ -1,0 +1,126 @@
+"""What is answered of several passes of the second stage: the last one's boxes or their mean."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.detect import propose, refine
+from sightline.detection3d.model import Detector3D
+from sightline.detection3d.passes import mean_answer
+from sightline.detection3d.predictor import network_sweep
+from sightline.detection3d.region_network import RegionOutput
+from sightline.detection3d.stages import Proposed, Refined
+from tests.detection3d.frames import COMPACT, simulated_frames
+from tests.reference.passes import mean_box
+
+seeds = st.integers(0, 10**6)
+
+
+def some_answers(seed, passes, count):
+    """Boxes whose axes differ by up to 45 degrees from pass to pass, their fronts at any end."""
+    rng = torch.Generator().manual_seed(seed)
+    drawn = torch.rand(passes, count, 8, generator=rng, dtype=torch.float64)
+    first = math.tau * torch.rand(count, generator=rng, dtype=torch.float64)
+    is_turned = torch.rand(passes, count, generator=rng) < 0.5
+    yaws = first + math.pi / 4 * drawn[..., 6] + math.pi * is_turned
+    boxes = torch.cat((10 * drawn[..., :3] - 5, drawn[..., 3:6] + 0.5, yaws[..., None]), dim=-1)
+    return [Refined(*each) for each in zip(boxes, drawn[..., 7], strict=True)]
+
+
+def assert_same_boxes(found, expected):
+    torch.testing.assert_close(found[:, :6], expected[:, :6])
+    torch.testing.assert_close(
+        (found[:, 6] - expected[:, 6]).cos(), torch.ones(len(found)).double()
+    )
+
+
+@given(seed=seeds, passes=st.integers(2, 4), count=st.integers(0, 5))
+def test_the_mean_is_that_of_the_reference(seed, passes, count):
+    answers = some_answers(seed, passes, count)
+    found = mean_answer(answers)
+    means = [
+        mean_box([each.boxes[row].tolist() for each in answers], [e.scores[row] for e in answers])
+        for row in range(count)
+    ]
+    boxes = torch.tensor([box for box, _ in means], dtype=torch.float64).reshape(-1, 7)
+    assert_same_boxes(found.boxes, boxes)
+    torch.testing.assert_close(found.scores.tolist(), [float(score) for _, score in means])
+    assert ((found.boxes[:, 6] >= -math.pi) & (found.boxes[:, 6] < math.pi)).all()
+
+
+@given(seed=seeds, turn=st.floats(-3, 3))
+def test_a_turned_scene_has_the_turned_mean(seed, turn):
+    answers = some_answers(seed, 3, 4)
+    by = torch.tensor([0, 0, 0, 0, 0, 0, turn], dtype=torch.float64)
+    turned = mean_answer([Refined(each.boxes + by, each.scores) for each in answers])
+    assert_same_boxes(turned.boxes, mean_answer(answers).boxes + by)
+
+
+def test_a_single_pass_is_answered_as_it_is():
+    answer = some_answers(0, 1, 3)[0]
+    found = mean_answer([answer])
+    assert found.boxes is answer.boxes
+    assert found.scores is answer.scores
+
+
+class _Moves(torch.nn.Module):
+    """Moves a box of 4 m by 0.6 m ahead, and is the less sure the more often it is asked."""
+
+    def __init__(self):
+        super().__init__()
+        self.asked = 0
+
+    def forward(self, points, context):
+        del points
+        values = context.new_zeros(len(context), 8)
+        values[:, 0] = 1.0
+        self.asked += 1
+        front = context.new_ones(len(context))
+        return RegionOutput(values, front, front / self.asked)
+
+
+def moved(axes=None, **regions):
+    """Where two cars end up that were proposed at 10 and 20 m, and how sure they are."""
+    config = replace(COMPACT, regions=replace(COMPACT.regions, **regions), axes=axes)
+    detector = Detector3D(config).eval()
+    assert detector.second is not None
+    detector.second.network = _Moves()
+    sweep = network_sweep(simulated_frames()[0], config.input)
+    boxes = torch.tensor([[10.0, 0, -1, 4, 1.6, 1.5, 0], [20.0, 0, -1, 4, 1.6, 1.5, 0]])
+    proposed = Proposed(boxes, torch.tensor([0, 0]), torch.ones(2))
+    found = refine(detector, sweep, proposed)
+    return sorted(found.boxes.tensor[:, 0].tolist()), found.scores.tolist()
+
+
+def surest(asked):
+    """The score of a certain proposal that the stage was asked about so often."""
+    return math.sqrt(1 / (1 + math.exp(-1 / asked)))
+
+
+def test_the_last_pass_or_the_mean_is_answered():
+    places, scores = moved(passes=3)
+    assert places == pytest.approx([11.8, 21.8])
+    assert scores == pytest.approx([surest(3)] * 2)
+    places, scores = moved(passes=3, mean_of_passes=True)
+    assert places == pytest.approx([11.2, 21.2])
+    assert scores == pytest.approx([sum(map(surest, (1, 2, 3))) / 3] * 2)
+
+
+def test_the_mean_is_of_the_passes_from_the_axis_that_was_taken():
+    axes = AxesConfig(class_names=("Car",), passes=1, least_gain=0.5)
+    places, scores = moved(axes, passes=2, mean_of_passes=True)
+    assert places == pytest.approx([10.9, 20.9])
+    assert scores == pytest.approx([(surest(1) + surest(2)) / 2] * 2)
+
+
+def test_nothing_proposed_has_no_mean():
+    config = replace(COMPACT, regions=replace(COMPACT.regions, mean_of_passes=True))
+    detector = Detector3D(config).eval()
+    sweep = network_sweep(simulated_frames()[0], config.input)
+    nothing = Proposed(*(values[:0] for values in propose(detector, sweep)[0][:3]))
+    assert len(refine(detector, sweep, nothing).scores) == 0
