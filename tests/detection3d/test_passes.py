@@ -24,12 +24,12 @@ seeds = st.integers(0, 10**6)
 def some_answers(seed, passes, count):
     """Boxes whose axes differ by up to 45 degrees from pass to pass, their fronts at any end."""
     rng = torch.Generator().manual_seed(seed)
-    drawn = torch.rand(passes, count, 8, generator=rng, dtype=torch.float64)
+    drawn = torch.rand(passes, count, 9, generator=rng, dtype=torch.float64)
     first = math.tau * torch.rand(count, generator=rng, dtype=torch.float64)
     is_turned = torch.rand(passes, count, generator=rng) < 0.5
     yaws = first + math.pi / 4 * drawn[..., 6] + math.pi * is_turned
     boxes = torch.cat((10 * drawn[..., :3] - 5, drawn[..., 3:6] + 0.5, yaws[..., None]), dim=-1)
-    return [Refined(*each) for each in zip(boxes, drawn[..., 7], strict=True)]
+    return [Refined(*each) for each in zip(boxes, *drawn[..., 7:].unbind(dim=-1), strict=True)]
 
 
 def assert_same_boxes(found, expected):
@@ -44,12 +44,11 @@ def test_the_mean_is_that_of_the_reference(seed, passes, count):
     answers = some_answers(seed, passes, count)
     found = mean_answer(answers)
     means = [
-        mean_box([each.boxes[row].tolist() for each in answers], [e.scores[row] for e in answers])
+        mean_box([e.boxes[row].tolist() for e in answers], [e.front_logits[row] for e in answers])
         for row in range(count)
     ]
-    boxes = torch.tensor([box for box, _ in means], dtype=torch.float64).reshape(-1, 7)
-    assert_same_boxes(found.boxes, boxes)
-    torch.testing.assert_close(found.scores.tolist(), [float(score) for _, score in means])
+    assert_same_boxes(found.boxes, torch.tensor(means, dtype=torch.float64).reshape(-1, 7))
+    torch.testing.assert_close(found.scores, sum(each.scores for each in answers) / passes)
     assert ((found.boxes[:, 6] >= -math.pi) & (found.boxes[:, 6] < math.pi)).all()
 
 
@@ -57,15 +56,23 @@ def test_the_mean_is_that_of_the_reference(seed, passes, count):
 def test_a_turned_scene_has_the_turned_mean(seed, turn):
     answers = some_answers(seed, 3, 4)
     by = torch.tensor([0, 0, 0, 0, 0, 0, turn], dtype=torch.float64)
-    turned = mean_answer([Refined(each.boxes + by, each.scores) for each in answers])
+    turned = mean_answer([each._replace(boxes=each.boxes + by) for each in answers])
     assert_same_boxes(turned.boxes, mean_answer(answers).boxes + by)
+
+
+def test_the_surer_pass_says_where_the_front_is():
+    box = torch.tensor([[9.0, 0, -1, 4, 1.6, 1.5, 0.1]])
+    back = box + torch.tensor([0, 0, 0, 0, 0, 0, math.pi])
+    one = torch.ones(1)
+    for sure, yaw in ((2.0, 0.1), (0.5, 0.1 - math.pi)):
+        found = mean_answer([Refined(box, one, sure * one), Refined(back, one, one)])
+        assert float(found.boxes[0, 6]) == pytest.approx(yaw)
+        assert float(found.front_logits) == pytest.approx(abs(sure - 1) / 2)
 
 
 def test_a_single_pass_is_answered_as_it_is():
     answer = some_answers(0, 1, 3)[0]
-    found = mean_answer([answer])
-    assert found.boxes is answer.boxes
-    assert found.scores is answer.scores
+    assert mean_answer([answer]) is answer
 
 
 class _Moves(torch.nn.Module):

@@ -78,7 +78,7 @@ def refine(
         classes = passed.proposed.classes
         if passed.answers:
             answers = passed.answers if second.mean_of_passes else passed.answers[-1:]
-            boxes, scores = mean_answer(answers)
+            boxes, scores, _ = mean_answer(answers)
     with full_precision(sweep):
         kept = suppress_boxes(boxes, scores, config.suppression, labels=classes)
     return as_detections(detector, boxes[kept], classes[kept], scores[kept])

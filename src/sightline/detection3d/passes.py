@@ -27,7 +27,7 @@ class Passed(NamedTuple):
         """Some of the boxes."""
         boxes, classes, scores, features = self.proposed
         proposed = Proposed(boxes[places], classes[places], scores[places], features)
-        answers = tuple(Refined(each.boxes[places], each.scores[places]) for each in self.answers)
+        answers = tuple(Refined(*(rows[places] for rows in each)) for each in self.answers)
         return Passed(proposed, answers)
 
 
@@ -47,7 +47,7 @@ def run_passes(second: SecondStage, sweep: Sweep, passed: Passed, ask: Run, numb
         with full_precision(sweep):
             regions = second.regions(sweep, passed.proposed, seed=_SEED)
         passed = passed.kept(regions.places)
-        answer = Refined(regions.boxes, regions.scores)
+        answer = Refined(regions.boxes, regions.scores, torch.zeros_like(regions.scores))
         if len(regions.places):
             output = ask(regions.inputs)
             with full_precision(sweep):
@@ -61,14 +61,16 @@ def mean_answer(answers: Sequence[Refined]) -> Refined:
     """The mean of what passes give for the same boxes; a single one's answer as it is.
 
     The means of the centres and of the scores, the geometric means of the sizes, and the mean
-    axis, by sine and cosine of twice its angle, with the front where the last pass has it.
+    axis, by sine and cosine of twice its angle; the front by the mean of the log-odds.
     """
     if len(answers) == 1:
         return answers[0]
-    boxes = torch.stack([each.boxes for each in answers])
+    boxes, scores, front_logits = (torch.stack(each) for each in zip(*answers, strict=True))
     centers, sizes = boxes[..., :3].mean(dim=0), boxes[..., 3:6].log().mean(dim=0).exp()
-    twice, last = 2 * boxes[..., 6:], boxes[-1, :, 6:]
-    axes = torch.atan2(twice.sin().mean(dim=0), twice.cos().mean(dim=0)) / 2
-    yaws = axes + torch.where((axes - last).cos() >= 0, 0.0, math.pi)
-    scores = torch.stack([each.scores for each in answers]).mean(dim=0)
-    return Refined(torch.cat((centers, sizes, wrap_angle(yaws)), dim=-1), scores)
+    yaws = boxes[..., 6]
+    axes = torch.atan2((2 * yaws).sin().mean(dim=0), (2 * yaws).cos().mean(dim=0)) / 2
+    is_ahead = (yaws - axes).cos() >= 0
+    front = torch.where(is_ahead, front_logits, -front_logits).mean(dim=0)
+    mean_yaws = wrap_angle(axes + torch.where(front >= 0, 0.0, math.pi))
+    mean_boxes = torch.cat((centers, sizes, mean_yaws[:, None]), dim=1)
+    return Refined(mean_boxes, scores.mean(dim=0), front.abs())

@@ -101,7 +101,8 @@ class PointRefinement(nn.Module):
         del regions
         boxes = output.boxes.float()
         told = (boxes[:, :3], boxes[:, 3:6].clamp(min=_LEAST_SIZE_M), wrap_angle(boxes[:, 6:]))
-        return Refined(torch.cat(told, dim=1), output.logits.float().sigmoid())
+        scores = output.logits.float().sigmoid()
+        return Refined(torch.cat(told, dim=1), scores, torch.zeros_like(scores))
 
     def losses(
         self,

@@ -77,11 +77,11 @@ class RegionStage(nn.Module):
         return self.regions(sweep, moved, seed=seed), wanted
 
     def refine(self, output: RegionOutput, regions: Regions) -> Refined:
-        """The changed boxes; the score is a product of powers of the proposal's and the quality."""
+        """The changed boxes; scores are products of powers of the proposals' and the qualities."""
         boxes = decode_regions(output.values, output.front_logits >= 0, regions.boxes)
         share = self.config.quality_share
         scores = regions.scores ** (1 - share) * output.quality_logits.sigmoid() ** share
-        return Refined(boxes, scores)
+        return Refined(boxes, scores, output.front_logits.abs())
 
     def losses(
         self,

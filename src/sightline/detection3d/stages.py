@@ -114,6 +114,8 @@ class Refined(NamedTuple):
     """x, y, z, length, width, height, yaw (frame of the sweep, metres, radians)."""
     scores: Float[Tensor, " num_rois"]
     """Confidence, 0 to 1."""
+    front_logits: Float[Tensor, " num_rois"]
+    """How sure it is that the front is where the box has it: log-odds, 0 where it does not tell."""
 
 
 @runtime_checkable
