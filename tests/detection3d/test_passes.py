@@ -1,4 +1,4 @@
-"""What is answered of several passes of the second stage: the last one's boxes or their mean."""
+"""What is answered of several passes of the second stage: the last, or its mean with the first."""
 
 import math
 from dataclasses import replace
@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from sightline.detection3d.axes_config import AxesConfig
 from sightline.detection3d.detect import propose, refine
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.passes import mean_answer
+from sightline.detection3d.passes import answer_of_passes, mean_answer
 from sightline.detection3d.predictor import network_sweep
 from sightline.detection3d.region_network import RegionOutput
 from sightline.detection3d.stages import Proposed, Refined
-from tests.detection3d.frames import COMPACT, simulated_frames
+from tests.detection3d.frames import COMPACT, NAMES, simulated_frames
 from tests.reference.passes import mean_box
 
 seeds = st.integers(0, 10**6)
@@ -42,7 +42,7 @@ def assert_same_boxes(found, expected):
 @given(seed=seeds, passes=st.integers(2, 4), count=st.integers(0, 5))
 def test_the_mean_is_that_of_the_reference(seed, passes, count):
     answers = some_answers(seed, passes, count)
-    found = mean_answer(answers)
+    found = mean_answer(*answers)
     means = [
         mean_box([e.boxes[row].tolist() for e in answers], [e.front_logits[row] for e in answers])
         for row in range(count)
@@ -56,8 +56,8 @@ def test_the_mean_is_that_of_the_reference(seed, passes, count):
 def test_a_turned_scene_has_the_turned_mean(seed, turn):
     answers = some_answers(seed, 3, 4)
     by = torch.tensor([0, 0, 0, 0, 0, 0, turn], dtype=torch.float64)
-    turned = mean_answer([each._replace(boxes=each.boxes + by) for each in answers])
-    assert_same_boxes(turned.boxes, mean_answer(answers).boxes + by)
+    turned = mean_answer(*(each._replace(boxes=each.boxes + by) for each in answers))
+    assert_same_boxes(turned.boxes, mean_answer(*answers).boxes + by)
 
 
 def test_the_surer_pass_says_where_the_front_is():
@@ -65,14 +65,20 @@ def test_the_surer_pass_says_where_the_front_is():
     back = box + torch.tensor([0, 0, 0, 0, 0, 0, math.pi])
     one = torch.ones(1)
     for sure, yaw in ((2.0, 0.1), (0.5, 0.1 - math.pi)):
-        found = mean_answer([Refined(box, one, sure * one), Refined(back, one, one)])
+        found = mean_answer(Refined(box, one, sure * one), Refined(back, one, one))
         assert float(found.boxes[0, 6]) == pytest.approx(yaw)
         assert float(found.front_logits) == pytest.approx(abs(sure - 1) / 2)
 
 
-def test_a_single_pass_is_answered_as_it_is():
-    answer = some_answers(0, 1, 3)[0]
-    assert mean_answer([answer]) is answer
+@given(seed=seeds, passes=st.integers(1, 3))
+def test_some_boxes_are_the_mean_of_first_and_last_and_others_the_last(seed, passes):
+    answers = some_answers(seed, passes, 6)
+    is_mean = torch.tensor([True, False, True, False, False, True])
+    found = answer_of_passes(answers, is_mean)
+    mean = mean_answer(answers[0], answers[-1])
+    for values, last, means in zip(found, answers[-1], mean, strict=True):
+        assert torch.equal(values[~is_mean], last[~is_mean])
+        assert torch.equal(values[is_mean], means[is_mean])
 
 
 class _Moves(torch.nn.Module):
@@ -92,16 +98,17 @@ class _Moves(torch.nn.Module):
 
 
 def moved(axes=None, **regions):
-    """Where two cars end up that were proposed at 10 and 20 m, and how sure they are."""
+    """Places along x of a car and a cyclist proposed at 10 and 20 m, and scores, by class."""
     config = replace(COMPACT, regions=replace(COMPACT.regions, **regions), axes=axes)
     detector = Detector3D(config).eval()
     assert detector.second is not None
     detector.second.network = _Moves()
     sweep = network_sweep(simulated_frames()[0], config.input)
     boxes = torch.tensor([[10.0, 0, -1, 4, 1.6, 1.5, 0], [20.0, 0, -1, 4, 1.6, 1.5, 0]])
-    proposed = Proposed(boxes, torch.tensor([0, 0]), torch.ones(2))
+    proposed = Proposed(boxes, torch.tensor([0, 2]), torch.ones(2))
     found = refine(detector, sweep, proposed)
-    return sorted(found.boxes.tensor[:, 0].tolist()), found.scores.tolist()
+    rows = zip(found.boxes.tensor[:, 0].tolist(), found.scores.tolist(), strict=True)
+    return dict(zip(found.class_names, rows, strict=True))
 
 
 def surest(asked):
@@ -109,25 +116,27 @@ def surest(asked):
     return math.sqrt(1 / (1 + math.exp(-1 / asked)))
 
 
-def test_the_last_pass_or_the_mean_is_answered():
-    places, scores = moved(passes=3)
-    assert places == pytest.approx([11.8, 21.8])
-    assert scores == pytest.approx([surest(3)] * 2)
-    places, scores = moved(passes=3, mean_of_passes=True)
-    assert places == pytest.approx([11.2, 21.2])
-    assert scores == pytest.approx([sum(map(surest, (1, 2, 3))) / 3] * 2)
+def test_the_named_classes_have_the_mean_and_others_the_last_pass():
+    found = moved(passes=3, mean_with_first=("Cyclist",))
+    assert found["Car"] == pytest.approx((11.8, surest(3)))
+    assert found["Cyclist"] == pytest.approx((21.2, (surest(1) + surest(3)) / 2))
 
 
 def test_the_mean_is_of_the_passes_from_the_axis_that_was_taken():
     axes = AxesConfig(class_names=("Car",), passes=1, least_gain=0.5)
-    places, scores = moved(axes, passes=2, mean_of_passes=True)
-    assert places == pytest.approx([10.9, 20.9])
-    assert scores == pytest.approx([(surest(1) + surest(2)) / 2] * 2)
+    found = moved(axes, passes=2, mean_with_first=("Car",))
+    assert found["Car"] == pytest.approx((10.9, (surest(1) + surest(2)) / 2))
+    assert found["Cyclist"] == pytest.approx((21.2, surest(2)))
 
 
 def test_nothing_proposed_has_no_mean():
-    config = replace(COMPACT, regions=replace(COMPACT.regions, mean_of_passes=True))
+    config = replace(COMPACT, regions=replace(COMPACT.regions, mean_with_first=NAMES))
     detector = Detector3D(config).eval()
     sweep = network_sweep(simulated_frames()[0], config.input)
     nothing = Proposed(*(values[:0] for values in propose(detector, sweep)[0][:3]))
     assert len(refine(detector, sweep, nothing).scores) == 0
+
+
+def test_a_class_that_is_not_looked_for_is_refused():
+    with pytest.raises(ValueError, match="mean_with_first names Tram, but the classes are Car, "):
+        replace(COMPACT.regions, mean_with_first=("Car", "Tram"))

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from functools import partial
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from sightline.detection3d.axes import surest_axes, turn_to_axes
 from sightline.detection3d.axes_config import AxesConfig
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.passes import Passed, mean_answer, run_passes
+from sightline.detection3d.passes import Passed, answer_of_passes, run_passes
 from sightline.detection3d.stages import (
     FirstStage,
     Proposed,
@@ -77,8 +77,8 @@ def refine(
         passed = _all_passes(detector, sweep, proposed, ask, config.axes if in_use else None)
         classes = passed.proposed.classes
         if passed.answers:
-            answers = passed.answers if second.mean_of_passes else passed.answers[-1:]
-            boxes, scores, _ = mean_answer(answers)
+            is_mean = _is_named(detector, classes, second.mean_with_first)
+            boxes, scores, _ = answer_of_passes(passed.answers, is_mean)
     with full_precision(sweep):
         kept = suppress_boxes(boxes, scores, config.suppression, labels=classes)
     return as_detections(detector, boxes[kept], classes[kept], scores[kept])
@@ -92,13 +92,19 @@ def _all_passes(
     assert second is not None, "there is something to refine by"
     if axes is None or not len(proposed.boxes):
         return run_passes(second, sweep, Passed(proposed), ask, second.passes)
-    named = [detector.class_names.index(name) for name in axes.class_names]
-    turned = turn_to_axes(
-        proposed, torch.isin(proposed.classes, proposed.classes.new_tensor(named)), axes.number
-    )
+    is_turned = _is_named(detector, proposed.classes, axes.class_names)
+    turned = turn_to_axes(proposed, is_turned, axes.number)
     passed = run_passes(second, sweep, Passed(turned.proposed), ask, axes.passes)
     surest = passed.kept(surest_axes(passed.answers[-1].scores, turned, axes))
     return run_passes(second, sweep, surest, ask, second.passes - axes.passes)
+
+
+def _is_named(
+    detector: Detector3D, classes: Int64[Tensor, " num_boxes"], names: Sequence[str]
+) -> Bool[Tensor, " num_boxes"]:
+    """Which boxes are of the named classes."""
+    places = [detector.class_names.index(name) for name in names]
+    return torch.isin(classes, classes.new_tensor(places))
 
 
 def as_detections(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Int64
+from jaxtyping import Bool, Int64
 from torch import Tensor
 
 from sightline.detection3d.stages import Proposed, Refined, SecondStage, Sweep, full_precision
@@ -57,14 +57,22 @@ def run_passes(second: SecondStage, sweep: Sweep, passed: Passed, ask: Run, numb
     return passed
 
 
-def mean_answer(answers: Sequence[Refined]) -> Refined:
-    """The mean of what passes give for the same boxes; a single one's answer as it is.
+def answer_of_passes(answers: Sequence[Refined], is_mean: Bool[Tensor, " num_boxes"]) -> Refined:
+    """What the last pass gives, or for some boxes the mean of the first pass and the last."""
+    last, mean = answers[-1], mean_answer(answers[0], answers[-1])
+    return Refined(
+        torch.where(is_mean[:, None], mean.boxes, last.boxes),
+        torch.where(is_mean, mean.scores, last.scores),
+        torch.where(is_mean, mean.front_logits, last.front_logits),
+    )
+
+
+def mean_answer(*answers: Refined) -> Refined:
+    """The mean of answers for the same boxes.
 
     The means of the centres and of the scores, the geometric means of the sizes, and the mean
     axis, by sine and cosine of twice its angle; the front by the mean of the log-odds.
     """
-    if len(answers) == 1:
-        return answers[0]
     boxes, scores, front_logits = (torch.stack(each) for each in zip(*answers, strict=True))
     centers, sizes = boxes[..., :3].mean(dim=0), boxes[..., 3:6].log().mean(dim=0).exp()
     yaws = boxes[..., 6]

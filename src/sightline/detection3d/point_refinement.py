@@ -40,7 +40,7 @@ class PointRefinement(nn.Module):
     output_type = RefinementOutput
     views = (AS_IT_IS,)
     passes = 1
-    mean_of_passes = False
+    mean_with_first = ()
 
     def __init__(self, config: RefinementConfig, pooling: RoiPoolingConfig) -> None:
         super().__init__()

@@ -33,9 +33,9 @@ class RegionConfig:
     sweep's."""
     passes: int = 2
     """How often boxes are changed; each pass sees the points around the boxes of the one before."""
-    mean_of_passes: bool = False
-    """Whether the answer is the mean of what all passes give (`mean_answer`), else what the last
-    gives."""
+    mean_with_first: tuple[str, ...] = ()
+    """Of these classes the mean of what the first pass and the last give is answered
+    (`mean_answer`): the first still holds some of what the first stage knew. Of others the last."""
     quality_share: float = 0.5
     """Share of the last quality in the score, a product of powers; the proposal has the rest."""
 
@@ -60,6 +60,12 @@ class RegionConfig:
             raise ValueError(f"region_width must be at least 1, got {self.region_width}")
         if not 1 <= self.passes <= _MOST_PASSES:
             raise ValueError(f"passes must be from 1 to {_MOST_PASSES}, got {self.passes}")
+        unknown = set(self.mean_with_first) - {entry.name for entry in self.classes}
+        if unknown:
+            raise ValueError(
+                f"mean_with_first names {', '.join(sorted(unknown))}, but the classes are "
+                f"{', '.join(entry.name for entry in self.classes)}"
+            )
         if not 0 <= self.quality_share <= 1:
             raise ValueError(f"quality_share must be from 0 to 1, got {self.quality_share}")
 

@@ -28,7 +28,7 @@ class RegionStage(nn.Module):
         super().__init__()
         self.config = config
         self.passes = config.passes
-        self.mean_of_passes = config.mean_of_passes
+        self.mean_with_first = config.mean_with_first
         self.network = RegionNetwork(config)
 
     def forward(

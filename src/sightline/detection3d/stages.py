@@ -128,8 +128,8 @@ class SecondStage(Protocol):
         ...
 
     @property
-    def mean_of_passes(self) -> bool:
-        """Whether the mean of all passes is answered; else the last one."""
+    def mean_with_first(self) -> tuple[str, ...]:
+        """Classes of which the mean of the first pass and the last is answered, not the last."""
         ...
 
     @property
