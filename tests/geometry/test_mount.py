@@ -105,6 +105,14 @@ def test_a_camera_matrix_of_another_resolution_is_told(factor):
     assert "probably that of another resolution" in said
 
 
+def test_height_and_width_that_were_swapped_are_told():
+    camera = np.array([[721.5, 0, 609.6], [0, 721.5, 172.9], [0, 0, 1]])
+    assert "height and width are probably swapped" in resolution_doubt(camera, (1242, 375))
+    assert resolution_doubt(camera, (375, 1242)) is None
+    square = np.array([[700.0, 0, 399.5], [0, 700.0, 399.5], [0, 0, 1]])
+    assert resolution_doubt(square, (800, 800)) is None
+
+
 def test_a_camera_that_was_cropped_is_not_doubted():
     for principal, size in [((959.5, 599.5), (1200, 1920)), ((609.6, 172.9), (375, 1242))]:
         camera = np.array([[700.0, 0, principal[0]], [0, 700.0, principal[1]], [0, 0, 1]])

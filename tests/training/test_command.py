@@ -153,6 +153,25 @@ def test_a_run_does_not_go_on_from_the_checkpoint_of_another_network(recipes):
             )
 
 
+def test_a_refused_command_leaves_the_settings_of_the_run_as_they_are(recipes):
+    run_training("fit", ["--config", "toy", "--model.network.channels", "3"], recipes)
+    path = Path("runs/toy/config.yaml")
+    before = path.read_bytes()
+    other = ["--config", "toy", "--model.network.channels", "2", "--ckpt_path", "last"]
+    with pytest.raises(ValueError, match="of other settings"):
+        run_training("fit", other, recipes)
+    assert path.read_bytes() == before
+
+
+def test_a_checkpoint_that_is_scored_is_said_to_be_of_no_step(recipes, capsys):
+    run_training("fit", ["--config", "toy"], recipes)
+    capsys.readouterr()
+    run_training("validate", ["--config", "toy", "--trainer.enable_progress_bar=true"], recipes)
+    said = capsys.readouterr().err
+    assert "validation/mse " in said
+    assert "step" not in said
+
+
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("form", ["flag", "file"])
 def test_sources_that_are_given_take_nothing_from_those_of_the_recipe(recipes, capsys, count, form):
@@ -194,7 +213,7 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named):
         (["--config", "toy", "--trainer.max_epoch", "3"], "max_epoch"),
         (["--config", "toy", "--data.batch_size", "0"], "batch_size must be at least 1"),
         (["--config", "toy", "--data.training", "[{path: ., repeat: 0}]"], "^repeat must be"),
-        (["--config", "toy", "--trainer.max_epochs", "x"], "max_epochs.*int.*x; see sightline fit"),
+        (["--config", "toy", "--trainer.max_epochs", "x"], "max_epochs.*number.*x; see sightline"),
         (["--config", "toy", "--model.initial_weights", "nofile"], "^there are no weights 'no"),
         (["--config", "toy", "--data.root", "/gone"], "/gone does not exist"),
         (["--config", "toy", "--checkpoint_every_n_steps", "0"], "must be at least 1, got 0"),

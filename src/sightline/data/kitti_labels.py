@@ -33,6 +33,9 @@ FIELDS = (
 )
 """What stands on a line, in its order; labels end before the score."""
 
+CLASS_NAMES = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc")
+"""Of objects, as labels spell them; regions that do not count are DontCare."""
+
 UNKNOWN = -1.0
 """Written for a truncation or an occlusion that is unknown."""
 NO_ALPHA = -10.0

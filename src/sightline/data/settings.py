@@ -1,7 +1,7 @@
 """A network's settings as plain values, the way weights and checkpoints hold them."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from typing import Any, ClassVar, Final, Protocol, TypeVar, runtime_checkable
 
@@ -17,6 +17,26 @@ class NetworkConfig(Protocol):
 
 IN_USE_ALONE: Final = {"in_use_alone": True}
 """Metadata of a field that a network's weights do not depend on: what is made of its answers."""
+
+_TRIED: Final = (
+    "Does not validate against any of the Union subtypes",
+    "Subtypes: ",
+    "Errors:",
+    "Problem with given class_path",
+    "Expected a <class 'NoneType'>",
+    "Given value type: ",
+    "Given value: NestedArg",
+    "Given value: Namespace",
+)
+_GIVEN: Final = "Given value: "
+_LONG_VALUE: Final = 80  # characters
+_PLAIN_NAMES: Final = {
+    "bool": "true or false",
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "tuple": "a list, such as [a, b]",
+}
 
 ConfigT = TypeVar("ConfigT")  # a `NetworkConfig`; no bound, which beartype cannot ask classes for
 
@@ -38,9 +58,38 @@ def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
     try:
         parsed = parser.instantiate(parser.parse_object({"settings": dict(plain)})).settings
     except (jsonargparse.ArgumentError, ValueError) as error:
-        raise ValueError(" ".join(str(error).split())) from error
+        raise ValueError(told_by_parser(str(error))) from error
     assert isinstance(parsed, kind), "the parser gives what it was asked for"
     return parsed
+
+
+def told_by_parser(message: str) -> str:
+    """What jsonargparse found wrong, without which types it tried before it gave up."""
+    lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
+    has_value = any("Got value: " in line for line in lines)
+    said = " ".join(
+        line
+        for line in lines
+        if not line.startswith(_TRIED)
+        and not (line.startswith(_GIVEN) and (has_value or len(line) >= _LONG_VALUE))
+    )
+    for python, plain in _PLAIN_NAMES.items():
+        said = said.replace(f"Expected a <class '{python}'>", f"Expected {plain}")
+    return said
+
+
+def _differences(
+    given: Mapping[str, object], wanted: Mapping[str, object], within: str = ""
+) -> Iterator[str]:
+    """Each value that differs, by its path: of parts that both have only what differs in them."""
+    for name in sorted(given.keys() | wanted.keys()):
+        one, other = given.get(name), wanted.get(name)
+        if one == other:
+            continue
+        if isinstance(one, dict) and isinstance(other, dict):
+            yield from _differences(one, other, f"{within}{name}.")
+        else:
+            yield f"{within}{name} {one} instead of {other}"
 
 
 def differing_settings(plain: Mapping[str, object], ours: NetworkConfig) -> str:
@@ -54,9 +103,7 @@ def differing_settings(plain: Mapping[str, object], ours: NetworkConfig) -> str:
         given = plain_settings(parse_settings(type(ours), plain))
     except ValueError:  # of another network, or a newer one
         given = plain_settings(type(ours)()) | dict(plain)
-    names = sorted(
-        name
-        for name in (wanted.keys() | given.keys()) - free
-        if wanted.get(name) != given.get(name)
-    )
-    return ", ".join(f"{name} {given.get(name)} instead of {wanted.get(name)}" for name in names)
+    for name in free:
+        wanted.pop(name, None)
+        given.pop(name, None)
+    return ", ".join(_differences(given, wanted))

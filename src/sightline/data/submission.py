@@ -6,14 +6,21 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from sightline.data.atomic import atomic_path
 from sightline.data.frame_files import require_frame_files
-from sightline.data.kitti_labels import MAX_LABEL_BYTES, parse_objects
+from sightline.data.kitti_labels import (
+    CLASS_NAMES,
+    MAX_LABEL_BYTES,
+    KittiObjects,
+    parse_objects,
+)
 from sightline.data.plain_file import read_bytes
+from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first that a zip file can hold
 _PLAIN_FILE = 0o100644 << 16
 _UNIX = 3
+_CLASSES = {name.lower() for name in (*CLASS_NAMES, "DontCare")}  # the benchmark minds no case
 _REMEDY = "write an empty file where nothing was found, or name a list of the frames that count"
 
 
@@ -32,7 +39,8 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
 
     Raises:
         ValueError: `out` is no .zip, or a frame has no file, a name that is not six digits, or a
-            file that cannot be read as results; says which and where.
+            file that cannot be read as results, has a class that is none of KITTI's or a box that
+            ends before it begins; says which and where.
     """
     if out.suffix.lower() != ".zip":
         raise ValueError(f"{out} does not end in .zip, which the benchmark asks for; rename it")
@@ -67,5 +75,26 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
 
 def _checked(path: Path) -> bytes:
     content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=_REMEDY)
-    parse_objects(content, path, with_scores=True)
+    _check_objects(path, parse_objects(content, path, with_scores=True))
     return content
+
+
+def _check_objects(path: Path, objects: KittiObjects) -> None:
+    """Refuses what can be read, but that the benchmark would count as false or not at all."""
+    for number, name in enumerate(objects.class_names, start=1):
+        if name.lower() not in _CLASSES:
+            raise FileError(
+                path,
+                f"object {number} is of class {shortened(repr(name))}, which is none of KITTI's",
+                "write Car, Pedestrian or Cyclist",
+            )
+    left, top, right, bottom = objects.boxes2d.T
+    is_inside_out = (right < left) | (bottom < top)
+    if is_inside_out.any():
+        number = int(is_inside_out.argmax())
+        box = " ".join(f"{value:g}" for value in objects.boxes2d[number])
+        raise FileError(
+            path,
+            f"object {number + 1} has the box {box}, which ends before it begins",
+            "write x_min, y_min, x_max and y_max",
+        )

@@ -33,8 +33,8 @@ def read_sweep(
         raise FileError(
             path,
             f"holds {len(content)} bytes, expected a multiple of {_POINT_BYTES} (float32 x, y, z, "
-            "reflectance); it is probably cut short",
-            _REMEDY,
+            "reflectance); it is cut short or has other columns",
+            f"write these four, or {_REMEDY}",
         )
     points = np.frombuffer(content, "<f4").reshape(-1, 4).astype(np.float32)
     finite = np.isfinite(points).all(axis=1)

@@ -7,11 +7,10 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Float64, Shaped
 
-from sightline.data.kitti_labels import NO_LOCATION, parse_objects
+from sightline.data.kitti_labels import CLASS_NAMES, NO_LOCATION, parse_objects
 from sightline.evaluation.realism_measures import GRADIENTS, BoxFit, Measures
 from sightline.evaluation.realism_points import FreeCar
 
-_CLASSES: Final = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc")
 _DISTANCES_M: Final = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0)
 """Between these, cars are compared by their points."""
 _MIN_OBJECTS: Final = 5
@@ -115,7 +114,7 @@ def _frames_with(name: str, fewest: int, most: float = np.inf) -> _Tell:
 
 def _low_boxes(height_px: int) -> _Tell:
     def tell(measures: Measures) -> float | None:
-        _, top, _, bottom = _of(measures, _CLASSES, "boxes2d").T
+        _, top, _, bottom = _of(measures, CLASS_NAMES, "boxes2d").T
         low = float((bottom - top < height_px).sum())
         return low / len(measures.objects) if measures.objects else None
 
@@ -252,7 +251,7 @@ _OBJECTS: Final[Mapping[str, _Tell]] = {
     "Car bottom beyond 30 m [m], half 16 to 84 %": lambda m: _half_spread(_far_bottoms(m)),
     "Car yaw within 5 degrees of an axis": _along_an_axis,
     "Pedestrian within 1.5 m of another": _in_company,
-    **{f"{name} per frame": _count(name) for name in (*_CLASSES, "DontCare")},
+    **{f"{name} per frame": _count(name) for name in (*CLASS_NAMES, "DontCare")},
     "frames without Car": _frames_with("Car", 0, 0.0),
     **{f"frames with more than {count} Car": _frames_with("Car", count + 1) for count in (8, 12)},
     "frames with DontCare": _frames_with("DontCare", 1),

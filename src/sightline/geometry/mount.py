@@ -3,6 +3,7 @@
 Without PyTorch, for checks that start at once.
 """
 
+import math
 from typing import Final
 
 import numpy as np
@@ -99,10 +100,11 @@ def turn_ahead(
 def resolution_doubt(
     camera_matrix: Float64[np.ndarray, "3 columns"], image_size: tuple[int, int]
 ) -> str | None:
-    """That a camera matrix is of larger or smaller images; None where it may be of these.
+    """That a camera matrix is of other images; None where it may be of these.
 
     Where both coordinates of the principal point are off the middle by one factor, it is hardly
-    that of a camera that was cropped.
+    that of a camera that was cropped; where it is in the middle of images as wide as these are
+    high, height and width were taken for each other.
 
     Args:
         camera_matrix: In pixels.
@@ -114,14 +116,22 @@ def resolution_doubt(
     calibrated = 2 * camera_matrix[1::-1, 2] + 1  # height, width
     if (calibrated <= 0).any():
         return None
+    seen = (
+        f"has its principal point in the middle of an image of {calibrated[0]:.0f}x"
+        f"{calibrated[1]:.0f} (height x width), but images are {image_size[0]}x{image_size[1]}: "
+    )
+    turned = calibrated[::-1] / np.array(image_size)
+    if (
+        max(image_size) > _OTHER_RESOLUTION * min(image_size)
+        and (np.abs(np.log(turned)) < math.log(_ALIKE)).all()
+    ):
+        return f"{seen}height and width are probably swapped; give the height first"
     factors = calibrated / np.array(image_size)
     is_other = (factors > _OTHER_RESOLUTION).all() or (factors < 1 / _OTHER_RESOLUTION).all()
     if not is_other or factors.max() > _ALIKE * factors.min():
         return None
     return (
-        f"has its principal point in the middle of an image of {calibrated[0]:.0f}x"
-        f"{calibrated[1]:.0f} (height x width), but images are {image_size[0]}x{image_size[1]}: it "
-        "is probably that of another resolution; scale its first two rows, or the images"
+        f"{seen}it is probably that of another resolution; scale its first two rows, or the images"
     )
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
@@ -83,10 +84,13 @@ def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwo
     except Exception as error:
         # Settings that nobody thought of raise nearly anything: OverflowError, TypeError, ..
         made_by = shortened(read.provenance.get("sightline", "another version"), 24)
+        remedy = "use that version, or train the weights again"
+        if made_by == version("sightline"):
+            remedy = "take the file as it was written, or train the weights again"
         reason = shortened(" ".join(str(error).split()), _REASON_LENGTH)
         raise ValueError(
             f"{path} does not fit this version's network (it was made by sightline {made_by}): "
-            f"{reason}; use that version, or train the weights again"
+            f"{reason}; {remedy}"
         ) from error
     return LoadedNetwork(
         network=network.eval().requires_grad_(requires_grad=False),

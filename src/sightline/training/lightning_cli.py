@@ -19,6 +19,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
 from sightline.data.atomic import atomic_write_text, disk_fault
+from sightline.data.settings import told_by_parser
 from sightline.data.weights import read_checkpoint_weights
 from sightline.data.weights_header import has_weights
 from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
@@ -36,15 +37,6 @@ _CONFIG_NAMES = {
     "validate": "config_validate.yaml",
     "test": "config_test.yaml",
 }
-_TRIED = (
-    "Does not validate against any of the Union subtypes",
-    "Subtypes: ",
-    "Errors:",
-    "Expected a <class 'NoneType'>",
-    "Given value type: ",
-    "Given value: NestedArg",
-)
-_LONG_VALUE = 80  # characters
 
 
 def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: Path) -> None:
@@ -64,10 +56,10 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         try:
             _TrainingCLI(subcommand, arguments, run)
         except _RefusedError as error:
-            said = _shorten(str(error))
+            said = told_by_parser(str(error))
             raise ValueError(f"{said}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
-            raise ValueError(_shorten(str(error))) from error
+            raise ValueError(told_by_parser(str(error))) from error
         except OSError as error:  # of best.ckpt and the events, which others write
             fault = disk_fault(error, run.folder)
             if fault is None:
@@ -135,6 +127,19 @@ class _SaveConfig(SaveConfigCallback):
         super().__init__(parser, config, save_to_log_dir=False)
         self._path = path
         self._initial_weights = initial_weights
+
+    def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        """Does nothing yet: the checkpoint to go on from may be refused after this."""
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Writes the settings, as the first of these three to be called does."""
+        super().setup(trainer, pl_module, "fit")
+
+    def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        super().setup(trainer, pl_module, "validate")
+
+    def on_test_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        super().setup(trainer, pl_module, "test")
 
     def save_config(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         del trainer, pl_module, stage
@@ -319,12 +324,3 @@ class _TrainingCLI(LightningCLI):
         }
         path = config["run_folder"] / f"{self.subcommand}.json"
         atomic_write_text(path, json.dumps(report, indent=2) + "\n")
-
-
-def _shorten(message: str) -> str:
-    """Takes out of jsonargparse's messages which types it tried before it gave up."""
-    lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
-    told = [line for line in lines if not line.startswith(_TRIED)]
-    return " ".join(
-        line for line in told if not line.startswith("Given value: ") or len(line) < _LONG_VALUE
-    )

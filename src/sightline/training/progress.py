@@ -157,7 +157,10 @@ class RunProgress(ProgressBar):
         name, _ = pl_module.monitored
         if name in trainer.callback_metrics:
             score = float(trainer.callback_metrics[name])
-            display.say(f"step {trainer.global_step}: {name} {score:.6g}")
+            # a checkpoint that is scored alone does not tell its step
+            is_checkpoint = trainer.validating and trainer.ckpt_path is not None
+            step = "" if is_checkpoint else f"step {trainer.global_step}: "
+            display.say(f"{step}{name} {score:.6g}")
 
     def on_test_batch_end(
         self,
