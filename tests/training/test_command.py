@@ -226,7 +226,7 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named):
         (["--config", "toy", "--data.validation", "null"], "args.validation must not be null"),
         (["--config", "toy", "--data.training", "[{path: ., repeat: null}]"],
          "args.training.repeat must not be null"),
-        ([], "model"),
+        ([], "no recipe is given; name one with --config: .*: toy"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_trained_is_refused_in_one_sentence(recipes, arguments, said):

@@ -70,6 +70,9 @@ _TASKS: dict[Subcommand, tuple[str, str]] = {
 }
 
 
+_UNNAMED = "unnamed"  # a run without a recipe
+
+
 def asks_for_help(arguments: Sequence[str]) -> bool:
     """Whether help on the command itself is wanted, not on the settings of a recipe."""
     has_recipe = any(argument.partition("=")[0] in ("--config", "-c") for argument in arguments)
@@ -100,10 +103,10 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
     """The arguments with files for names of recipes, and the name of the last recipe.
 
     Raises:
-        ValueError: There is no such recipe.
+        ValueError: There is no such recipe, or none is named, nor a model.
     """
     resolved: list[str] = []
-    name = "unnamed"
+    name = _UNNAMED
     expected = False
     for argument in arguments:
         option, equals, value = argument.partition("=")
@@ -118,6 +121,8 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
         else:
             resolved.append(argument)
         expected = not expected and argument in ("--config", "-c")
+    if name == _UNNAMED and not any(argument.startswith("--model") for argument in arguments):
+        raise ValueError(f"no recipe is given; name one with --config: {_choice(recipes)}")
     return resolved, name
 
 
@@ -155,10 +160,12 @@ def _find_recipe(name: str, recipes: Path) -> Path:
     for path in (Path(name), recipes / f"{name}.yaml"):
         if path.is_file():
             return path
+    raise ValueError(f"there is no recipe {name}; name {_choice(recipes)}")
+
+
+def _choice(recipes: Path) -> str:
     known = ", ".join(sorted(path.stem for path in recipes.glob("*.yaml"))) or "none"
-    raise ValueError(
-        f"there is no recipe {name}; name a YAML file or one of the package's: {known}"
-    )
+    return f"a YAML file or one of the package's: {known}"
 
 
 def _first_sentence(recipe: Path) -> str:
