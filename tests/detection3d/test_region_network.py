@@ -150,7 +150,7 @@ def test_the_score_is_made_of_the_proposal_s_and_the_quality():
     sweep, stage = sweep_of(BOXES), RegionStage(SMALL)
     proposed = Proposed(torch.tensor(BOXES), torch.tensor([0, 0, 1]), torch.tensor([0.4, 0.9, 0.5]))
     regions = stage.regions(sweep, proposed, seed=0)
-    boxes, scores = stage.refine(stage(**regions.inputs), regions)
+    boxes, scores, _ = stage.refine(stage(**regions.inputs), regions)
     torch.testing.assert_close(boxes, proposed.boxes)  # an untrained one changes nothing
     assert scores.tolist() == pytest.approx([0.2**0.5, 0.45**0.5, 0.25**0.5])
     told = RegionStage(replace(SMALL, quality_share=1.0))
