@@ -1,8 +1,8 @@
 """A detector's stages run by an engine, in jobs of several processes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import torch
 from torch import Tensor
@@ -15,6 +15,8 @@ from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork
 from sightline.structures.predictions import Detections3D
+
+_REGIONS_AT_ONCE: Final = 10  # by PyTorch on a CPU, whose caches more would not fit
 
 
 class StageRunners:
@@ -41,6 +43,7 @@ class StageRunners:
             self._engines = [make(graph, name="torch") for graph in graphs]
         self.engine: EngineName = self._engines[0].name
         self._is_fixed = self.engine != "torch"  # files take a fixed number of regions
+        self._at_once = _REGIONS_AT_ONCE if device == "cpu" else None
 
     def propose(self, sweep: Sweep) -> Proposed:
         """The first stage's proposals for a sweep; none for one without points."""
@@ -74,8 +77,15 @@ class StageRunners:
         assert second is not None, "there is something to run"
         run = self._engines[1]
         count = len(next(iter(inputs.values())))
-        portions = region_portions(inputs) if self._is_fixed else (inputs,)
+        portions = region_portions(inputs) if self._is_fixed else self._split(inputs)
         found = [run(each) for each in portions]
         return second.output_type(
             **{name: torch.cat([each[name].cpu() for each in found])[:count] for name in found[0]}
         )
+
+    def _split(self, inputs: Mapping[str, Tensor]) -> Iterator[dict[str, Tensor]]:
+        """Inputs of so many regions as PyTorch takes at once."""
+        count = len(next(iter(inputs.values())))
+        at_once = self._at_once or count
+        for start in range(0, count, at_once):
+            yield {name: values[start : start + at_once] for name, values in inputs.items()}
