@@ -172,6 +172,8 @@ class OnnxRuntimeEngine:
         options.log_severity_level = 3  # errors; it warns of choices that are its own
         options.inter_op_num_threads = 1
         options.intra_op_num_threads = threads or 0  # 0: its default
+        # between runs its threads would keep the cores from what is done by others
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
             self._session = onnxruntime.InferenceSession(
                 str(path), options, providers=["CPUExecutionProvider"]
