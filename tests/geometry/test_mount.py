@@ -109,8 +109,8 @@ def test_height_and_width_that_were_swapped_are_told():
     camera = np.array([[721.5, 0, 609.6], [0, 721.5, 172.9], [0, 0, 1]])
     assert "height and width are probably swapped" in resolution_doubt(camera, (1242, 375))
     assert resolution_doubt(camera, (375, 1242)) is None
-    square = np.array([[700.0, 0, 399.5], [0, 700.0, 399.5], [0, 0, 1]])
-    assert resolution_doubt(square, (800, 800)) is None
+    nearly_square = np.array([[500.0, 0, 265.0], [0, 500.0, 290.0], [0, 0, 1]])
+    assert resolution_doubt(nearly_square, (480, 640)) is None
 
 
 def test_a_camera_that_was_cropped_is_not_doubted():

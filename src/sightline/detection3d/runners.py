@@ -16,7 +16,9 @@ from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork
 from sightline.structures.predictions import Detections3D
 
-_REGIONS_AT_ONCE: Final = 10  # by PyTorch on a CPU, whose caches more would not fit
+_REGIONS_AT_ONCE: Final = (
+    10  # by PyTorch on a CPU: 100 take 1.5 times as long, and five times the memory
+)
 
 
 class StageRunners:

@@ -121,11 +121,13 @@ def resolution_doubt(
         f"{calibrated[1]:.0f} (height x width), but images are {image_size[0]}x{image_size[1]}: "
     )
     turned = calibrated[::-1] / np.array(image_size)
-    if (
-        max(image_size) > _OTHER_RESOLUTION * min(image_size)
-        and (np.abs(np.log(turned)) < math.log(_ALIKE)).all()
-    ):
-        return f"{seen}height and width are probably swapped; give the height first"
+    # an image so much longer than high is not alike both ways
+    is_long = max(image_size) > _ALIKE**2 * min(image_size)
+    if is_long and (np.abs(np.log(turned)) < math.log(_ALIKE)).all():
+        return (
+            f"{seen}height and width are probably swapped, or images turned by 90 degrees; give "
+            "the height first, or turn them back"
+        )
     factors = calibrated / np.array(image_size)
     is_other = (factors > _OTHER_RESOLUTION).all() or (factors < 1 / _OTHER_RESOLUTION).all()
     if not is_other or factors.max() > _ALIKE * factors.min():
