@@ -61,7 +61,8 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
     [
         ({"image": IMAGE.astype(np.float32)}, "image must be uint8, height x width x 3; got float"),
         ({"image": IMAGE.transpose(2, 0, 1)}, "got uint8 of shape 3 x 120 x 400"),
-        ({"points": POINTS[:, :3]}, "points must be floating.* got float32 of shape 300 x 3"),
+        ({"points": POINTS[:, :2]}, "the points are float32 of shape .300, 2., expected"),
+        ({"points": POINTS[None]}, "points must be N x 3 or more, .* got float32 of shape 1 x 300"),
         ({"points": np.array([[1, 2, 3, 0], [1, 2, 3, np.nan]])}, "finite and .* row 1 is not"),
         (
             {"points": np.array([[1e39, 0, 0, 0]])},
@@ -101,3 +102,14 @@ def test_tensors_and_lists_are_arrays_as_well(kind):
         np.testing.assert_array_equal(found.points, expected.points)
     with pytest.raises(ValueError, match="an array is needed, got something else"):
         corrupt_arrays(kind, 4, image=[[1], [2, 3]], **MATRICES)
+
+
+@pytest.mark.parametrize("kind", ["lidar_fog", "lidar_point_drop"])
+def test_clouds_of_three_columns_or_of_five_are_those_of_four(kind):
+    dark = POINTS * np.float32([1, 1, 1, 0])
+    five = np.hstack([POINTS, np.full((len(POINTS), 1), np.nan)])  # a column that nobody needs
+    for given, same in ((POINTS[:, :3], dark), (five, POINTS)):
+        found = corrupt_arrays(kind, 3, image=IMAGE, points=given, **MATRICES)
+        expected = corrupt_arrays(kind, 3, image=IMAGE, points=same, **MATRICES)
+        assert np.array_equal(found.points, expected.points)
+        assert np.array_equal(found.point_sources, expected.point_sources)

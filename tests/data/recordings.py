@@ -32,6 +32,10 @@ def write_cloud_file(path: Path, points: np.ndarray = POINTS) -> None:
     scaled = points * np.float32([1, 1, 1, 255])
     if path.suffix == ".pcd":
         PointCloud.from_xyzi_points(scaled).save(path)
+    elif path.suffix == ".ply":
+        header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(scaled)}\n"
+        header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "intensity"))
+        path.write_bytes(header.encode() + b"end_header\n" + scaled.tobytes())
     elif path.suffix == ".npy":
         np.save(path, scaled.astype(np.float64))
     else:

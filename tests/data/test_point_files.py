@@ -13,7 +13,7 @@ from tests.data.recordings import POINTS, write_cloud_file
 SCALED = POINTS * np.float32([1, 1, 1, 255])
 
 
-@pytest.mark.parametrize("suffix", [".bin", ".npy", ".pcd", ".PCD"])
+@pytest.mark.parametrize("suffix", [".bin", ".npy", ".pcd", ".PCD", ".ply"])
 def test_a_cloud_of_any_format_is_the_simulated_one(tmp_path, suffix):
     path = tmp_path / f"cloud{suffix.lower()}"
     write_cloud_file(path)
@@ -85,6 +85,38 @@ def test_points_without_an_echo_are_left_out(tmp_path):
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.npy"), [[1, 2, 3, 0]])
 
 
+@pytest.mark.parametrize("suffix", [".bin", ".npy", ".pcd", ".ply"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_bad_intensity_costs_no_point_in_any_format(tmp_path, suffix, bad):
+    path, cloud = tmp_path / f"cloud{suffix}", POINTS[:90].copy()
+    cloud[:, 3] = bad
+    write_cloud_file(path, cloud)
+    with pytest.warns(UserWarning, match="90 of 90 points have an intensity that is not finite"):
+        points = read_cloud(path, 255.0)
+    np.testing.assert_array_equal(points[:, :3], POINTS[:90, :3])
+    assert not points[:, 3].any()
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".npy", ".pcd", ".ply"])
+def test_a_cloud_of_which_no_point_is_left_is_said_to_be_empty(tmp_path, suffix):
+    path, cloud = tmp_path / f"cloud{suffix}", POINTS[:90].copy()
+    cloud[:60, 2], cloud[60:, :3] = np.nan, 0
+    write_cloud_file(path, cloud)
+    with pytest.warns(UserWarning, match=rf"cloud{suffix}: 90 of 90 points .* none is left"):
+        assert read_cloud(path, 255.0).shape == (0, 4)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, -1])
+def test_fields_that_nobody_needs_may_hold_anything(tmp_path, bad):
+    kinds = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8"), ("ring", "f8")]
+    rows = np.zeros(9, kinds)
+    rows["x"], rows["time"], rows["ring"] = 5, bad, bad
+    np.save(tmp_path / "cloud.npy", rows)
+    assert read_cloud(tmp_path / "cloud.npy").tolist() == [[5, 0, 0, 0]] * 9
+    np.save(tmp_path / "rows.npy", np.hstack([POINTS[:9], np.full((9, 2), bad)]))
+    np.testing.assert_array_equal(read_cloud(tmp_path / "rows.npy"), POINTS[:9])
+
+
 def test_one_point_in_a_hundred_may_be_brighter_than_the_scale(tmp_path):
     cloud = SCALED[:300].clip(max=200)
     cloud[:3, 3] = 1000
@@ -118,7 +150,7 @@ def save(array):
     [
         ("a.npy", save(POINTS[:, :2]), "expected rows of x, y, z"),
         ("a.npy", save(POINTS[:500].T), r"of shape \(4, 500\), expected rows of x, y, z"),
-        ("a.npy", save(np.array([None])), "is no whole .npy file"),
+        ("a.npy", save(np.array([None])), "is no .npy file of numbers: it holds Python objects"),
         ("a.npy", lambda path: path.write_bytes(b"\x93NUMPY\x01"), "is no whole .npy file"),
         ("a.npy", save(POINTS * 1000), "probably in millimetres"),
         ("a.npy", save(SCALED), "intensities from 0 to .* set max_intensity"),
@@ -148,7 +180,7 @@ def test_a_pcd_that_announces_gigabytes_is_refused_unread(tmp_path):
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
-@given(data=st.data(), suffix=st.sampled_from([".npy", ".pcd"]))
+@given(data=st.data(), suffix=st.sampled_from([".npy", ".pcd", ".ply"]))
 def test_any_bytes_give_a_cloud_or_a_file_error(tmp_path, data, suffix):
     path = tmp_path / f"cloud{suffix}"
     write_cloud_file(path, POINTS[:9])

@@ -3,7 +3,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.rings import NUM_RINGS, check_spacing, count_beams, ring_numbers
+from sightline.data.rings import (
+    NUM_RINGS,
+    check_spacing,
+    comes_by_firing,
+    count_beams,
+    ring_numbers,
+    rings_by_elevation,
+    rings_of_any_order,
+)
+from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.simulator import simulate_frame
 from tests.reference import rings as reference
 
 LOWEST_IN_VIEW = 45
@@ -113,6 +123,93 @@ def test_rings_from_the_bottom_up_are_refused():
     from_the_top = sweep([[-35, 0, 35]] * 40).reshape(40, 3, 4)
     with pytest.raises(ValueError, match="KITTI's order has the highest ring first"):
         ring_numbers(from_the_top[::-1].reshape(-1, 4))
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+SENSORS = {
+    "16 beams": np.linspace(15, -15, 16),
+    "32 beams": np.linspace(10.67, -30.67, 32),
+    "64 beams": np.linspace(22.5, -22.5, 64),
+    "128 beams, closer in the middle": np.r_[
+        np.linspace(15, 2.2, 24), np.linspace(2, -8, 80), np.linspace(-8.6, -25, 24)
+    ],
+}
+
+
+def turn(elevations_deg, *, noise_m=0.002, rng):
+    """A whole sweep of lasers at one origin in KITTI's order, with lost returns; and its rings."""
+    azimuth = np.arange(0.1, 360, 1.5)
+    rings = np.repeat(np.arange(len(elevations_deg)), len(azimuth))
+    turned, up = (
+        np.radians(np.tile(azimuth, len(elevations_deg))),
+        np.radians(elevations_deg)[rings],
+    )
+    ranges = rng.uniform(4, 60, len(rings))
+    rays = [np.cos(up) * np.cos(turned), np.cos(up) * np.sin(turned), np.sin(up)]
+    points = np.stack([*(ranges * ray for ray in rays), np.full(len(rings), 0.5)], axis=1)
+    points[:, :3] += rng.normal(0, noise_m, (len(points), 3))
+    found = rng.random(len(points)) < 0.8
+    return points[found].astype(np.float32), rings[found]
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_rings_by_elevation_are_those_of_the_nearest_laser_in_any_order(sensor, rng):
+    points, rings = turn(SENSORS[sensor], rng=rng)
+    order = rng.permutation(len(points))
+    found = rings_by_elevation(points[order])
+    by_hand = [
+        reference.laser_by_elevation(point, 0, SENSORS[sensor]) for point in points[order][:500]
+    ]
+    assert np.mean(found[:500] == by_hand) >= 0.99
+    assert np.mean(found == rings[order]) >= 0.999
+
+
+def test_sweeps_shot_by_shot_are_told_from_those_ring_by_ring(rng):
+    points, rings = turn(SENSORS["32 beams"], rng=rng)
+    by_firing = np.lexsort((-rings, np.arctan2(points[:, 1], points[:, 0])))
+    assert not comes_by_firing(points)
+    assert comes_by_firing(points[by_firing])
+    assert comes_by_firing(points[rng.permutation(len(points))])
+    assert rings_of_any_order(points)[1]
+    found, is_ring_by_ring = rings_of_any_order(points[by_firing])
+    assert not is_ring_by_ring
+    assert (found == rings[by_firing]).all()
+    cut = by_firing[points[by_firing, 0] > np.abs(points[by_firing, 1])]  # as a camera shows it
+    assert (rings_of_any_order(points[cut])[0] == rings[cut]).all()
+
+
+@pytest.mark.parametrize("lidar", ["vlp-16", "hdl-32e"])
+def test_rings_of_a_simulated_street_are_those_of_its_order(lidar, rng):
+    config = SimulationConfig(lidar=lidar, camera=False, image_size=(32, 32))
+    points = simulate_frame(config, 0).points
+    rings = ring_numbers(points)
+    for order in (
+        np.lexsort((-rings, np.arctan2(points[:, 1], points[:, 0]))),
+        rng.permutation(len(rings)),
+    ):
+        found, is_ring_by_ring = rings_of_any_order(points[order])
+        assert not is_ring_by_ring
+        assert np.mean(found == rings[order]) >= 0.999
+
+
+@pytest.mark.parametrize("tilt_deg", [2, 5])
+def test_rings_of_a_tilted_sweep_in_another_order_are_refused(tilt_deg, rng):
+    points, _ = turn(SENSORS["32 beams"], rng=rng)
+    sine, cosine = np.sin(np.radians(tilt_deg)), np.cos(np.radians(tilt_deg))
+    points[:, [0, 2]] = points[:, [0, 2]] @ np.array([[cosine, -sine], [sine, cosine]])
+    with pytest.raises(ValueError, match=r"elevations do not part into rings .* neither tilted"):
+        rings_of_any_order(rng.permutation(points))
+
+
+def test_sweeps_of_kitti_are_numbered_by_their_order_alone(kitti_root):
+    for points in real_sweeps(kitti_root, "training/velodyne/*.bin")[::6]:
+        rings, is_ring_by_ring = rings_of_any_order(points)
+        assert is_ring_by_ring
+        assert (rings == ring_numbers(points)).all()
 
 
 def real_sweeps(kitti_root, folder):

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sightline.data.velodyne import read_sweep, write_sweep
+from sightline.data.problem import FileError
+from sightline.data.velodyne import read_sweep, sweep_doubt, write_sweep
 
 finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 sweeps = arrays.arrays(np.float32, st.tuples(st.integers(0, 9), st.just(4)), elements=finite)
@@ -45,8 +46,94 @@ def test_non_finite_points_are_refused_with_their_number_and_the_first(tmp_path,
         ValueError, match=r"0\.bin: holds 2 points with .* the first is point 3 of 9"
     ):
         read_sweep(tmp_path / "0.bin")
-    kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
-    assert np.array_equal(kept, np.ones((7, 4), np.float32))
+    if column == 3:
+        with pytest.warns(
+            UserWarning, match=r"0\.bin: 2 of 9 points have an intensity that is not"
+        ):
+            kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
+        assert kept[:, 3].tolist() == [1, 1, 1, 0, 1, 1, 1, 0, 1]
+    else:
+        kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
+        assert np.array_equal(kept, np.ones((7, 4), np.float32))
     with pytest.raises(ValueError, match=r"2 points hold NaN or infinite .* first is point 3"):
         write_sweep(tmp_path / "1.bin", points)
     assert not (tmp_path / "1.bin").exists()
+
+
+def a_cloud(num_points=200, order=1):
+    """A ring on the road and a wall, one point after the other along it."""
+    azimuth = np.linspace(-0.7, 0.7, num_points)
+    ranges = 10 + 5 * np.sin(azimuth)
+    places = [ranges * np.cos(azimuth), ranges * np.sin(azimuth), -1.7 + 0.2 * azimuth**2]
+    cloud = np.stack([*places, 0.3 + 0.2 * np.cos(azimuth)], axis=1).astype(np.float32)
+    if order == "mixed":
+        return np.random.default_rng(1).permutation(cloud)
+    return cloud[::order]
+
+
+EXTRA = np.arange(200, dtype=np.float32)[:, None]
+
+
+@pytest.mark.parametrize("scale", [1, 255])
+@pytest.mark.parametrize("order", [1, -1, "mixed"])
+@pytest.mark.parametrize(
+    ("columns", "width", "meaning"),
+    [
+        (lambda cloud: cloud[:, :3], 12, "three columns"),
+        (lambda cloud: np.hstack([cloud, EXTRA % 64]), 20, "five columns (ring or time)"),
+        (lambda cloud: np.hstack([cloud, -EXTRA / 1e4]), 20, "five columns"),
+        (lambda cloud: np.hstack([cloud, EXTRA % 64, EXTRA / 1e4]), 24, "six columns"),
+        (lambda cloud: cloud.astype(np.float64), 32, "four columns of float64"),
+    ],
+)
+@pytest.mark.parametrize("num_points", [200, 197])  # so that 16 bytes a point fit, or do not
+def test_files_of_other_columns_are_refused_with_what_fits(
+    tmp_path, columns, width, meaning, scale, order, num_points
+):
+    cloud = columns(a_cloud(order=order) * np.float32([1, 1, 1, scale]))[:num_points]
+    cloud.tofile(tmp_path / "0.bin")
+    for drop_non_finite in (False, True):
+        with pytest.raises(FileError) as caught:
+            read_sweep(tmp_path / "0.bin", drop_non_finite=drop_non_finite)
+        assert caught.value.problem.path == tmp_path / "0.bin"
+        assert f"{width} bytes a point fit, 16 do not: probably" in str(caught.value)
+        assert meaning in str(caught.value)
+
+
+@pytest.mark.parametrize("order", [1, -1, "mixed"])
+@pytest.mark.parametrize("cut", [4, 8, 12, 20, 24])
+def test_a_file_of_four_columns_that_is_cut_short_is_not_taken_for_another(tmp_path, order, cut):
+    content = a_cloud(order=order).tobytes()[:-cut]
+    (tmp_path / "0.bin").write_bytes(content)
+    if len(content) % 16:
+        with pytest.raises(FileError, match="cut short"):
+            read_sweep(tmp_path / "0.bin")
+    else:
+        assert len(read_sweep(tmp_path / "0.bin")) == len(content) // 16
+
+
+def test_four_columns_with_intensities_below_zero_are_four_columns(tmp_path):
+    cloud = a_cloud(180) - np.float32([0, 0, 0, 0.4])
+    cloud.tofile(tmp_path / "0.bin")
+    assert (read_sweep(tmp_path / "0.bin") == cloud).all()
+
+
+@pytest.mark.parametrize("beginning", ["# .PCD v0.7", "VERSION .7", "ply\nformat", "\x93NUMPY"])
+def test_a_file_of_another_format_is_named_by_it(tmp_path, beginning):
+    (tmp_path / "0.bin").write_bytes(beginning.encode("latin-1") + bytes(640))
+    with pytest.raises(FileError, match=r"is a (PCD|PLY|NPY) file by its first bytes"):
+        read_sweep(tmp_path / "0.bin")
+
+
+def test_sweeps_that_no_kitti_sensor_gives_are_doubted(tmp_path):
+    path, cloud = tmp_path / "0.bin", a_cloud()
+    assert sweep_doubt(path, cloud) is None
+    assert sweep_doubt(path, cloud[:0]) is None
+    bright = sweep_doubt(path, cloud * np.float32([1, 1, 1, 255]))
+    assert bright.path == path
+    assert "expected 0 to 1" in bright.problem
+    assert "divide them" in bright.remedy
+    assert "millimetres" in sweep_doubt(path, cloud * 1000).problem
+    assert (
+        "map's or world's frame" in sweep_doubt(path, cloud + np.float32([5e5, 4e6, 0, 0])).problem
+    )

@@ -79,6 +79,14 @@ def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none()
     assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
 
 
+def test_bad_intensities_and_clouds_without_an_echo_are_warned_of_with_counts():
+    points = np.array([[1, 2, 3, np.nan, 5], [4, 5, 6, 0.5, np.nan]])
+    with pytest.warns(UserWarning, match="1 of 2 points have an intensity that is not finite"):
+        assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0.5]]
+    with pytest.warns(UserWarning, match="the points: 9 of 9 points are left out.* none is left"):
+        assert sweep_points(np.zeros((9, 3))).shape == (0, 4)
+
+
 def test_an_organised_cloud_is_a_cloud_and_points_without_an_echo_are_none():
     points = np.arange(24, dtype=np.float32).reshape(2, 3, 4) / 24
     points[1, 2, :3] = 0

@@ -20,7 +20,7 @@ from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.faults import fault_rng
 from sightline.geometry.calibration import Calibration
-from sightline.structures.arrays import plain_size
+from sightline.structures.arrays import cloud_columns, plain_size
 from sightline.structures.sample import CameraLidarSample
 
 Given = np.ndarray | torch.Tensor | Sequence[Any]
@@ -67,8 +67,9 @@ def corrupt_arrays(
         severity: From 1, slight, to 5.
         image: RGB, uint8, height x width x 3; like all that follows an array, a tensor or nested
             lists. None: no camera.
-        points: N x 4, floating point: x forward, y left, z up [m] and reflectance in [0, 1]. None:
-            no LiDAR. What is delivered is float32.
+        points: N x 4: x forward, y left, z up [m] and reflectance in [0, 1]; of N x 3 reflectances
+            are 0, further columns are left out (`point_sources` finds their rows). None: no LiDAR.
+            What is delivered is float32.
         image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
             KITTI's P2; of an intrinsic matrix K, K with a column of zeros.
         camera_from_lidar: 4 x 4, rigid.
@@ -134,26 +135,23 @@ def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height wi
 
 
 def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_points 4"]:
-    is_table = points.ndim == 2 and points.shape[1] == 4
-    if not (is_table and np.issubdtype(points.dtype, np.floating)):
-        raise ValueError(
-            f"points must be floating-point numbers, N x 4 (x, y, z, reflectance); got "
-            f"{_said(points)}"
-        )
+    if points.ndim != 2:  # what is delivered names rows of the sweep that was given
+        raise ValueError(f"points must be N x 3 or more, one row a point; got {_said(points)}")
+    columns = cloud_columns(points)
     # In float64, as float16 has no number as large as the limit; so that NaN is refused, too.
-    is_plausible = (np.abs(points.astype(np.float64)) <= _LARGEST).all(axis=1)
+    is_plausible = (np.abs(columns) <= _LARGEST).all(axis=1)
     if not is_plausible.all():
         raise ValueError(
             f"points must be finite and at most {_LARGEST:g}; row "
             f"{int(np.flatnonzero(~is_plausible)[0])} is not: leave such points out"
         )
-    reflectances = points[:, 3]
-    if len(points) and not 0 <= reflectances.min() <= reflectances.max() <= 1:
+    reflectances = columns[:, 3]
+    if len(columns) and not 0 <= reflectances.min() <= reflectances.max() <= 1:
         raise ValueError(
             f"reflectances (column 3 of points) must be from 0 to 1, got {reflectances.min():g} to "
             f"{reflectances.max():g}; divide by the sensor's full scale, 255 say"
         )
-    return torch.from_numpy(points.astype(np.float32))
+    return torch.from_numpy(columns.astype(np.float32))
 
 
 def _depth(

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 from torch import Tensor
 
 from sightline.data.kitti_labels import NO_ALPHA
-from sightline.data.rings import NUM_RINGS, ring_numbers
+from sightline.data.rings import NUM_RINGS, rings_of_any_order
 from sightline.data.view import is_in_view
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
@@ -52,13 +52,13 @@ def keep_rings(
 def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> CameraLidarSample:
     """The sweep as a sensor of fewer beams sees it: ring `first` and every `keep_every`th after.
 
-    Points out of the camera's view are cut off first and the rest numbered by `ring_numbers`, as
-    the held-out-rings tables are, so that whole sweeps and KITTI's reduced ones thin alike. Thin
-    before `mirror`, which reverses the order that rings are found by.
+    Points out of the camera's view are cut off first and the rest numbered as the held-out-rings
+    tables are (`rings_of_any_order`), so that whole sweeps and KITTI's reduced ones thin alike.
+    Thin before `mirror`, which reverses the order that rings are found by.
 
     Raises:
-        ValueError: The sample has no sweep, its points are not in KITTI's order, or `first` is not
-            below `keep_every`.
+        ValueError: The sample has no sweep, nothing shows its rings, or `first` is not below
+            `keep_every`.
     """
     if not 0 <= first < keep_every:
         raise ValueError(
@@ -66,7 +66,7 @@ def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> Ca
         )
     in_view = replace(sample, points=sweep_of(sample)[points_in_view(sample)])
     try:
-        rings = torch.from_numpy(ring_numbers(sweep_of(in_view).numpy()))
+        rings = torch.from_numpy(rings_of_any_order(sweep_of(in_view).numpy())[0])
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
     return keep_rings(in_view, rings, range(first, NUM_RINGS, keep_every))

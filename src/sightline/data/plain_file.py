@@ -5,13 +5,15 @@ from pathlib import Path
 
 from sightline.data.problem import FileError
 
+_GROWN_BYTES = 2**16  # more than its length a file may hold: the system's own say 0
+
 
 def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
     """The bytes of a regular file; arguments and errors as of `check_regular`."""
-    check_regular(path, max_bytes=max_bytes, remedy=remedy)
+    size = check_regular(path, max_bytes=max_bytes, remedy=remedy)
     try:
         with Path(path).open("rb") as file:
-            return file.read(max_bytes)
+            return file.read(min(size + _GROWN_BYTES, max_bytes))  # so much is allotted first
     except OSError as error:
         raise _unreadable(path, error, remedy) from error
 

@@ -1,7 +1,8 @@
-"""Point clouds of recordings that are not KITTI's: .npy, .pcd and KITTI's own .bin."""
+"""Point clouds of recordings that are not KITTI's: .npy, .pcd, .ply and KITTI's own .bin."""
 
 import io
-import struct
+import math
+import warnings
 from pathlib import Path
 from typing import Final
 
@@ -9,31 +10,39 @@ import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.plain_file import read_bytes
+from sightline.data.point_formats import (
+    INTENSITY_NAMES,
+    MAX_BYTES,
+    REMEDY,
+    plain_name,
+    read_pcd,
+    read_ply,
+)
 from sightline.data.problem import FileError
-from sightline.data.velodyne import read_sweep
-from sightline.geometry.cloud_checks import cloud_fault, echoes, reflectances, rows_of
+from sightline.data.velodyne import sweep_rows
+from sightline.geometry.cloud_checks import (
+    cloud_fault,
+    echoes,
+    reflectances,
+    rows_of,
+    warn_of_losses,
+)
 
-CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd")
-"""File names that a cloud may end in."""
-
-INTENSITY_NAMES: Final = ("intensity", "reflectance", "reflectivity", "intensities", "i")
-"""What the field is called that says how bright an echo is, the first that is there."""
-
-_MAX_BYTES = 2**28  # 4 million points of 64 bytes
-_REMEDY = "export the cloud again, with fields x, y, z [m] and intensity"
-_COMPRESSED = b"\nDATA binary_compressed"
+CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
+"""Endings of the files that `read_cloud` reads; capitals count as well."""
 
 
 def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarray, "num_points 4"]:
-    """Reads x, y, z [m] (LiDAR frame) and reflectance [0, 1].
+    """Read x, y, z [m] (LiDAR frame) and reflectance [0, 1].
 
     `.bin`: float32 x, y, z, intensity as KITTI has it. `.npy`: rows of three numbers or more, the
     fourth of which is the intensity, or a structured array with the names of a PCD's fields.
-    `.pcd`: with fields x, y, z and perhaps intensity. Without one, reflectance is 0. Organised
-    clouds are read row by row.
+    `.pcd`, and vertices of a `.ply`: with fields x, y, z and perhaps intensity (`columns_of`).
+    Without one, reflectance is 0. Organised clouds are read row by row.
 
-    Points that are not finite or lie at the LiDAR's origin, which drivers write where no echo came
-    back, are left out. What is brighter than max_intensity, as retroreflectors are, gets 1.
+    Points whose x, y, z are not finite or all zero, which drivers write where no echo came back,
+    are left out, with a warning where they are most of the cloud; an intensity that is not finite
+    becomes 0, with a warning. What is brighter than max_intensity, as retroreflectors are, gets 1.
 
     Args:
         path: The file.
@@ -45,23 +54,26 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".bin":
-        points = read_sweep(path, drop_non_finite=True)
+        points = sweep_rows(path)
     elif suffix == ".npy":
         points = _read_npy(path)
+    elif suffix == ".ply":
+        points = columns_of(read_ply(path), path)
     else:
-        points = _read_pcd(path)
+        points = columns_of(read_pcd(path), path)
     return checked_cloud(points, max_intensity, path)
 
 
 def checked_cloud(
     points: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
 ) -> Float32[np.ndarray, "num_echoes 4"]:
-    """The points that an echo made, with reflectances in [0, 1].
+    """Points that an echo made, with reflectances in [0, 1]; warns of losses beyond the usual.
 
     Raises:
         FileError: Points are not in metres, or intensities are not on this scale (`cloud_fault`);
             names `source`, a file or a topic.
     """
+    warn_of_losses(points, str(source))
     points = echoes(points)
     fault = cloud_fault(points, max_intensity)
     if fault is not None:
@@ -72,44 +84,62 @@ def checked_cloud(
 
 
 def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "num_points 4"]:
-    """x, y, z and intensity (else 0) of a structured array.
+    """Read x, y, z and intensity (else 0) from a structured array, by the names of its fields.
+
+    The intensity is the first of `INTENSITY_NAMES` that is there, holds one number a point and not
+    zeros alone; where there is a choice, a warning says which was taken.
 
     Raises:
         FileError: It lacks a coordinate, or a field holds something else than one number a point;
             names `source`.
     """
     names = fields.dtype.names or ()
-    by_lower = {name.lower(): name for name in names}
-    lacking = [name for name in ("x", "y", "z") if name not in by_lower]
+    by_plain_name = {plain_name(name): name for name in reversed(names)}
+    lacking = [name for name in ("x", "y", "z") if name not in by_plain_name]
     if lacking:
         raise FileError(
             source,
-            f"has the fields {', '.join(names) or 'none'}, and lacks {', '.join(lacking)}",
-            _REMEDY,
+            f"has the fields {', '.join(names)[:400] or 'none'}, and lacks {', '.join(lacking)}",
+            REMEDY,
         )
-    intensity = [name for name in INTENSITY_NAMES if name in by_lower][:1]
+    bright = [by_plain_name[name] for name in INTENSITY_NAMES if name in by_plain_name]
     points = np.zeros((fields.size, 4), np.float32)
-    for column, name in enumerate(("x", "y", "z", *intensity)):
-        values = fields[by_lower[name]]
-        if values.shape != fields.shape or values.dtype.kind not in "fiu":
+    chosen = [by_plain_name["x"], by_plain_name["y"], by_plain_name["z"]]
+    for column, name in enumerate((*chosen, *_chosen_intensity(fields, bright))):
+        if not _is_number_a_point(fields, name):
             raise FileError(
                 source,
-                f"has the field {by_lower[name]} of {fields.dtype[by_lower[name]]}, expected one "
-                "number a point",
-                _REMEDY,
+                f"has the field {name} of {str(fields.dtype[name])[:40]}, expected one number a "
+                "point",
+                REMEDY,
             )
         with np.errstate(over="ignore"):  # becomes infinite, and is left out
-            points[:, column] = values.ravel()
+            points[:, column] = fields[name].ravel()
     return points
 
 
+def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
+    """The first of some fields that tells brightness, in a list; none of none."""
+    if len(names) < 2:
+        return names
+    numbers = [name for name in names if _is_number_a_point(fields, name)]
+    telling = [name for name in numbers if np.any(np.isfinite(fields[name]) & (fields[name] != 0))]
+    chosen = (telling or numbers or names)[0]
+    others = ", ".join(name for name in names if name != chosen)
+    warnings.warn(  # without the cloud's name: said once, of all that have these fields
+        f"clouds have several fields of brightness: {chosen} is taken for intensity, not {others}; "
+        "remove it from the clouds to have another",
+        stacklevel=3,
+    )
+    return [chosen]
+
+
+def _is_number_a_point(fields: np.ndarray, name: str) -> bool:
+    return fields[name].shape == fields.shape and fields.dtype[name].kind in "fiu"
+
+
 def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
-    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
-    try:
-        # Not `np.load`, which takes archives of arrays, too.
-        array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-    except Exception as error:
-        raise FileError(path, "is no whole .npy file", _REMEDY) from error
+    array = _npy_array(read_bytes(path, max_bytes=MAX_BYTES, remedy=REMEDY), path)
     if array.dtype.names:
         return columns_of(array, path)
     rows = rows_of(array)
@@ -118,7 +148,7 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
             path,
             f"holds {array.dtype} of shape {array.shape}, expected rows of x, y, z (, intensity), "
             "one a point",
-            _REMEDY,
+            REMEDY,
         )
     points = np.zeros((len(rows), 4), np.float32)
     with np.errstate(over="ignore"):  # becomes infinite, and is left out
@@ -126,28 +156,32 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     return points
 
 
-def _read_pcd(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
-    from pypcd4.pypcd4 import PointCloud  # with pydantic, whose import takes a moment
+def _npy_array(content: bytes, path: Path | str) -> np.ndarray:
+    """The array of a .npy file, a view of its bytes: its header alone can allot no memory.
 
-    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
-    _check_announced_size(content, path)
+    Not by `np.load`, which takes archives of arrays, too.
+    """
+    file = io.BytesIO(content)
     try:
-        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
-    except Exception as error:
-        raise FileError(path, "is no whole PCD file", _REMEDY) from error
-    fields, announced = np.atleast_1d(cloud.pc_data), cloud.metadata.points
-    if fields.size != announced:  # the library takes what there is
-        problem = f"holds {fields.size} of the {announced} points that it announces"
-        raise FileError(path, f"{problem}: it is cut short", _REMEDY)
-    return columns_of(fields, path)
-
-
-def _check_announced_size(content: bytes, path: Path | str) -> None:
-    """A forged header must not cost gigabytes of memory."""
-    start = content.find(_COMPRESSED, 0, 4096)
-    body = content.find(b"\n", start + 1) + 1
-    if start < 0 or body + 8 > len(content):
-        return
-    _, size = struct.unpack_from("<II", content, body)
-    if size > _MAX_BYTES:
-        raise FileError(path, f"announces {size} bytes, expected up to {_MAX_BYTES}", _REMEDY)
+        major = np.lib.format.read_magic(file)[0]
+        read = np.lib.format.read_array_header_1_0
+        if major > 1:  # version 3 differs from 2 in the names of fields that are not ASCII alone
+            read = np.lib.format.read_array_header_2_0
+        shape, is_fortran, dtype = read(file)
+    except Exception as error:  # of the library, of any type
+        raise FileError(path, "is no whole .npy file", REMEDY) from error
+    if dtype.hasobject:
+        raise FileError(path, "is no .npy file of numbers: it holds Python objects", REMEDY)
+    count, start = math.prod(shape), file.tell()
+    left = len(content) - start
+    if min(shape, default=0) < 0 or not dtype.itemsize or count * dtype.itemsize > left:
+        raise FileError(
+            path,
+            f"is no whole .npy file: {left} bytes follow its header, expected "
+            f"{str(dtype)[:99]} of shape {str(shape)[:99]}",
+            REMEDY,
+        )
+    if not count:
+        return np.zeros(shape, dtype)
+    array = np.frombuffer(content, dtype, count, start)
+    return array.reshape(shape, order="F" if is_fortran else "C")

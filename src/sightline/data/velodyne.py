@@ -7,28 +7,63 @@ from jaxtyping import Float32
 
 from sightline.data.atomic import atomic_write_bytes
 from sightline.data.plain_file import read_bytes
-from sightline.data.problem import FileError
+from sightline.data.problem import FileError, Problem
+from sightline.geometry.cloud_checks import cloud_fault, other_layout, warn_of_losses
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest LiDAR on the road
 _REMEDY = "extract the velodyne archive again"
+_COLUMNS = {
+    3: "three columns (x, y, z alone)",
+    4: "four columns",
+    5: "five columns (ring or time)",
+    6: "six columns (ring and time)",
+    7: "seven columns",
+    8: "eight columns",
+}
+_OTHER_FORMATS = {b"# .PCD": "PCD", b"VERSION": "PCD", b"\x93NUMPY": "NPY", b"ply\n": "PLY"}
 
 
 def read_sweep(
     path: Path | str, *, drop_non_finite: bool = False
 ) -> Float32[np.ndarray, "num_points 4"]:
-    """Reads x, y, z [m] (LiDAR frame) and reflectance [0, 1]; an empty file is an empty sweep.
+    """Read x, y, z [m] (LiDAR frame) and reflectance [0, 1]; an empty file is an empty sweep.
 
     Args:
         path: A `.bin` file of little-endian float32 values.
-        drop_non_finite: Leave out points with NaN or infinite values, which some drivers write
-            where no echo came back, instead of refusing the file.
+        drop_non_finite: Leave out points whose x, y or z is NaN or infinite, as some drivers write
+            where no echo came back, and take 0 for reflectances that are, instead of refusing the
+            file.
 
     Raises:
-        FileError: The file cannot be read, is cut short, far longer than any sweep, or holds NaN or
-            infinite values.
+        FileError: The file cannot be read as `sweep_rows` says, or holds NaN or infinite values.
+    """
+    points = sweep_rows(path)
+    finite = np.isfinite(points).all(axis=1)
+    if finite.all():
+        return points
+    if drop_non_finite:
+        warn_of_losses(points, str(path))
+        kept: Float32[np.ndarray, "num_points 4"] = points[np.isfinite(points[:, :3]).all(axis=1)]
+        kept[~np.isfinite(kept[:, 3]), 3] = 0
+        return kept
+    raise FileError(
+        path,
+        f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first is point "
+        f"{np.argmin(finite)} of {len(points)} (from 0)",
+        f"remove them or {_REMEDY}",
+    )
+
+
+def sweep_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
+    """Read the float32 values of a `.bin` file in rows of four, finite or not.
+
+    Raises:
+        FileError: The file cannot be read, is cut short, far longer than any sweep, or has other
+            columns.
     """
     content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
+    _check_layout(content, path)
     if len(content) % _POINT_BYTES:
         raise FileError(
             path,
@@ -36,17 +71,51 @@ def read_sweep(
             "reflectance); it is cut short or has other columns",
             f"write these four, or {_REMEDY}",
         )
-    points = np.frombuffer(content, "<f4").reshape(-1, 4).astype(np.float32)
-    finite = np.isfinite(points).all(axis=1)
-    if finite.all():
-        return points
-    if drop_non_finite:
-        return points[finite]
+    return np.frombuffer(content, "<f4").reshape(-1, 4).astype(np.float32)
+
+
+def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -> Problem | None:
+    """Problem of a KITTI sweep that is not in metres or has reflectances outside 0 to 1; else None.
+
+    Files of five columns, or of other numbers than float32, are refused by `read_sweep` already.
+    One point in a hundred may be brighter than 1. An empty sweep is none of its concern.
+
+    Args:
+        path: The file, for the problem.
+        points: What `read_sweep` gave.
+    """
+    fault = cloud_fault(points, 1.0)
+    if fault is None:
+        return None
+    problem, remedy = fault
+    if "intensities" in problem:
+        remedy = (
+            "scale reflectances to 0 to 1: divide them by what stands for 1, often 255, or make "
+            "the data a recording with max_intensity (docs/recordings.md)"
+        )
+    return Problem(path=Path(path), problem=f"holds {problem}", remedy=remedy)
+
+
+def _check_layout(content: bytes, path: Path | str) -> None:
+    for beginning, name in _OTHER_FORMATS.items():
+        if content.startswith(beginning):
+            raise FileError(
+                path,
+                f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
+                f"give it the ending .{name.lower()} in a recording (docs/recordings.md), or "
+                "write these four",
+            )
+    layout = other_layout(content)
+    if layout is None:
+        return
+    kind, columns = layout
+    width = kind.itemsize * columns
+    kinds = f" of float{8 * kind.itemsize}" if kind.itemsize != 4 else ""
     raise FileError(
         path,
-        f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first is point "
-        f"{np.argmin(finite)} of {len(points)} (from 0)",
-        f"remove them or {_REMEDY}",
+        f"holds {len(content)} bytes: {width} bytes a point fit, {_POINT_BYTES} do not: probably "
+        f"{_COLUMNS[columns]}{kinds}, expected float32 x, y, z, reflectance",
+        "write these four alone",
     )
 
 

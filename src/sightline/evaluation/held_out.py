@@ -130,7 +130,7 @@ def evaluate_held_out(
         [16]
 
     Args:
-        samples: Frames with a sweep in KITTI's order.
+        samples: Frames with a sweep in KITTI's order, or of which elevations tell the rings.
         complete: The method. It gets a cropped sample with the rings it may see, without truth.
         beams: Densities to score. None: all of the sensor's beams, half of them, a quarter and an
             eighth.

@@ -6,7 +6,8 @@ is never given to any method. A method sees, of the other rings, all ("64 beams"
 ("32"), every fourth ("16") or every eighth ("8"); the truth is the same for all.
 
 Of another sensor than KITTI's, whole sweeps tell how many beams it has. Its rings are numbered
-by laser, before the cut, and the densities are all of its beams, half of them and so on.
+by laser, before the cut, and the densities are all of its beams, half of them and so on. So are
+the rings of sweeps in another order than KITTI's, by elevation.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +21,14 @@ from jaxtyping import Bool, Float32, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.data.augmentation import crop, keep_rings, points_in_view
-from sightline.data.rings import NUM_RINGS, check_spacing, count_beams, ring_numbers
+from sightline.data.rings import (
+    NUM_RINGS,
+    check_spacing,
+    count_beams,
+    ring_numbers,
+    rings_of_any_order,
+    sensor_of,
+)
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample
 
@@ -61,6 +69,8 @@ class HeldOutFrame:
     first_held_out: int = FIRST_HELD_OUT
     sensor_beams: int = NUM_RINGS
     """How many the sensor has that took the sweep."""
+    is_ring_by_ring: bool = True
+    """Whether the sweep came so, in KITTI's order; rings of others are told by elevation."""
 
     def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
         """The sample as a sensor of so many beams would have taken it.
@@ -107,22 +117,17 @@ def split_rings(
         truth: What to score on.
 
     Raises:
-        ValueError: The sample has no points, they are not in KITTI's order, none of the held-out
-            ones is in view, or there is no depth map where that shall be the truth.
+        ValueError: The sample has no points, neither their order nor their elevation shows rings,
+            none of the held-out ones is in view, or there is no depth map where that shall be the
+            truth.
     """
     if sample.points is None or len(sample.points) == 0:
         raise ValueError(
             f"sample {sample.sample_id} has no points, but held-out rings need a sweep; leave the "
             "sample out"
         )
-    is_in_view = points_in_view(sample)
-    points = sample.points[is_in_view]
-    sensor_beams = count_beams(sample.points.numpy())
     try:
-        if sensor_beams == NUM_RINGS:  # numbered after the cut: as sweeps that come cut
-            rings = torch.from_numpy(ring_numbers(points.numpy()))
-        else:
-            rings = torch.from_numpy(ring_numbers(sample.points.numpy()))[is_in_view]
+        points, rings, sensor_beams, is_ring_by_ring = _rings_in_view(sample, sample.points)
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
     held_out = _is_held_out(rings, first_held_out)
@@ -149,7 +154,23 @@ def split_rings(
         truth_m=truth_m,
         first_held_out=first_held_out,
         sensor_beams=sensor_beams,
+        is_ring_by_ring=is_ring_by_ring,
     )
+
+
+def _rings_in_view(
+    sample: CameraLidarSample, sweep: Float32[Tensor, "num_points 4"]
+) -> tuple[Float32[Tensor, "num_in_view 4"], Int64[Tensor, " num_in_view"], int, bool]:
+    """Points in view, ring by ring, their numbers, the sensor's beams; True if they came so."""
+    is_in_view = points_in_view(sample)
+    numbers, is_ring_by_ring = rings_of_any_order(sweep.numpy())
+    if not is_ring_by_ring:
+        rings, order = torch.sort(torch.from_numpy(numbers)[is_in_view], stable=True)
+        return sweep[is_in_view][order], rings, sensor_of(int(numbers.max()) + 1), False
+    points, sensor_beams = sweep[is_in_view], count_beams(sweep.numpy())
+    if sensor_beams == NUM_RINGS:  # numbered after the cut: as sweeps that come cut
+        return points, torch.from_numpy(ring_numbers(points.numpy())), sensor_beams, True
+    return points, torch.from_numpy(numbers)[is_in_view], sensor_beams, True
 
 
 def check_rings(frame: HeldOutFrame) -> None:
@@ -158,7 +179,7 @@ def check_rings(frame: HeldOutFrame) -> None:
     Raises:
         ValueError: Its rings do not lie as that sensor's do.
     """
-    if frame.sensor_beams != NUM_RINGS:
+    if frame.sensor_beams != NUM_RINGS or not frame.is_ring_by_ring:
         return
     points = frame.sample.points
     assert points is not None, "split_rings leaves points"

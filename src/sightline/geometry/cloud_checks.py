@@ -3,16 +3,27 @@
 Without PyTorch, for checks that start at once.
 """
 
-from typing import Final
+import warnings
+from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Float64
 
 from sightline.geometry.mount import MAX_RANGE_M
 
 _MAX_COLUMNS: Final = 64
 """Of a row of numbers; drivers write up to some twenty fields for each point."""
 _BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed many sensors' scales
+
+_OTHER_LAYOUTS: Final = (
+    *(("<f4", columns) for columns in (3, 5, 6, 7, 8)),
+    *(("<f8", columns) for columns in (3, 4, 5, 6)),
+)
+_USUAL_LOSS: Final = 0.5  # share of a cloud, organised ones include rays into the sky
+_FEWEST_BYTES: Final = 320  # twenty points: fewer say too little
+_FINITE_SHARE: Final = 0.5  # of rows that are points, within reach
+_CLEARLY: Final = 0.8  # so much less unlike than rows of four have to be those of another layout
+_WILD: Final = 1e30  # stands for what is not finite
 
 
 def rows_of(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None:
@@ -28,15 +39,59 @@ def rows_of(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None
 
 
 def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_echoes 4"]:
-    """The points that an echo made.
+    """Points that an echo made: x, y, z are finite and not all zero.
 
     Where none came back, drivers write values that are not finite, the largest that there are, or
-    the sensor's own place.
+    the sensor's own place. An intensity that is not finite becomes 0, as if there were none:
+    `losses` counts both.
     """
-    with np.errstate(over="ignore"):  # what float32, a sweep's type, cannot hold becomes infinite
-        is_finite = np.isfinite(points.astype(np.float32)).all(axis=1)
-    made: Float[np.ndarray, "num_echoes 4"] = points[is_finite & points[:, :3].any(axis=1)]
+    made: Float[np.ndarray, "num_echoes 4"] = points[_is_echo(points)]
+    unusable = ~_is_finite(made[:, 3])
+    if unusable.any():
+        made[unusable, 3] = 0
     return made
+
+
+def losses(points: Float[np.ndarray, "num_points 4"]) -> tuple[str, ...]:
+    """Losses of `echoes` that are more than usual, each with counts, as the rest of a sentence.
+
+    Points without an echo are usual, up to half of a cloud that looks into the sky; an intensity
+    that is not finite is not.
+    """
+    is_echo = _is_echo(points)
+    num_left = int(np.count_nonzero(is_echo))
+    num_lost = len(points) - num_left
+    said = []
+    if num_lost > _USUAL_LOSS * len(points):
+        num_wild = np.count_nonzero(~_is_finite(points[:, :3]).all(axis=1))
+        said.append(
+            f"{num_lost} of {len(points)} points are left out, {num_wild} whose x, y, z are not "
+            f"finite and {num_lost - num_wild} at 0, 0, 0: "
+            + (f"{num_left} are left" if num_left else "none is left, the cloud is empty")
+        )
+    num_dark = np.count_nonzero(~_is_finite(points[is_echo, 3]))
+    if num_dark:
+        said.append(
+            f"{num_dark} of {num_left} points have an intensity that is not finite: 0 is taken"
+        )
+    return tuple(said)
+
+
+def warn_of_losses(points: Float[np.ndarray, "num_points 4"], source: str) -> None:
+    """Warn of what `losses` counts, in the name of a file, a topic or whatever the cloud is."""
+    for loss in losses(points):
+        warnings.warn(f"{source}: {loss}", stacklevel=3)
+
+
+def _is_echo(points: Float[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_points"]:
+    places = points[:, :3]
+    made = np.logical_and(_is_finite(places).all(axis=1), places.any(axis=1))
+    return np.asarray(made)
+
+
+def _is_finite(values: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
+    with np.errstate(over="ignore"):  # what float32, a sweep's type, cannot hold becomes infinite
+        return np.isfinite(values.astype(np.float32))
 
 
 def cloud_fault(
@@ -51,13 +106,9 @@ def cloud_fault(
     """
     if not len(points):
         return None
-    middle_m = float(np.median(np.linalg.norm(points[:, :3].astype(np.float64), axis=1)))
-    if middle_m > MAX_RANGE_M:
-        problem = (
-            f"{len(points)} points, half of them farther away than {middle_m:.4g} m, expected up "
-            f"to {MAX_RANGE_M:.0f} m: they are probably in millimetres"
-        )
-        return problem, "write them in metres"
+    far = _range_fault(points[:, :3].astype(np.float64))
+    if far is not None:
+        return far
     intensities = points[:, 3]
     if intensities.min() < 0 or (intensities > max_intensity).mean() > _BRIGHTER_SHARE:
         problem = (
@@ -71,6 +122,72 @@ def cloud_fault(
             "1, often 255"
         )
     return None
+
+
+def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str] | None:
+    """Problem and remedy of points that lie too far away for most to be seen from the origin."""
+    middle_m = float(np.median(np.linalg.norm(places, axis=1)))
+    if middle_m <= MAX_RANGE_M:
+        return None
+    problem = (
+        f"{len(places)} points, half of them farther away than {middle_m:.4g} m, expected up to "
+        f"{MAX_RANGE_M:.0f} m"
+    )
+    spread_m = float(np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
+    if spread_m <= MAX_RANGE_M:
+        return (
+            f"{problem}: they lie together, half of them within {spread_m:.4g} m, but far from the "
+            "LiDAR, so they are probably in a map's or world's frame",
+            "move them into the LiDAR's own frame (subtract its position and undo its rotation)",
+        )
+    return f"{problem}: they are probably in millimetres", "write them in metres"
+
+
+def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
+    """Find the number type and columns of a raw cloud that is not float32 x, y, z, intensity.
+
+    A layout has to fit the length, to give points within a LiDAR's reach with intensities that are
+    not negative, and to repeat: numbers of neighbouring points resemble each other in the same
+    column. Where rows of 16 bytes do all this, they are taken, and the result is None.
+    """
+    narrow = np.frombuffer(content[: len(content) // 4 * 4], "<f4")
+    if len(content) % 16 == 0 and (
+        len(content) < _FEWEST_BYTES or _is_plausible(narrow.reshape(-1, 4))
+    ):
+        return None
+    found: list[tuple[float, str, int]] = []
+    for kind, columns in _OTHER_LAYOUTS:
+        row_bytes = int(kind[-1]) * columns
+        if len(content) % row_bytes or len(content) < 2 * row_bytes:
+            continue
+        values = np.frombuffer(content, kind)
+        if _is_plausible(values.reshape(-1, columns)):
+            found.append((_unlikeness(values, columns), kind, columns))
+    least = _CLEARLY * _unlikeness(narrow, 4)
+    found = [each for each in found if each[0] < least]
+    best = min((each[0] for each in found), default=0.0)
+    return next(
+        ((np.dtype(kind), columns) for score, kind, columns in found if score <= 1.1 * best), None
+    )
+
+
+def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:
+    """True of rows that can be points in metres, however bright they are."""
+    in_order = rows[:, :3].min() >= -MAX_RANGE_M and rows[:, :3].max() <= MAX_RANGE_M
+    if in_order and not (rows[:, 3:4] < 0).any() and np.isfinite(rows[:, 3:4]).all():
+        return True  # most files; the rest takes five times as long
+    reach_m = np.abs(rows[:, :3]).max(axis=1, initial=0)
+    finite = np.isfinite(rows[:, :4]).all(axis=1)
+    if finite.mean() < _FINITE_SHARE or (rows[finite, 3:4] < 0).any():
+        return False
+    return bool((reach_m[finite] <= MAX_RANGE_M).mean() > _FINITE_SHARE)
+
+
+def _unlikeness(values: Float[np.ndarray, " count"], columns: int) -> float:
+    """Mean of log(1 + difference) between numbers and those one row on."""
+    level = np.where(np.isfinite(values), values, _WILD).astype(np.float64)
+    steps = np.log1p(np.abs(level[columns:] - level[:-columns]))
+    return float(steps.mean()) if len(steps) else _WILD
 
 
 def reflectances(

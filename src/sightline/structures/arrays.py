@@ -9,11 +9,17 @@ from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.cloud_checks import cloud_fault, echoes, reflectances, rows_of
+from sightline.geometry.cloud_checks import (
+    cloud_fault,
+    echoes,
+    reflectances,
+    rows_of,
+    warn_of_losses,
+)
 from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
 
@@ -82,16 +88,38 @@ def sweep_points(
 ) -> Float32[Tensor, "num_points 4"]:
     """A cloud as x, y, z [m] and reflectance in [0, 1].
 
-    Left out are rows that no echo made: those that are not finite, or zero in x, y and z. What is
-    brighter than max_intensity, as retroreflectors are, gets 1.
+    Left out are rows that no echo made: x, y, z are not finite, or all zero; an intensity that is
+    not finite becomes 0. A warning counts such intensities, and rows that are left out where they
+    are most of the cloud. What is brighter than max_intensity, as retroreflectors are, gets 1.
 
     Args:
-        points: x, y, z and, if it is known, intensity first; rows, or rows of rows.
+        points: x, y, z and, if it is known, intensity first; further columns do not matter. Rows,
+            or rows of rows.
         max_intensity: What stands for a reflectance of 1.
 
     Raises:
         ValueError: There are fewer than three columns, most points lie beyond 300 m, an intensity
             is negative, or more than one in a hundred lies above max_intensity.
+    """
+    columns = cloud_columns(points)
+    max_intensity = plain_number("max_intensity", max_intensity)
+    if not 0 < max_intensity < np.inf:
+        raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
+    warn_of_losses(columns, "the points")
+    columns = echoes(columns)
+    fault = cloud_fault(columns, max_intensity)
+    if fault is not None:
+        problem, remedy = fault
+        raise ValueError(f"the cloud has {problem}; {remedy}")
+    columns[:, 3] = reflectances(columns[:, 3], max_intensity)
+    return torch.from_numpy(columns.astype(np.float32))
+
+
+def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_points 4"]:
+    """Take x, y, z and intensity (else 0) from rows of three columns or more, as they are.
+
+    Raises:
+        ValueError: There are no such rows.
     """
     plain = points.detach().cpu().numpy() if isinstance(points, Tensor) else np.asarray(points)
     rows = rows_of(plain)
@@ -100,19 +128,8 @@ def sweep_points(
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
             "y, z [m] and perhaps intensity; give one row a point"
         )
-    max_intensity = plain_number("max_intensity", max_intensity)
-    if not 0 < max_intensity < np.inf:
-        raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
     columns = rows[:, :4].astype(np.float64)
-    if columns.shape[1] == 3:
-        columns = np.pad(columns, ((0, 0), (0, 1)))
-    columns = echoes(columns)
-    fault = cloud_fault(columns, max_intensity)
-    if fault is not None:
-        problem, remedy = fault
-        raise ValueError(f"the cloud has {problem}; {remedy}")
-    columns[:, 3] = reflectances(columns[:, 3], max_intensity)
-    return torch.from_numpy(columns.astype(np.float32))
+    return np.pad(columns, ((0, 0), (0, 4 - columns.shape[1])))
 
 
 def warn_of_view(

@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sightline.geometry.cloud_checks import cloud_fault, echoes, losses
+
+VALUES = st.sampled_from([0.0, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])
+ROWS = st.lists(st.tuples(VALUES, VALUES, VALUES, VALUES), max_size=12)
+
+
+def is_usable(value):
+    """Finite in float32, too."""
+    return -3.5e38 < value < 3.5e38
+
+
+@given(ROWS)
+def test_a_point_counts_by_x_y_z_alone_and_bad_intensities_are_0(rows):
+    found = echoes(np.array(rows, np.float64).reshape(-1, 4))
+    expected = [
+        (*place, intensity if is_usable(intensity) else 0.0)
+        for *place, intensity in rows
+        if all(map(is_usable, place)) and any(place)
+    ]
+    assert found.tolist() == [list(row) for row in expected]
+
+
+def cloud(num_points=10):
+    return np.tile([3.0, 1.0, -1.7, 0.5], (num_points, 1))
+
+
+def test_a_usual_share_of_points_without_an_echo_is_no_loss():
+    points = cloud()
+    points[:5, :3] = 0
+    assert losses(points) == ()
+    assert losses(points[:0]) == ()
+
+
+def test_losses_beyond_the_usual_are_counted_by_their_cause():
+    points = cloud()
+    points[:4, :3], points[4:6, 1] = 0, np.nan
+    (lost,) = losses(points)
+    assert "6 of 10 points are left out, 2 whose x, y, z are not finite and 4 at 0, 0, 0" in lost
+    assert "4 are left" in lost
+    points[:, 0] = np.inf
+    assert "none is left" in losses(points)[0]
+
+
+def test_bad_intensities_are_counted_among_the_points_that_are_left():
+    points = cloud()
+    points[0, :3], points[:3, 3] = 0, np.nan
+    assert losses(points) == ("2 of 9 points have an intensity that is not finite: 0 is taken",)
+
+
+@pytest.mark.parametrize("offset", [(5e5, 4e6, 0), (0, 0, 800), (-2000, 0, 0)])
+def test_points_that_lie_together_far_away_are_in_a_maps_frame(offset):
+    rng = np.random.default_rng(0)
+    points = np.hstack([rng.normal(0, 20, (500, 3)) + offset, np.zeros((500, 1))])
+    problem, remedy = cloud_fault(points, 1.0)
+    assert "map's or world's frame" in problem
+    assert "subtract" in remedy
+    assert "millimetres" not in problem + remedy
+
+
+def test_points_spread_far_around_the_lidar_are_in_millimetres():
+    points = np.random.default_rng(0).normal(0, 20_000, (500, 4))
+    assert "millimetres" in cloud_fault(points, 1.0)[0]
