@@ -15,6 +15,7 @@ METADATA = ExportMetadata(
     config={"channels": 9, "shifts": [1, 2], "note": 'quotes "<&> and Umlaute äöü'},
     stride=STRIDE,
     provenance={"seed": "0"},
+    processing={"classes": ["Car"], "padding": {"sides": ["right"], "value": 0.5}},
 )
 
 

@@ -21,9 +21,9 @@ from sightline.depth_completion.adaptive_kernels import (
 from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.structures.predictions import DepthMap
 
-_WIDEST_SPACING_PX = 64  # between neighbours of a ring; bounds the search in very sparse maps
-_HOLE_COLUMNS = 3  # column spacings; so much farther than valid guesses is where a hole begins
-_SMOOTHING_PASSES = 2  # two running means make a triangle
+WIDEST_SPACING_PX = 64  # between neighbours of a ring; bounds the search in very sparse maps
+HOLE_COLUMNS = 3  # column spacings; so much farther than valid guesses is where a hole begins
+SMOOTHING_PASSES = 2  # two running means make a triangle
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -101,9 +101,9 @@ def adaptive_depth(
     nearest = _nearest_true(filled[0] > 0)  # a column is filled from top to bottom or not at all
     to_ring = np.where(filled > 0, distance, np.float32(np.inf))
     filled, distance = filled.take(nearest, axis=1), distance.take(nearest, axis=1)
-    beyond_bends = float(spacing.rows + _HOLE_COLUMNS * spacing.columns)
+    beyond_bends = float(spacing.rows + HOLE_COLUMNS * spacing.columns)
     depth_m = inverse(bridge_rows(filled, to_ring, is_trusted, beyond_bends))
-    for _ in range(_SMOOTHING_PASSES):
+    for _ in range(SMOOTHING_PASSES):
         depth_m = smooth_rows(depth_m, distance, config.smoothing)
     depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions
     return DepthMap(depth_m=torch.from_numpy(depth_m), valid=torch.from_numpy(is_trusted))
@@ -122,7 +122,7 @@ class _Spacing:
 def _measure_spacing(
     inverse_depth: Float32[np.ndarray, "height width"], pixels: Int64[np.ndarray, "n 2"]
 ) -> _Spacing:
-    steps = right_neighbours(inverse_depth, pixels, _WIDEST_SPACING_PX, _WIDEST_SPACING_PX)
+    steps = right_neighbours(inverse_depth, pixels, WIDEST_SPACING_PX, WIDEST_SPACING_PX)
     gaps = steps[steps[:, 0] != NO_NEIGHBOUR, 0]
     columns = int(np.median(gaps)) if len(gaps) else 1
     covered = cv2.dilate(inverse_depth, np.ones((1, columns | 1), np.uint8)) > 0

@@ -12,9 +12,9 @@ from sightline.ops.compiled import compiled
 NO_NEIGHBOUR = 0
 """Gap that stands for no neighbour."""
 
-_RING_SLOPE = 0.4  # rows per column that a ring may rise or fall on its way to the next return
-_WIDEST_HOLE = 2  # for each trusted pixel of its row
-_GROWTH_BELOW = 2  # below the lowest ring the ground goes on for so many times the last gap
+RING_SLOPE = 0.4  # rows per column that a ring may rise or fall on its way to the next return
+WIDEST_HOLE = 2  # for each trusted pixel of its row
+GROWTH_BELOW = 2  # below the lowest ring the ground goes on for so many times the last gap
 
 
 @compiled
@@ -45,7 +45,7 @@ def right_neighbours(
     for i in range(len(pixels)):
         row, column = pixels[i]
         for gap in range(1, min(reach_columns, width - 1 - column) + 1):
-            span = min(1 + int(_RING_SLOPE * gap), reach_rows)
+            span = min(1 + int(RING_SLOPE * gap), reach_rows)
             best = span + 1
             for offset in range(-span, span + 1):
                 if not 0 <= row + offset < height:
@@ -226,7 +226,7 @@ def _continue_below(
             slope = max((value - traced[before, column]) / np.float32(last_gap), slope)
             reach = max(trusted_reach, min(float(last_gap), trusted_gap))
         for at in range(lowest + 1, height):
-            rows = min(at - lowest, _GROWTH_BELOW * last_gap)
+            rows = min(at - lowest, GROWTH_BELOW * last_gap)
             filled[at, column] = value + slope * np.float32(rows)
             distance[at, column] = at - lowest
             trusted[at, column] = at - lowest <= reach
@@ -259,7 +259,7 @@ def bridge_rows(
     for row in range(height):
         widest, above = 0, 0  # above: columns since the last trusted one that have all rings below
         for column in range(width):
-            widest += _WIDEST_HOLE * trusted[row, column]
+            widest += WIDEST_HOLE * trusted[row, column]
             is_below_top[column] |= distance[row, column] == 0
         left = -1
         for right in range(width):

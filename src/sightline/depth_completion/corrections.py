@@ -9,9 +9,9 @@ from numpy import ndarray
 
 from sightline.depth_completion.config import ByDirection
 
-_FIRST_ROWS, _LAST_ROWS = 20, 30  # above what is measured, thresholds rise between them
-_NEIGHBOURS = 7  # columns to either side whose measurements count as a column's own
-_BESIDE_PX, _AWAY_PX = 1.2, 2.5  # from a measurement: beside it up to the first
+FIRST_ROWS_ABOVE, LAST_ROWS_ABOVE = 20, 30  # above what is measured, thresholds rise between them
+COLUMNS_AROUND = 7  # columns to either side whose measurements count as a column's own
+BESIDE_PX, AWAY_PX = 1.2, 2.5  # from a measurement: beside it up to the first
 _LEAST_THRESHOLD = 1e-9  # to divide by
 
 
@@ -48,10 +48,10 @@ def least_corrections(
     """
     height = is_measured.shape[0]
     top = np.where(is_measured.any(axis=0), is_measured.argmax(axis=0), height)
-    around = np.ones((1, 2 * _NEIGHBOURS + 1), np.uint8)
+    around = np.ones((1, 2 * COLUMNS_AROUND + 1), np.uint8)
     top = cv2.erode(top[None].astype(np.float32), around)[0]  # beyond the border nothing is lower
     rows_above = top - np.arange(height, dtype=np.float32)[:, None]
-    is_above = ((rows_above - _FIRST_ROWS) / (_LAST_ROWS - _FIRST_ROWS)).clip(0, 1)
+    is_above = ((rows_above - FIRST_ROWS_ABOVE) / (LAST_ROWS_ABOVE - FIRST_ROWS_ABOVE)).clip(0, 1)
     is_beside = _is_beside(is_measured)  # never where it is above
     nearer, farther = (
         (least + (far - least) * is_above + (close - least) * is_beside).astype(np.float32)
@@ -64,10 +64,10 @@ def _is_beside(is_measured: Bool[ndarray, "height width"]) -> Float32[ndarray, "
     """1 beside a measurement, 0 away from all, shares in between."""
     measured = is_measured.astype(np.uint8)
     share = np.zeros(measured.shape, np.float32)
-    away_px = np.hypot(*np.mgrid[-2:3, -2:3])  # holds all that is less than _AWAY_PX away
-    for reach_px in np.unique(away_px[away_px < _AWAY_PX])[::-1]:  # the nearest last
+    away_px = np.hypot(*np.mgrid[-2:3, -2:3])  # holds all that is less than AWAY_PX away
+    for reach_px in np.unique(away_px[away_px < AWAY_PX])[::-1]:  # the nearest last
         within = cv2.dilate(measured, (away_px <= reach_px).astype(np.uint8))
-        share[within > 0] = min((_AWAY_PX - reach_px) / (_AWAY_PX - _BESIDE_PX), 1)
+        share[within > 0] = min((AWAY_PX - reach_px) / (AWAY_PX - BESIDE_PX), 1)
     return share
 
 

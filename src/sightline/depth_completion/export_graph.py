@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from sightline.depth_completion.model import DepthCompletionNet
+from sightline.depth_completion.processing import processing
 from sightline.export.graph import Cases, ExportGraph
 from sightline.export.metadata import ExportMetadata
 from sightline.inference.network import LoadedNetwork
@@ -36,6 +37,7 @@ def export_graph(loaded: LoadedNetwork[DepthCompletionNet]) -> ExportGraph:
             config=loaded.weights.config,
             stride=network.stride,
             provenance=loaded.provenance,
+            processing=processing(network),
         ),
         cases=partial(_cases, network.stride, takes_filled_depth=network.takes_filled_depth),
         max_difference=MAX_DIFFERENCE_MM,

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from sightline.detection2d.model import Detector
+from sightline.detection2d.processing import processing
 from sightline.export.graph import Cases, ExportGraph
 from sightline.export.metadata import ExportMetadata
 from sightline.inference.network import LoadedNetwork
@@ -35,6 +36,7 @@ def export_graph(loaded: LoadedNetwork[Detector]) -> ExportGraph:
             config=loaded.weights.config,
             stride=network.stride,
             provenance=loaded.provenance,
+            processing=processing(network),
         ),
         cases=partial(_cases, network.input_names),
         max_difference=MAX_DIFFERENCE,

@@ -32,7 +32,9 @@ class CompactInput(nn.Module):
 
 
 class VggInput(nn.Module):
-    """Both sensors' images in the range of VGG16's first training: 0 to 255, RGB about its means.
+    """Both sensors' images, given in [0, 1], in the range of VGG16's first training.
+
+    Planes are 255 times as large, RGB about its means.
 
     Kim et al. 2018 say nothing of it; the LiDAR's image stays as it is, so that pixels without a
     point are 0, and a black camera image is -mean, as a dead camera would deliver it.

@@ -9,7 +9,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.ops.nms import nms2d
 from sightline.structures.predictions import Detections2D
 
-_MOST_CANDIDATES = 2000  # of a frame, the surest: what suppression is asked to look at
+MOST_CANDIDATES = 2000  # of a frame, the surest: what suppression is asked to look at
 
 
 def to_detections(
@@ -31,8 +31,8 @@ def to_detections(
     """
     rows, columns = (scores > config.min_score).nonzero().unbind(dim=1)
     sure = scores[rows, columns]
-    if len(sure) > _MOST_CANDIDATES:
-        best = sure.argsort(descending=True, stable=True)[:_MOST_CANDIDATES]
+    if len(sure) > MOST_CANDIDATES:
+        best = sure.argsort(descending=True, stable=True)[:MOST_CANDIDATES]
         rows, columns, sure = rows[best], columns[best], sure[best]
     found = Boxes2D(placement.to_image(boxes[rows].float())).clip(placement.image_size)
     is_shown = found.area() > 0

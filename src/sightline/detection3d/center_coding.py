@@ -26,7 +26,7 @@ AXIS: Final = slice(6, 8)
 FRONT: Final = slice(8, 10)
 QUALITY: Final = 10
 _ASIDE: Final = 1
-_LARGEST_LOG: Final = 1.0  # sizes stay within a factor of e of the mean
+LARGEST_LOG_SIZE: Final = 1.0  # sizes stay within a factor of e of the mean
 
 
 def cell_middles(cells: Int64[Tensor, "n 2"], grid: PillarGridConfig) -> Float[Tensor, "n 2"]:
@@ -70,7 +70,7 @@ def decode_centers(
     A size that is more than a factor of e off the mean is taken as so far off.
     """
     center = torch.cat((middles + values[:, :2], values[:, 2:3] + _mean_height(mean_sizes)), dim=1)
-    sizes = mean_sizes * values[:, 3:6].clamp(-_LARGEST_LOG, _LARGEST_LOG).exp()
+    sizes = mean_sizes * values[:, 3:6].clamp(-LARGEST_LOG_SIZE, LARGEST_LOG_SIZE).exp()
     sine, cosine = values[:, AXIS].unbind(dim=1)
     axis = torch.atan2(sine, cosine) / 2
     ahead, aside = values[:, FRONT].unbind(dim=1)

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from sightline.detection3d.model import Detector3D
+from sightline.detection3d.processing import first_processing, second_processing
 from sightline.detection3d.stages import Proposed, Sweep
 from sightline.export.graph import Cases, ExportGraph
 from sightline.export.metadata import ExportMetadata
@@ -41,15 +42,22 @@ def export_graphs(loaded: LoadedNetwork[Detector3D]) -> tuple[ExportGraph, ...]:
     The cases are random clusters of points, and a sweep of one point.
     """
     detector = loaded.network
-    graphs = [_graph(loaded, "proposals", detector.first_name, partial(_first_inputs, detector))]
+    make, config = partial(_first_inputs, detector), detector.config
+    steps = first_processing(config)
+    graphs = [_graph(loaded, "proposals", detector.first_name, make, steps)]
     if detector.second_name is not None:
         make = partial(_second_inputs, detector)
-        graphs.append(_graph(loaded, "refinement", detector.second_name, make))
+        steps = second_processing(config, regions_a_run=REGIONS_A_RUN)
+        graphs.append(_graph(loaded, "refinement", detector.second_name, make, steps))
     return tuple(graphs)
 
 
 def _graph(
-    loaded: LoadedNetwork[Detector3D], name: str, stage: str, make: Callable[[str], Inputs]
+    loaded: LoadedNetwork[Detector3D],
+    name: str,
+    stage: str,
+    make: Callable[[str], Inputs],
+    steps: Mapping[str, object],
 ) -> ExportGraph:
     module: nn.Module = loaded.network.get_submodule(stage)
     return ExportGraph(
@@ -60,6 +68,7 @@ def _graph(
             config=loaded.weights.config,
             stride=1,
             provenance=loaded.provenance,
+            processing=steps,
         ),
         cases=partial(_all_cases, make),
         max_difference=MAX_DIFFERENCE,

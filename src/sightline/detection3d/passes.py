@@ -12,7 +12,7 @@ from sightline.detection3d.stages import Proposed, Refined, SecondStage, Sweep, 
 from sightline.detection3d.views import Run
 from sightline.geometry.transforms import wrap_angle
 
-_SEED = 0  # of the points that are drawn around proposals: a sweep is always answered alike
+POINT_SEED = 0  # of the points that are drawn around proposals: a sweep is always answered alike
 
 
 class Passed(NamedTuple):
@@ -45,7 +45,7 @@ def run_passes(second: SecondStage, sweep: Sweep, passed: Passed, ask: Run, numb
         if not len(passed.proposed.boxes):
             break
         with full_precision(sweep):
-            regions = second.regions(sweep, passed.proposed, seed=_SEED)
+            regions = second.regions(sweep, passed.proposed, seed=POINT_SEED)
         passed = passed.kept(regions.places)
         answer = Refined(regions.boxes, regions.scores, torch.zeros_like(regions.scores))
         if len(regions.places):

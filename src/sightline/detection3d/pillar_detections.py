@@ -18,7 +18,7 @@ from sightline.ops.nms import nms_bev
 from sightline.ops.rotated_iou import pairwise_iou_bev
 
 _MOST_PAIRS = 2**25  # of boxes whose overlap is taken: 256 MB for each number of them
-_QUALITY_FOCUS = 4  # the power of the predicted IoU that a neighbour's box is weighted by
+QUALITY_FOCUS = 4  # the power of the predicted IoU that a neighbour's box is weighted by
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ def find_boxes(
         decode_centers(values, middles, mean_sizes[of_class]),
         of_class,
         warmth ** (1 - config.quality_share) * iou**config.quality_share,
-        warmth * iou**_QUALITY_FOCUS,
+        warmth * iou**QUALITY_FOCUS,
     )
     is_peak = heat == F.max_pool2d(heat[None], 3, stride=1, padding=1)[0]
     peaks = is_peak[of_class, row, column].nonzero()[:, 0]

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from sightline.detection3d.pillar_config import PillarGridConfig
 
-_COUNT_SCALE = 0.5  # of the logarithm of 1 + the number of points
+PILLAR_COUNT_SCALE = 0.5  # of the logarithm of 1 + the number of points
 _ASIDE_AFTER_SLICES = 5  # the channel of the mean offset along y, counted from that of the number
-_GROUND_SHIFT_M = 1.0  # heights are told about the middle of road users, 1 m below the sensor
+GROUND_SHIFT_M = 1.0  # heights are told about the middle of road users, 1 m below the sensor
 
 
 def pillar_features(
@@ -55,11 +55,11 @@ def pillar_features(
         values.new_zeros(number).scatter_reduce_(0, pillar, z, how, include_self=False)
         for how in ("amax", "amin")
     )
-    heights = torch.stack((mean[:, 0], highest, lowest), dim=1) + _GROUND_SHIFT_M
+    heights = torch.stack((mean[:, 0], highest, lowest), dim=1) + GROUND_SHIFT_M
     heights = torch.where(count[:, None] > 0, heights, 0.0)
     columns = (
         _slices(pillar, z, number, grid),
-        _COUNT_SCALE * torch.log1p(count)[:, None],
+        PILLAR_COUNT_SCALE * torch.log1p(count)[:, None],
         heights,
         mean[:, 1:],
     )

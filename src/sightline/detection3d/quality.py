@@ -3,7 +3,7 @@
 from jaxtyping import Float
 from torch import Tensor
 
-_WORST_IOU, _BEST_IOU = 0.25, 0.75  # that qualities of 0 and 1 stand for
+WORST_IOU, BEST_IOU = 0.25, 0.75  # that qualities of 0 and 1 stand for
 
 
 def quality_of_iou(iou: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
@@ -11,9 +11,9 @@ def quality_of_iou(iou: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
 
     0 up to an IoU of 0.25, 1 from one of 0.75, rising evenly in between.
     """
-    return ((iou - _WORST_IOU) / (_BEST_IOU - _WORST_IOU)).clamp(0, 1)
+    return ((iou - WORST_IOU) / (BEST_IOU - WORST_IOU)).clamp(0, 1)
 
 
 def iou_of_quality(quality: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """The IoU that a quality stands for, from 0.25 to 0.75."""
-    return _WORST_IOU + (_BEST_IOU - _WORST_IOU) * quality
+    return WORST_IOU + (BEST_IOU - WORST_IOU) * quality

@@ -16,8 +16,8 @@ from sightline.geometry.transforms import wrap_angle
 
 REGION_VALUES: Final = 8
 """Of each region: centre (3), sizes (3), sine and cosine less 1 of twice the axis's turn."""
-_STEP: Final = 0.15  # a change of so much of the size, or by its exponential, has the code 1
-_LARGEST_CODE: Final = 5.0  # of sizes: within a factor of 2.1 of the proposal's
+CODE_STEP: Final = 0.15  # a change of so much of the size, or by its exponential, has the code 1
+LARGEST_CODE: Final = 5.0  # of sizes: within a factor of 2.1 of the proposal's
 
 
 def encode_regions(
@@ -32,8 +32,8 @@ def encode_regions(
     offset = torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=1)
     turn = 2 * (boxes[:, 6:] - proposals[:, 6:])
     parts = (
-        offset / (_STEP * proposals[:, 3:6]),
-        torch.log(boxes[:, 3:6] / proposals[:, 3:6]) / _STEP,
+        offset / (CODE_STEP * proposals[:, 3:6]),
+        torch.log(boxes[:, 3:6] / proposals[:, 3:6]) / CODE_STEP,
         turn.sin(),
         turn.cos() - 1,
     )
@@ -59,10 +59,10 @@ def decode_regions(
 
     Zeros leave a proposal as it is. A size changes by no more than a factor of 2.1.
     """
-    forwards, leftwards, up = (_STEP * proposals[:, 3:6] * values[:, :3]).unbind(dim=1)
+    forwards, leftwards, up = (CODE_STEP * proposals[:, 3:6] * values[:, :3]).unbind(dim=1)
     cos, sin = proposals[:, 6].cos(), proposals[:, 6].sin()
     move = torch.stack((cos * forwards - sin * leftwards, sin * forwards + cos * leftwards, up), 1)
-    growth = (_STEP * values[:, 3:6].clamp(-_LARGEST_CODE, _LARGEST_CODE)).exp()
+    growth = (CODE_STEP * values[:, 3:6].clamp(-LARGEST_CODE, LARGEST_CODE)).exp()
     turn = torch.atan2(values[:, 6], 1 + values[:, 7]) / 2
     yaw = proposals[:, 6] + turn + torch.where(is_front_kept, 0.0, math.pi)
     return torch.cat(

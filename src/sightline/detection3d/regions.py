@@ -9,8 +9,8 @@ from torch import Tensor
 from sightline.detection3d.region_config import RegionConfig
 from sightline.ops.roi_points import roi_points
 
-_RANGE_SCALE_M = 40.0
-_COUNT_SCALE = 0.25  # of the logarithm of 1 + the number of points
+RANGE_SCALE_M = 40.0
+REGION_COUNT_SCALE = 0.25  # of the logarithm of 1 + the number of points
 
 
 class CutRegions(NamedTuple):
@@ -98,10 +98,10 @@ def _context(
     mean_sizes = boxes.new_tensor([entry.mean_size_m for entry in config.classes])[classes]
     bearing = torch.atan2(boxes[:, 1], boxes[:, 0]) - boxes[:, 6]
     numbers = (
-        boxes[:, :2].norm(dim=1) / _RANGE_SCALE_M,
+        boxes[:, :2].norm(dim=1) / RANGE_SCALE_M,
         bearing.cos(),
         bearing.sin(),
-        _COUNT_SCALE * torch.log1p(num_inside.to(boxes.dtype)),
+        REGION_COUNT_SCALE * torch.log1p(num_inside.to(boxes.dtype)),
     )
     is_class = classes[:, None] == torch.arange(len(config.classes), device=boxes.device)
     sizes = torch.log(boxes[:, 3:6] / mean_sizes)

@@ -8,7 +8,10 @@ from importlib.metadata import version
 PREFIX = "sightline."
 """Before every key in a file, so that ours cannot be mistaken for another tool's."""
 
-KEYS = tuple(PREFIX + name for name in ("task", "config", "version", "stride", "provenance"))
+_REQUIRED = tuple(PREFIX + name for name in ("task", "config", "version", "stride", "provenance"))
+PROCESSING_KEY = PREFIX + "processing"
+"""Key of the steps around the network, as JSON; older files lack it."""
+KEYS = (*_REQUIRED, PROCESSING_KEY)
 """Under which a file holds its metadata."""
 
 
@@ -24,6 +27,9 @@ class ExportMetadata:
     """Height and width of the images must be multiples of it."""
     provenance: Mapping[str, str] = field(default_factory=dict)
     """Where the weights come from."""
+    processing: Mapping[str, object] = field(default_factory=dict)
+    """Inputs, outputs and the steps before and after the network, with every number that they take;
+    plain values, as JSON has them. docs/guides/export.md has the steps in order."""
     sightline_version: str = field(default_factory=lambda: version("sightline"))
     """Version that wrote the file."""
 
@@ -40,6 +46,7 @@ class ExportMetadata:
             self.sightline_version,
             str(self.stride),
             json.dumps(dict(self.provenance), sort_keys=True),
+            json.dumps(self.processing, sort_keys=True),
         )
         return dict(zip(KEYS, values, strict=True))
 
@@ -54,13 +61,13 @@ def parse_metadata(properties: Mapping[str, str], source: str) -> ExportMetadata
     Raises:
         ValueError: A key is missing or its text makes no sense.
     """
-    missing = [key for key in KEYS if key not in properties]
+    missing = [key for key in _REQUIRED if key not in properties]
     if missing:
         raise ValueError(
             f"{source} lacks the metadata {', '.join(missing)}, so sightline did not write it; "
             "export the weights again"
         )
-    task, config, written_by, stride, provenance = (properties[key] for key in KEYS)
+    task, config, written_by, stride, provenance = (properties[key] for key in _REQUIRED)
     try:
         return ExportMetadata(
             task=task,
@@ -68,6 +75,7 @@ def parse_metadata(properties: Mapping[str, str], source: str) -> ExportMetadata
             stride=int(stride),
             provenance=json.loads(provenance),
             sightline_version=written_by,
+            processing=json.loads(properties.get(PROCESSING_KEY, "{}")),
         )
     except ValueError as error:
         raise ValueError(

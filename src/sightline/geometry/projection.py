@@ -11,9 +11,9 @@ from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.transforms import rigid_inverse, transform_points
 
 # Kim et al. 2018, Eq. 1-3: what each channel of a DHI image takes as its far end.
-_DHI_RANGE_M = 80.0
-_DHI_HEIGHT_M = 6.0
-_DHI_REFLECTANCE = 0.7
+DHI_RANGE_M = 80.0
+DHI_HEIGHT_M = 6.0
+DHI_REFLECTANCE = 0.7
 
 
 class ProjectedPoints(NamedTuple):
@@ -107,7 +107,8 @@ def dhi_image(
 
     Channels fall from 255 to 0 with the distance x over 80 m, the height over 6 m and the
     reflectance over 0.7. Pixels without a point are 0 in all channels; the nearest of several
-    points on a pixel stays, the first in the sweep at equal depth.
+    points on a pixel stays, the first in the sweep at equal depth. The 2D detectors' input `lidar`
+    is this image divided by 255, in [0, 1].
 
     Departure: the paper takes z as it comes, which is negative for nearly all road users; here
     `height_offset_m` (the LiDAR's height above the road; 0 for the paper's letter) is added first
@@ -121,9 +122,9 @@ def dhi_image(
     x, _, z, reflectance = points[kept[nearest]].unbind(dim=-1)
     shares = torch.stack(
         (
-            x / _DHI_RANGE_M,
-            (z + height_offset_m) / _DHI_HEIGHT_M,
-            reflectance / _DHI_REFLECTANCE,
+            x / DHI_RANGE_M,
+            (z + height_offset_m) / DHI_HEIGHT_M,
+            reflectance / DHI_REFLECTANCE,
         )
     )
     image = torch.zeros(3, height * width, device=points.device)

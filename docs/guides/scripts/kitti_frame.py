@@ -1,0 +1,79 @@
+"""A frame of KITTI's object benchmark and an exported file, as the scripts here take them."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2  # only to decode the image
+import numpy as np
+import onnxruntime
+
+Array = np.ndarray
+Steps = dict[str, Any]
+"""What an exported file says about inputs, outputs and the steps around the network."""
+
+
+class Frame(NamedTuple):
+    """Image, sweep and calibration."""
+
+    rgb: Array  # height x width x 3, 0 to 255
+    points: Array  # x forward, y left, z up [m], reflectance in [0, 1]; float32
+    camera: Array  # 3 x 4, pixels from camera metres: P2
+    mounting: Array  # 4 x 4, camera frame from LiDAR frame: R0_rect @ Tr_velo_to_cam
+
+
+def read_frame(image: str, sweep: str, calibration: str) -> Frame:
+    """Read image_2/N.png, velodyne/N.bin and calib/N.txt."""
+    lines = (line.split(":") for line in Path(calibration).read_text().splitlines() if ":" in line)
+    values = {name: np.array(text.split(), np.float64) for name, text in lines}
+    rectification, mounting = np.eye(4), np.eye(4)
+    rectification[:3, :3] = values["R0_rect"].reshape(3, 3)
+    mounting[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
+    points = np.fromfile(sweep, np.float32).reshape(-1, 4)
+    camera = values["P2"].reshape(3, 4)
+    bgr = cv2.imread(image)
+    if bgr is None:
+        raise ValueError(f"{image} cannot be read as an image; give a .png file of image_2")
+    return Frame(bgr[..., ::-1], points, camera, rectification @ mounting)
+
+
+def project(points: Array, camera: Array, mounting: Array) -> tuple[Array, Array, Array]:
+    """Project points to x, y [px] and depth [m]; no number where they are behind the camera."""
+    matrix = camera @ mounting
+    x, y, depth = (points[:, :3].astype(np.float64) @ matrix[:, :3].T + matrix[:, 3]).T
+    depth = np.where(depth > 0, depth, np.nan)
+    return x / depth, y / depth, depth
+
+
+def pixels_of(x: Array, y: Array, size: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Find the points that fall on a pixel of an image (height, width): places, rows, columns."""
+    column, row = np.floor(x + 0.5), np.floor(y + 0.5)  # pixel 0 has its centre at 0
+    shown = (row >= 0) & (row < size[0]) & (column >= 0) & (column < size[1])
+    return np.flatnonzero(shown), row[shown].astype(int), column[shown].astype(int)
+
+
+def seen_points(frame: Frame, rule: Steps) -> Array:
+    """Cut the sweep to the camera's view and to the range; x, y, z."""
+    height, width = frame.rgb.shape[:2]
+    x, y, _ = project(frame.points, frame.camera, frame.mounting)
+    shown = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    raised = frame.points[:, :3] + single([0, 0, rule["height_offset_m"]])
+    low, high = single(rule["lowest_m"]), single(rule["highest_m"])
+    inside = ((raised >= low) & (raised <= high)).all(axis=1)
+    return raised[inside & (shown | (not rule["in_view"]))]
+
+
+def single(values: object) -> Array:
+    """Make an array of single precision, in which networks compute."""
+    return np.asarray(values, np.float32)
+
+
+def open_graph(path: str) -> tuple[Any, Steps]:
+    """Open an exported file and read the steps that its metadata holds."""
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    metadata = session.get_modelmeta().custom_metadata_map
+    if "sightline.processing" not in metadata:
+        raise ValueError(
+            f"{path} lacks the metadata sightline.processing; export the weights again"
+        )
+    return session, json.loads(metadata["sightline.processing"])

@@ -1,0 +1,99 @@
+"""3D boxes of a KITTI frame from both exported files, by numpy and onnxruntime alone.
+
+python onnx_detection3d.py NAME-proposals.onnx NAME-refinement.onnx IMAGE.png VELODYNE.bin CALIB.txt
+"""
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from kitti_frame import Array, Frame, Steps, open_graph, read_frame, seen_points, single
+from pillars import Proposals, propose
+from regions import cut_regions, decode_regions, run_network, turn_regions
+from rotated_boxes import mean_of_two, suppress, wrap
+
+Answer = tuple[Array, Array, Array]
+"""Boxes, scores, and the log-odds that their fronts are right."""
+
+
+def detect(first: str, second: str, frame: Frame) -> list[tuple[str, float, Array]]:
+    """Find class, score and x, y, z, length, width, height, yaw (LiDAR frame), the surest first."""
+    session, steps = open_graph(first)
+    xyz = seen_points(frame, steps["sweep"])
+    if not len(xyz):
+        return []
+    proposals = propose(session, steps, xyz)
+    session, steps = open_graph(second)
+    if not len(proposals.boxes):
+        return []
+    boxes, scores = refine(session, steps, xyz, proposals)
+    rule = steps["suppression"]
+    sure = np.flatnonzero(scores >= np.float32(rule["min_score"]))
+    limit = np.nextafter(rule["iou"], 0)  # an equal overlap drops a box
+    kept = sure[suppress(boxes[sure], proposals.classes[sure], scores[sure], limit)]
+    boxes[:, 2] -= steps["sweep"]["height_offset_m"]
+    names = steps["classes"]
+    return [(names[proposals.classes[each]], float(scores[each]), boxes[each]) for each in kept]
+
+
+def refine(session: Any, steps: Steps, xyz: Array, given: Proposals) -> tuple[Array, Array]:  # noqa: ANN401
+    """Apply the network pass after pass; give boxes and scores."""
+    axes, answers = steps["axes"], []
+    if axes is not None:  # from several axes first, of which the surest goes on
+        turned, origins, numbers = turn_to_axes(given, axes, steps["classes"])
+        answers = run_passes(session, steps, xyz, turned, axes["passes"])
+        worth = np.where(numbers > 0, answers[-1][1] / (1 + axes["least_gain"]), answers[-1][1])
+        table = np.full((axes["number"], len(given.boxes)), -1.0)
+        table[numbers, origins] = worth
+        places = np.zeros(table.shape, int)
+        places[numbers, origins] = np.arange(len(worth))
+        best = places[table.argmax(axis=0), np.arange(len(given.boxes))]
+        answers = [(boxes[best], scores[best], odds[best]) for boxes, scores, odds in answers]
+    start = given._replace(boxes=answers[-1][0]) if answers else given
+    answers += run_passes(session, steps, xyz, start, steps["passes"] - len(answers))
+    (one, score_one, odds_one), (boxes, scores, odds) = answers[0], answers[-1]
+    is_mean = np.isin(np.array(steps["classes"])[given.classes], steps["mean_with_first"])
+    mean = mean_of_two((one, boxes), (odds_one, odds))
+    boxes = np.where(is_mean[:, None], mean, boxes)
+    return boxes, np.where(is_mean, (score_one + scores) / 2, scores)
+
+
+def turn_to_axes(given: Proposals, axes: Steps, names: list[str]) -> tuple[Proposals, Array, Array]:
+    """Repeat the boxes of some classes with other axes; also where each is from and its axis."""
+    again = np.flatnonzero(np.isin(np.array(names)[given.classes], axes["class_names"]))
+    numbers = np.repeat(np.arange(1, axes["number"]), len(again))
+    numbers = np.concatenate((np.zeros(len(given.boxes), int), numbers))
+    origins = np.concatenate((np.arange(len(given.boxes)), np.tile(again, axes["number"] - 1)))
+    boxes, classes, scores = (each[origins] for each in given)
+    boxes[:, 6] = wrap(boxes[:, 6] + np.float32(numbers * (np.pi / axes["number"])))
+    return Proposals(boxes, classes, scores), origins, numbers
+
+
+def run_passes(
+    session: Any,  # noqa: ANN401 - onnxruntime's
+    steps: Steps,
+    xyz: Array,
+    given: Proposals,
+    number: int,
+) -> list[Answer]:
+    """Change the boxes so many times, each time from the boxes before; scores from the first."""
+    boxes, share, answers = given.boxes, steps["decoding"]["quality_share"], []
+    for _ in range(number):
+        inputs = cut_regions(xyz, boxes, given.classes, steps)
+        values, fronts, quality = run_network(session, inputs, steps["regions_a_run"])
+        if steps["flip_test"]:
+            values_2, fronts_2, quality_2 = run_network(
+                session, turn_regions(inputs), steps["regions_a_run"]
+            )
+            values = (values + values_2 * single([-1, -1, 1, 1, 1, 1, 1, 1])) / 2
+            fronts, quality = (fronts - fronts_2) / 2, (quality + quality_2) / 2
+        boxes = decode_regions(boxes, values, fronts, steps["decoding"])
+        scores = given.scores ** (1 - share) * (1 / (1 + np.exp(-quality))) ** share
+        answers.append((boxes, scores, np.abs(fronts)))
+    return answers
+
+
+if __name__ == "__main__":
+    for name, score, box in detect(sys.argv[1], sys.argv[2], read_frame(*sys.argv[3:])):
+        print(name, f"{score:.4f}", *(f"{number:.3f}" for number in box))

@@ -1,0 +1,111 @@
+"""Steps before and after an exported depth completion network: see docs/guides/export.md.
+
+Every number that a program without Sightline needs stands here under a name.
+"""
+
+from dataclasses import asdict
+
+from sightline.depth_completion.adaptive import (
+    HOLE_COLUMNS,
+    SMOOTHING_PASSES,
+    WIDEST_SPACING_PX,
+    AdaptiveConfig,
+)
+from sightline.depth_completion.adaptive_kernels import GROWTH_BELOW, RING_SLOPE, WIDEST_HOLE
+from sightline.depth_completion.config import by_direction
+from sightline.depth_completion.corrections import (
+    AWAY_PX,
+    BESIDE_PX,
+    COLUMNS_AROUND,
+    FIRST_ROWS_ABOVE,
+    LAST_ROWS_ABOVE,
+)
+from sightline.depth_completion.model import DepthCompletionNet
+from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M, TRUSTED_SHARE
+
+
+def processing(network: DepthCompletionNet) -> dict[str, object]:
+    """Inputs, outputs, padding, filling, corrections and smoothing of a network."""
+    config = network.config
+    least = config.least_correction
+    return {
+        "inputs": _inputs(takes_filled_depth=network.takes_filled_depth),
+        "outputs": _outputs(
+            has_uncertainty=config.uncertainty, has_e_point=config.shift_conv is not None
+        ),
+        "resizing": None,
+        "padding": {
+            "sides": ["top", "right"],
+            "image": "edge",
+            "sparse_depth_m": 0.0,
+            "filled_depth_m": "edge",
+            "multiple_of": network.stride,
+        },
+        "filling": _filling() if network.takes_filled_depth else None,
+        "flip_test": config.flip_test,
+        "corrections": {
+            "rule": (
+                "c = log(depth_m / filled_depth_m) becomes c * clip(|c| / least - 1, 0, 1); "
+                "least is that of c's direction at the pixel"
+            ),
+            "least": least,
+            "above": asdict(by_direction(config.least_correction_above, default=least)),
+            "above_from_rows": [FIRST_ROWS_ABOVE, LAST_ROWS_ABOVE],
+            "above_columns_around": COLUMNS_AROUND,
+            "beside": asdict(by_direction(config.least_correction_beside, default=least)),
+            "beside_to_px": [BESIDE_PX, AWAY_PX],
+        },
+        "range_m": [NEAREST_M, FARTHEST_M],
+        "smoothing": None if config.smoothing is None else asdict(config.smoothing),
+        "valid_below_share": TRUSTED_SHARE,
+    }
+
+
+def _filling() -> dict[str, object]:
+    return {
+        "method": "adaptive",
+        **asdict(AdaptiveConfig()),
+        "widest_spacing_px": WIDEST_SPACING_PX,
+        "ring_slope": RING_SLOPE,
+        "growth_below": GROWTH_BELOW,
+        "hole_columns": HOLE_COLUMNS,
+        "widest_hole": WIDEST_HOLE,
+        "smoothing_passes": SMOOTHING_PASSES,
+    }
+
+
+def _inputs(*, takes_filled_depth: bool) -> dict[str, object]:
+    depth = "metres along the optical axis"
+    inputs: dict[str, object] = {
+        "image": {
+            "shape": "1 x 3 x height x width",
+            "channels": ["red / 255", "green / 255", "blue / 255"],
+            "unit": "1",
+            "range": [0, 1],
+            "without_sensor": 0.0,
+        },
+        "sparse_depth_m": {
+            "shape": "1 x 1 x height x width",
+            "channels": [depth],
+            "unit": "m",
+            "pixel": "floor(x + 0.5), floor(y + 0.5); of several points the nearest",
+            "without_point": 0.0,
+        },
+    }
+    if takes_filled_depth:
+        inputs["filled_depth_m"] = {
+            "shape": "1 x 1 x height x width",
+            "channels": [f"{depth}, of the sparse map completed as filling says"],
+            "unit": "m",
+        }
+    return inputs
+
+
+def _outputs(*, has_uncertainty: bool, has_e_point: bool) -> dict[str, object]:
+    plane = {"shape": "1 x 1 x height x width", "unit": "m", "activation": "in the graph"}
+    outputs: dict[str, object] = {"depth_m": {**plane, "meaning": "depth, not clipped"}}
+    if has_uncertainty:
+        outputs["uncertainty_m"] = {**plane, "meaning": "expected absolute error"}
+    if has_e_point:
+        outputs["e_point_m"] = {**plane, "meaning": "intermediate map of the network: not needed"}
+    return outputs
