@@ -1,7 +1,8 @@
 import jsonargparse
 import pytest
 
-from sightline.cli.parser import OneLineParser
+from sightline.cli.main import main
+from sightline.cli.parser import OneLineParser, fail, format_warning
 
 _seen = []
 
@@ -70,3 +71,17 @@ def test_what_are_no_numbers_is_refused_in_one_line_that_says_how(capsys, words,
     with pytest.raises(SystemExit):
         run(framed, "--image-size", "1,2,3")
     assert "argument --image-size: expected 2 numbers, got 3" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["check"], ["predict", "detection2d"]])
+def test_a_name_of_another_encoding_is_called_so(capsys, command):
+    assert main([*command, "d\udce9p\udcf4t/KITTI", "out"][: len(command) + 2]) == 2
+    told = capsys.readouterr().err
+    assert "the name d\\udce9p\\udcf4t/KITTI is not UTF-8" in told
+    assert told.count("\n") == 1
+
+
+def test_messages_reach_the_terminal_without_control_characters(capsys):
+    fail("bad \x1b[2Jname\nno problems", 2)
+    assert capsys.readouterr().err == "sightline: bad \\x1b[2Jname no problems\n"
+    assert format_warning("bad \x1b[2Jname", UserWarning, "", 0).strip().isprintable()

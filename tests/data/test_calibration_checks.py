@@ -11,14 +11,22 @@ SIZE = (375, 1242)
 PATH = Path("000000.txt")
 
 
-def matrices(*, focal_px=(720.0, 720.0), center_px=(610.0, 173.0), baseline_m=0.06, lidar_m=0.3):
+def matrices(
+    *,
+    focal_px=(720.0, 720.0),
+    center_px=(610.0, 173.0),
+    baseline_m=0.06,
+    lidar_m=0.3,
+    inverted=False,
+):
     image_from_camera = np.zeros((3, 4))
     image_from_camera[[0, 1], [0, 1]] = focal_px
     image_from_camera[:2, 2] = center_px
     image_from_camera[2, 2] = 1
     image_from_camera[:, 3] = image_from_camera[:, 0] * baseline_m
-    camera_from_lidar = np.eye(4)
-    camera_from_lidar[2, 3] = lidar_m
+    camera_from_lidar = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, lidar_m], [0, 0, 0, 1.0]])
+    if inverted:
+        camera_from_lidar = np.linalg.inv(camera_from_lidar)
     return CalibrationMatrices(
         image_from_camera=image_from_camera, camera_from_lidar=camera_from_lidar
     )
@@ -32,8 +40,12 @@ def matrices(*, focal_px=(720.0, 720.0), center_px=(610.0, 173.0), baseline_m=0.
         ({"focal_px": (1e6, 1e6)}, "has focal lengths of 1e+06 and 1e+06 px, which do not go with"),
         ({"focal_px": (1.0, 1.0)}, "has focal lengths of 1 and 1 px, which do not go with an ima"),
         ({"center_px": (610.0, 1e5)}, "has its principal point at (610, 100000), far from an ima"),
-        ({"baseline_m": -1e4}, "puts the camera from the rectified origin 1e+04 m away, expected"),
-        ({"lidar_m": 1e8}, "puts the LiDAR from the camera 1e+08 m away, expected up to 20 m"),
+        ({"baseline_m": -1e4}, "puts the camera 1e+04 m from the rectified origin, expected"),
+        (
+            {"lidar_m": 1e8},
+            "holds a transform from LiDAR to camera that puts the LiDAR 1e+08 m from",
+        ),
+        ({"inverted": True}, "holds a transform from LiDAR to camera that is probably inverted"),
     ],
 )
 def test_sensors_that_cannot_sit_on_one_vehicle_are_doubted_in_one_line(change, doubt):

@@ -8,6 +8,7 @@ import pytest
 from sightline.data import tree_checks
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import write_depth_png
+from sightline.data.frame_checks import Findings
 from sightline.data.image_file import write_rgb
 from sightline.data.problem import Problem
 from tests.data.trees import (
@@ -79,14 +80,14 @@ def test_a_folder_without_frames_is_one_problem(tmp_path, content):
         for folder in ("image_2", "velodyne", "calib", "label_2"):
             (tmp_path / "training" / folder).mkdir(parents=True)
     (line,) = lines(tmp_path)
-    assert line.startswith(f"{tmp_path}: holds no frames of a recording")
-    assert "give the folder" in line
+    assert line.startswith(f"{tmp_path}: is no data set, expected a recording")
+    assert "name the folder" in line
     assert summarize_tree(tmp_path) == ()
 
 
 def test_a_path_that_is_no_folder_is_one_problem(tmp_path):
     (line,) = lines(tmp_path / "nowhere")
-    assert line.startswith(f"{tmp_path / 'nowhere'}: is no folder; give the folder")
+    assert line.startswith(f"{tmp_path / 'nowhere'}: does not exist; give the folder")
 
 
 def test_no_threads_are_too_few(tmp_path):
@@ -131,8 +132,16 @@ def test_a_missing_file_is_named(tree, file):
         ("velodyne/000002.bin", bytes(17), "holds 17 bytes, expected a multiple of 16"),
         ("velodyne/000002.bin", np.full(4, np.nan, "<f4").tobytes(), "1 points with NaN"),
         ("velodyne/000002.bin", np.full(4, np.inf, "<f4").tobytes(), "1 points with NaN"),
-        ("velodyne/000002.bin", np.float32([6e5, 0, 0, 0]).tobytes(), "farther away than 300 m"),
-        ("velodyne/000002.bin", np.float32([9, 0, 0, 255]).tobytes(), "reflectances outside 0 to"),
+        (
+            "velodyne/000002.bin",
+            np.float32([6e5, 0, 0, 0]).tobytes(),
+            "farther away than 6e+05 m, expected up to 300 m",
+        ),
+        (
+            "velodyne/000002.bin",
+            np.float32([9, 0, 0, 255]).tobytes(),
+            "intensities from 255 to 255, expected 0 to 1",
+        ),
         ("velodyne/000002.bin", np.float32([-9, 0, 0, 0]).tobytes(), "none of its 1 points falls"),
         ("image_2/000002.png", b"\x89PNG", "neither a PNG nor a JPEG|cut short"),
         ("image_2/000002.png", b"", "neither a PNG nor a JPEG"),
@@ -228,9 +237,9 @@ def test_a_fault_that_no_reader_foresaw_is_told_of_its_frame_and_the_others_are_
     def check(frame):
         if frame.sample_id != "000003":
             raise MemoryError
-        return [Problem(path=Path("3"), problem="is faulty", remedy="mend it")]
+        return Findings(doubted=[Problem(path=Path("3"), problem="is faulty", remedy="mend it")])
 
-    monkeypatch.setattr(tree_checks, "check_object_frame", check)
+    monkeypatch.setattr(tree_checks, "examine_object_frame", check)
     assert lines(tree.parent) == [
         f"{tree}: frame 000001 cannot be checked (MemoryError); report this as a bug",
         f"{tree}: frame 000002 cannot be checked (MemoryError); report this as a bug",
@@ -305,8 +314,8 @@ def test_depth_maps_of_8_bits_and_truths_without_depth_are_problems(tmp_path):
     next(tmp_path.rglob("intrinsics/*.txt")).write_text("1 2 3")
     assert [line.split(": ", 1)[1].split(",")[0] for line in lines(tmp_path)] == [
         "is a PNG of 3 channels with 8 bits",
-        "holds no depth; extract it again",
         "holds 3 numbers",
+        "holds no depth; extract it again",
     ]
 
 

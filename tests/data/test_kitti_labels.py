@@ -60,6 +60,14 @@ def test_blank_lines_tabs_and_windows_line_ends_are_passed_over():
     assert labels(data).class_names == ("Car", "DontCare")
 
 
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+def test_byte_order_marks_and_ends_of_lines_take_no_object_out(end):
+    mark = b"\xef\xbb\xbf"
+    objects = labels(end.join((mark + LABEL, REGION, mark + LABEL, b"")))
+    assert objects.class_names == ("Car", "DontCare", "Car")
+    assert results(mark + RESULT).class_names == ("Car",)
+
+
 def test_only_ascii_white_space_parts_fields_as_in_c():
     objects = labels(LABEL.replace(b"Car", "Car\u00a0\u3000\x1c".encode()))
     assert objects.class_names == ("Car\u00a0\u3000\x1c",)
@@ -83,6 +91,14 @@ def test_columns_cannot_be_written_to():
     [
         (LABEL[:-6], "line 1 has 14 fields, but a label has 15; add rotation_y"),
         (LABEL + b"\n\nCar", "line 3 has 1 fields, but a label has 15; add truncation, occlusion"),
+        (
+            b"0 12 " + LABEL,
+            "line 1 has 17 fields: frame and track number come before the class, as in KITTI track"
+            "ing, .*; write a file for each frame and remove its first two fields",
+        ),
+        (b"2 0.5 0.5 0.1 0.2", "line 1 has 5 numbers, as YOLO's labels have .*; convert them to"),
+        ("Car 0".encode("utf-16"), "is text in UTF-16, expected UTF-8; save it as plain text in U"),
+        ("Car 0".encode("utf-16-le"), "holds a NUL byte at position 1: .* UTF-16"),
         (RESULT + b" 7", "line 1 has 17 fields, but a label has 15; remove what follows rotat"),
         (LABEL.replace(b"182.46", b"1x2"), "line 1: y_min is '1x2', not a number; write a"),
         (LABEL.replace(b"182.46", b"1_0"), "line 1: y_min is '1_0', not a number"),
@@ -93,7 +109,7 @@ def test_columns_cannot_be_written_to():
         (LABEL.replace(b"182.46", b"1e999"), "line 1: y_min is '1e999', not finite"),
         (LABEL.replace(b"0.80 1 ", b"0.80 0.5 "), "line 1: occlusion is '0.5', not a whole"),
         (LABEL.replace(b"Car", b"C" * 65), "line 1: class is 'C+...', longer than 64 characters"),
-        (LABEL.replace(b"Car", b"\xff\xfe"), "line 1: class is .*, not text in UTF-8"),
+        (LABEL.replace(b"Car", b"\xff\xfa"), "line 1: class is .*, not text in UTF-8"),
         (
             LABEL.replace(b"Car", b"C_r").replace(b"182.46", b"1_0"),
             "line 1: y_min is '1_0', not a num",
@@ -219,12 +235,12 @@ def test_written_with_all_digits_any_record_reads_back_the_same(tmp_path_factory
     data=st.binary() | st.text("Car 0123456789.-einfa_x\n").map(str.encode), scored=st.booleans()
 )
 def test_any_bytes_give_a_record_or_an_error_that_names_the_file(data, scored):
-    message = "000001.txt: line"
+    message = "000001.txt: "
     try:
         assert np.isfinite(parse_objects(data, "000001.txt", with_scores=scored).boxes2d).all()
     except ValueError as error:
         message = str(error)
-    assert message.startswith("000001.txt: line")
+    assert message.startswith("000001.txt: ")
     assert message.isprintable()
 
 

@@ -103,12 +103,12 @@ def test_an_object_split_under_another_name_is_refused_with_the_remedy(tmp_path)
 
 
 def test_folders_that_are_no_data_set_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="nowhere does not exist"):
+    with pytest.raises(ValueError, match="nowhere: does not exist"):
         open_dataset(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="is no data set, expected a recording"):
         open_dataset(tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(ValueError, match="file is no folder"):
+    with pytest.raises(ValueError, match="file: is no folder"):
         open_dataset(tmp_path / "file")
 
 

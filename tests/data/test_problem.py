@@ -18,3 +18,9 @@ def test_an_error_of_a_file_comes_whole_out_of_another_process():
     again = pickle.loads(pickle.dumps(error))
     assert (type(again), str(again)) == (FileError, str(error))
     assert again.problem == error.problem
+
+
+def test_names_out_of_data_cannot_write_to_the_terminal():
+    error = FileError("a\x1b[31mb\udce9.bin", "is 'x\x1b]0;y\x07'\nno problems", "rename it")
+    assert str(error).isprintable()
+    assert "\\x1b[31mb\\udce9.bin" in str(error)

@@ -10,6 +10,7 @@ import torch
 import yaml
 from scipy.spatial.transform import Rotation
 
+from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
@@ -17,6 +18,7 @@ from sightline.data.open import open_dataset
 from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_calibration import (
+    RecordingCalibration,
     read_recording_calibration,
     recording_calibration_text,
 )
@@ -193,6 +195,16 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
         ({"image_size": {"width": True, "height": True}}, "no width and height in whole pixels"),
         ({"lens": [0.1]}, "lens is no"),
+        ({"camera_matrix": [[7e-1, 0, 5], [0, 7e-1, 5], [0, 0, 1]]}, "are probably in millimetres"),
+        ({"camera_matrix": [[7e3, 0, 5], [0, 7, 5], [0, 0, 1]]}, "expected both alike"),
+        ({"image_size": {"width": 60000, "height": 60000}}, "image_size is 60000x60000, more than"),
+        (
+            {
+                "image_size": {"width": 1242, "height": 375},
+                "lens": {"coefficients": [-5, 0, 0, 0], "undistort": True},
+            },
+            "lens folds the picture of 375x1242 over itself",
+        ),
         ({"lens": {"coefficients": "1234"}}, "lens has coefficients that are no list of numbers"),
         ({"lens": {"coefficients": [10**400] * 4}}, "lens has coefficients that are no numbers"),
         (
@@ -220,14 +232,14 @@ def test_a_calibration_that_makes_no_sense_is_refused_by_file_and_entry(tmp_path
 def test_what_is_no_calibration_file_is_refused(tmp_path, text):
     path = tmp_path / "calibration.yaml"
     path.write_text(text)
-    with pytest.raises(FileError, match=r"docs/recordings.md"):
+    with pytest.raises(FileError, match=r"docs/recordings.md|holds a NUL byte"):
         read_recording_calibration(path)
 
 
 def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
     path = tmp_path / "calibration.yaml"
     lens = {"model": "equidistant", "coefficients": [0.1, 1e-7, 0, 0.3], "undistort": True}
-    changes = {"lens": lens, "image_size": {"width": 3, "height": 2}, "lidar_height_m": 2.1}
+    changes = {"lens": lens, "image_size": {"width": 1242, "height": 375}, "lidar_height_m": 2.1}
     path.write_text(yaml.safe_dump(calibration_entries(**changes)))
     read = read_recording_calibration(path)
     path.write_text(recording_calibration_text(read))
@@ -235,7 +247,7 @@ def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
     for name in ("image_from_camera", "camera_from_lidar"):
         ours, theirs = getattr(read.matrices, name), getattr(again.matrices, name)
         np.testing.assert_array_equal(ours, theirs)
-    assert (again.image_size, again.max_intensity) == ((2, 3), 255)
+    assert (again.image_size, again.max_intensity) == ((375, 1242), 255)
     assert again.lidar_height_m == 2.1
     assert (again.lens.model, again.lens.coefficients) == ("equidistant", (0.1, 1e-7, 0.0, 0.3))
 
@@ -387,3 +399,22 @@ def test_recordings_travel_between_processes(tmp_path):
     write_recording(tmp_path, ("a",))
     copy = pickle.loads(pickle.dumps(open_dataset(tmp_path)))
     assert torch.equal(copy[0].points, open_dataset(tmp_path)[0].points)
+
+
+@pytest.mark.parametrize("focal_px", [0.0, -700.0, 1e308, math.nan, math.inf])
+def test_a_calibration_that_no_reader_takes_is_not_written(focal_px):
+    camera = np.pad(CAMERA_MATRIX.copy(), ((0, 0), (0, 1)))
+    camera[0, 0] = camera[1, 1] = focal_px
+    matrices = CalibrationMatrices(image_from_camera=camera, camera_from_lidar=CAMERA_FROM_LIDAR)
+    with pytest.raises(ValueError, match=r"camera_matrix (holds NaN|has focal lengths)"):
+        recording_calibration_text(RecordingCalibration(matrices=matrices))
+
+
+def test_a_lens_that_folds_its_images_is_told_by_check_and_named_on_reading(tmp_path):
+    lens = {"coefficients": [-5, 0, 0, 0], "undistort": True}
+    write_recording(tmp_path, ("a",), lens=lens)
+    (problem,) = [each for each in check_tree(tmp_path) if "lens" in each.problem]
+    assert problem.path == tmp_path / "calibration.yaml"
+    assert "folds the picture of 375x1242" in problem.problem
+    with pytest.raises(FileError, match=r"images/a.jpg: cannot be straightened: the lens folds"):
+        RecordingDataset(tmp_path, needs=())[0]

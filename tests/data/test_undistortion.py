@@ -1,8 +1,10 @@
+import re
+
 import cv2
 import numpy as np
 import pytest
 
-from sightline.data.undistortion import undistort
+from sightline.data.undistortion import lens_fault, undistort
 
 CAMERA = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 LENSES = {
@@ -61,3 +63,32 @@ def test_coefficients_that_a_model_does_not_take_are_refused(model, lens, said):
 def test_what_is_no_picture_or_no_camera_is_refused_instead_of_giving_black(image, camera, said):
     with pytest.raises(ValueError, match=said):
         undistort(image, camera, LENSES["plumb_bob"])
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_a_lens_that_was_calibrated_has_no_fault(model):
+    assert lens_fault(model, LENSES[model], CAMERA, (240, 320)) is None
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients", "complaint"),
+    [
+        ("plumb_bob", (-2.0, 0, 0, 0), "folds the picture of 240x320 over itself, from "),
+        ("plumb_bob", (-0.25, 0.08, 0, 0, -2.0), "folds the picture"),
+        ("plumb_bob", (-0.2, 0, 0.9, 0), "folds the picture"),
+        ("plumb_bob", (-1000.0, 0, 0, 0), "folds the picture"),
+        ("plumb_bob", (1000.0, 0, 0, 0), "leaves . % of the picture of 240x320, the rest black"),
+        ("rational_polynomial", (0, 0, 0, 0, 0, -4.0, 0, 0), "folds the picture"),
+        ("equidistant", (-2.0, 0, 0, 0), "folds the picture"),
+    ],
+)
+def test_a_lens_that_folds_or_loses_the_picture_is_refused(model, coefficients, complaint):
+    fault = lens_fault(model, coefficients, CAMERA, (240, 320))
+    assert re.match(complaint, fault)
+    with pytest.raises(ValueError, match=r"the lens (folds|leaves).*; give the coefficients"):
+        undistort(np.zeros((240, 320, 3), np.uint8), CAMERA, coefficients, model=model)
+
+
+def test_a_lens_that_folds_beyond_the_picture_alone_is_taken():
+    assert lens_fault("plumb_bob", (-1.0, 0, 0, 0), CAMERA, (120, 160)) is not None
+    assert lens_fault("plumb_bob", (-0.5, 0, 0, 0), CAMERA, (240, 320)) is None

@@ -33,6 +33,7 @@ def write_object_tree(root: Path, num_frames: int, *, num_points: int = 200) -> 
         write_points(root / "training" / "velodyne" / f"{name}.bin", points)
         write_object_calibration(root / "training" / "calib" / f"{name}.txt", small_calibration())
         image = torch.zeros(3, *IMAGE_SIZE, dtype=torch.uint8)
+        image[:, 0] = 255  # a picture of one colour is doubted
         write_image(root / "training" / "image_2" / f"{name}.png", image)
     return root
 

@@ -79,6 +79,7 @@ def showing(root, *class_names, parts=frozenset({"points", "objects"}), sample_l
     return open_source(source, root, parts, divides=False)
 
 
+@pytest.mark.filterwarnings("ignore:.*probably in the order")  # all are of a car's size
 def test_frames_can_be_chosen_by_the_classes_that_they_show(tree):
     for number in range(12):
         write_label(tree, number, "Car")
@@ -136,6 +137,6 @@ def test_sweeps_are_found_whole_or_cut_to_the_image(tree):
 def test_what_is_wrong_with_the_data_names_the_flags(tree):
     data = toy.data(tree / "gone", validation=(SourceConfig(path=Path("x")),))
     with pytest.raises(
-        ValueError, match=r"gone/x does .* --data\.init_args\.root and .*validation"
+        ValueError, match=r"gone/x: does .* --data\.init_args\.root and .*validation"
     ):
         data.val_dataloader()

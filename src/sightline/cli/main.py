@@ -23,7 +23,7 @@ from sightline.cli.evaluate import (
 )
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
-from sightline.cli.parser import REFUSED, OneLineParser, fail
+from sightline.cli.parser import REFUSED, OneLineParser, fail, refuse_other_encodings
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
@@ -176,6 +176,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
+    refuse_other_encodings(arguments)
     match arguments:
         case ["fit" | "validate" | "test" as training, *rest]:
             # As they are: Lightning makes the parser, of what the recipe names.

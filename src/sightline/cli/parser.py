@@ -1,13 +1,15 @@
 """How the command line reads its arguments and refuses them."""
 
 import argparse
-import re
 import sys
+from collections.abc import Sequence
 from typing import Any, Literal, NoReturn
 
 import jsonargparse
 
 from sightline.cli.refusal import plain_refusal
+from sightline.data.plain_text import shortened
+from sightline.data.problem import one_line
 
 Device = Literal["cpu", "cuda"]
 
@@ -98,6 +100,22 @@ class _ValueList(argparse.Action):
         setattr(namespace, self.dest, parsed)
 
 
+def refuse_other_encodings(arguments: Sequence[str]) -> None:
+    """Refuse arguments that are not UTF-8, as names of another encoding's file systems are.
+
+    Raises:
+        ValueError: One is not.
+    """
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            raise ValueError(
+                f"the name {shortened(argument, 200)} is not UTF-8, perhaps Latin-1; rename it, or "
+                "give a link to it of another name"
+            ) from None
+
+
 def format_warning(
     message: Warning | str,
     category: type[Warning],
@@ -107,11 +125,10 @@ def format_warning(
 ) -> str:
     """A warning as one line for whoever gave the command; as `warnings.formatwarning`."""
     del category, filename, lineno, line
-    return f"sightline: warning: {' '.join(str(message).split())}\n"
+    return f"sightline: warning: {one_line(str(message))}\n"
 
 
 def fail(message: str, status: int) -> int:
     """Writes a message in one line to standard error; gives the exit status back."""
-    one_line = re.sub(r"\s+", " ", message).strip()
-    print(f"sightline: {one_line}", file=sys.stderr)
+    print(f"sightline: {one_line(message)}", file=sys.stderr)
     return status

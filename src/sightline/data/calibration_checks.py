@@ -7,7 +7,7 @@ from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.problem import Problem
-from sightline.geometry.mount import MAX_OFFSET_M
+from sightline.geometry.mount import MAX_OFFSET_M, mount_doubt
 
 _REMEDY = "correct it or extract the calibration archive again"
 
@@ -23,16 +23,17 @@ def check_matrices(
         path: Where they were read.
     """
     intrinsics, column = np.hsplit(matrices.image_from_camera, [3])
-    offsets_m = {
-        "the camera from the rectified origin": np.linalg.solve(intrinsics, column[:, 0]),
-        "the LiDAR from the camera": matrices.camera_from_lidar[:3, 3],
-    }
-    far = [
-        f"puts {what} {np.linalg.norm(offset):.4g} m away, expected up to {MAX_OFFSET_M:.0f} m"
-        for what, offset in offsets_m.items()
-        if np.linalg.norm(offset) > MAX_OFFSET_M
-    ]
-    return check_intrinsics(intrinsics, size, path) + _problems(far, path)
+    offset_m = float(np.linalg.norm(np.linalg.solve(intrinsics, column[:, 0])))
+    doubts = []
+    if offset_m > MAX_OFFSET_M:
+        doubts.append(
+            f"puts the camera {offset_m:.4g} m from the rectified origin, expected up to "
+            f"{MAX_OFFSET_M:.0f} m"
+        )
+    mount = mount_doubt(matrices.camera_from_lidar)
+    if mount is not None:
+        doubts.append(f"holds a transform from LiDAR to camera that {mount}")
+    return check_intrinsics(intrinsics, size, path) + _problems(doubts, path)
 
 
 def check_intrinsics(

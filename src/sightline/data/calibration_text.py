@@ -12,7 +12,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.plain_text import parse_numbers, read_text, shortened
+from sightline.data.plain_text import (
+    MAX_CALIBRATION_BYTES,
+    parse_numbers,
+    read_text,
+    shortened,
+)
 from sightline.data.problem import FileError
 from sightline.geometry.rotations import rotation_fault
 
@@ -78,7 +83,7 @@ def read_intrinsics(path: Path | str) -> Float64[np.ndarray, "3 3"]:
     Raises:
         FileError: They are not nine, or make no camera.
     """
-    values = parse_numbers(read_text(path).split(), path, limit=_LIMIT)
+    values = parse_numbers(_read(path).split(), path, limit=_LIMIT)
     if len(values) != 9:
         raise FileError(
             path, f"holds {len(values)} numbers, expected the 9 of a 3x3 matrix", _REMEDY
@@ -152,10 +157,14 @@ def _entries_text(entries: Sequence[tuple[str, Float64[np.ndarray, "..."]]]) -> 
     )
 
 
+def _read(path: Path | str) -> str:
+    return read_text(path, max_bytes=MAX_CALIBRATION_BYTES)
+
+
 def _read_entries(path: Path | str) -> dict[str, list[str]]:
     """The words behind each name of a file of lines `NAME: word word ...`."""
     entries: dict[str, list[str]] = {}
-    for number, line in enumerate(read_text(path).split("\n"), start=1):
+    for number, line in enumerate(_read(path).split("\n"), start=1):
         name, colon, values = line.strip().partition(":")
         if not name and not colon:
             continue

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from sightline.data.other_layouts import no_data_set
 from sightline.data.problem import Problem
 from sightline.data.progress import track
-from sightline.data.recording_tree import lacks_calibration
 from sightline.data.threads import check_threads, map_ahead
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 
@@ -47,7 +47,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     root = Path(root)
     trees = find_trees(root)
     if not trees:
-        yield _no_tree(root)
+        yield no_data_set(root)
     for tree in trees:
         yield from tree.gaps
         run = partial(_run, folder=tree.summary.folder)
@@ -55,24 +55,6 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
         description = f"checking {tree.summary.folder.name}"
         for problems in track(answers, description=description, total=len(tree.checks)):
             yield from problems
-
-
-def _no_tree(root: Path) -> Problem:
-    if not root.is_dir():
-        return Problem(path=root, problem="is no folder", remedy="give the folder of a data set")
-    if lacks_calibration(root):
-        return Problem(
-            path=root,
-            problem="holds images or points without a calibration",
-            remedy="write calibration.yaml beside them, docs/recordings.md has an example",
-        )
-    return Problem(
-        path=root,
-        problem="holds no frames of a recording (calibration.yaml, images, points), nor of KITTI's "
-        "object tree (training/image_2), depth tree (val_selection_cropped/image) or raw drive "
-        "(image_02/data)",
-        remedy="give the folder that holds those",
-    )
 
 
 def _run(check: Check, *, folder: Path) -> list[Problem]:

@@ -38,9 +38,7 @@ def list_drive_frames(
     below that folder in `data_depth_annotated` and `data_depth_velodyne`; images and calibration
     in `raw_root` as DATE/DRIVE/CAMERA/data/N.png and DATE/calib_cam_to_cam.txt.
     """
-    bases = [
-        root / archive / split for archive in ("", "data_depth_annotated", "data_depth_velodyne")
-    ]
+    bases = drive_bases(root, split)
     drives = sorted(
         {path.parent.name for base in bases for path in base.glob("*/proj_depth") if path.is_dir()}
     )
@@ -49,6 +47,13 @@ def list_drive_frames(
         for drive in drives
         for camera in cameras
         for frame in _frames_of_drive(drive, bases, raw_root / drive[:_DATE_LENGTH], camera)
+    ]
+
+
+def drive_bases(root: Path, split: DriveSplit) -> list[Path]:
+    """Where folders of drives may lie."""
+    return [
+        root / archive / split for archive in ("", "data_depth_annotated", "data_depth_velodyne")
     ]
 
 

@@ -1,12 +1,13 @@
 """Whether the files of one frame can be read, hold plausible values and fit each other."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64, UInt8
 
 from sightline.data.calibration_checks import check_intrinsics, check_matrices
 from sightline.data.calibration_text import (
@@ -19,71 +20,109 @@ from sightline.data.depth_png import read_depth_png
 from sightline.data.depth_tree import DepthFrame
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.image_file import read_rgb
-from sightline.data.kitti_labels import NO_LOCATION, KittiObjects, read_labels
+from sightline.data.kitti_labels import read_labels
+from sightline.data.label_checks import check_objects
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.problem import FileError, Problem
-from sightline.data.velodyne import read_sweep
+from sightline.data.velodyne import read_sweep, sweep_doubt
 from sightline.data.view import is_in_view
 from sightline.geometry.mount import MAX_RANGE_M
 
-_OUTSIDE_SHARE = 0.1  # of the image's size, by which a box may reach over its edge
-_MAX_ANGLE = np.pi + 0.01  # KITTI rounds to two digits
-_OCCLUSIONS = (-1, 0, 1, 2, 3)
+_DARK_LEVELS = 8  # between the darkest and the brightest channel of an image that shows nothing
+_MAX_LIDAR_DEPTH_M = 120.0  # of nearly all pixels of a projected sweep
+_MIN_DEPTH_M = 1.0  # likewise
+_FEWEST_COMPARED = 20  # pixels with a depth and a point
+_SCALE = 1.5  # between both, on which everybody agrees
 
 Content = TypeVar("Content")
 
 
-def check_object_frame(frame: ObjectFrame) -> list[Problem]:
-    """Checks one frame of the object tree; parts that are absent are not spoken of."""
-    problems: list[Problem] = []
-    size = _image_size(frame.image, problems)
-    depth_m = read_or_note(read_depth_png, frame.depth, problems)
+@dataclass(kw_only=True, slots=True)
+class Findings:
+    """Faults of one frame, by what follows from them."""
+
+    unreadable: list[Problem] = field(default_factory=list)
+    """Files that their reader refuses."""
+    refused: list[Problem] = field(default_factory=list)
+    """Values that cannot be right, so that no answer could be."""
+    doubted: list[Problem] = field(default_factory=list)
+    """Values that are hardly right, and files that hardly belong together."""
+    has_dark_image: bool = False
+    """True of an image of one colour."""
+    has_empty_sweep: bool = False
+
+    def all(self) -> list[Problem]:
+        """Every fault."""
+        return [*self.unreadable, *self.refused, *self.doubted]
+
+
+def examine_object_frame(frame: ObjectFrame) -> Findings:
+    """Examine one frame of the object tree; parts that are absent are not spoken of."""
+    found = Findings()
+    size = _image_size(frame.image, found)
+    depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
     if depth_m is not None and frame.depth is not None:
-        problems += _check_size(depth_m, frame.depth, size, frame.image)
+        found.doubted += _check_size(depth_m, frame.depth, size, frame.image)
         size = size or depth_m.shape
-    matrices = read_or_note(read_object_matrices, frame.calibration, problems)
+    matrices = read_or_note(read_object_matrices, frame.calibration, found.unreadable)
     if matrices is not None and frame.calibration is not None:
-        problems += check_matrices(matrices, size, frame.calibration)
-    points = read_or_note(read_sweep, frame.points, problems)
-    objects = read_or_note(read_labels, frame.objects, problems)
-    if points is not None and frame.points is not None:
-        problems += _check_points(points, frame.points)
-        if size is not None and matrices is not None:
-            problems += _check_view(points, matrices, size, frame.points)
+        found.doubted += check_matrices(matrices, size, frame.calibration)
+    points = _examine_sweep(frame.points, found)
+    objects = read_or_note(read_labels, frame.objects, found.unreadable)
+    if points is not None and frame.points is not None and matrices is not None:
+        image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
+        if size is not None:
+            found.doubted += _check_view(points, image_from_lidar, size, frame.points)
+        if depth_m is not None and frame.depth is not None:
+            found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
-        problems += check_objects(objects, size, frame.objects)
-    return problems
+        found.doubted += check_objects(objects, size, frame.objects)
+    return found
 
 
-def check_depth_frame(frame: DepthFrame) -> list[Problem]:
-    """Checks one frame of the depth benchmark; parts that are absent are not spoken of."""
-    problems: list[Problem] = []
-    size = _image_size(frame.image, problems)
+def examine_depth_frame(frame: DepthFrame) -> Findings:
+    """Examine one frame of the depth benchmark; parts that are absent are not spoken of."""
+    found = Findings()
+    size = _image_size(frame.image, found)
     for path in (frame.sparse, frame.truth):
-        depth_m = read_or_note(read_depth_png, path, problems)
+        depth_m = read_or_note(read_depth_png, path, found.unreadable)
         if depth_m is None or path is None:
             continue
-        problems += _check_size(depth_m, path, size, frame.image)
+        found.doubted += _check_size(depth_m, path, size, frame.image)
+        found.doubted += _check_depth_range(depth_m, path)
         if path == frame.truth and not depth_m.any():
-            problems.append(Problem(path=path, problem="holds no depth", remedy="extract it again"))
+            empty = Problem(path=path, problem="holds no depth", remedy="extract it again")
+            found.doubted.append(empty)
+        found.has_empty_sweep |= path == frame.sparse and not depth_m.any()
     if frame.camera is None:
-        intrinsics = read_or_note(read_intrinsics, frame.intrinsics, problems)
+        intrinsics = read_or_note(read_intrinsics, frame.intrinsics, found.unreadable)
     else:
         read = partial(read_rectified_intrinsics, camera=int(frame.camera[-2:]))
-        intrinsics = read_or_note(read, frame.intrinsics, problems)
+        intrinsics = read_or_note(read, frame.intrinsics, found.unreadable)
     if intrinsics is not None and frame.intrinsics is not None:
-        problems += check_intrinsics(intrinsics, size, frame.intrinsics)
-    return problems
+        found.doubted += check_intrinsics(intrinsics, size, frame.intrinsics)
+    return found
 
 
-def check_drive_frame(frame: DriveFrame) -> list[Problem]:
-    """Checks one moment of a raw drive; parts that are absent are not spoken of."""
-    problems: list[Problem] = []
-    _image_size(frame.image, problems)
-    points = read_or_note(read_sweep, frame.points, problems)
-    if points is not None and frame.points is not None:
-        problems += _check_points(points, frame.points)
-    return problems
+def examine_drive_frame(
+    frame: DriveFrame, *, matrices: CalibrationMatrices | None = None
+) -> Findings:
+    """Examine one moment of a raw drive of that calibration; absent parts are not spoken of."""
+    found = Findings()
+    size = _image_size(frame.image, found)
+    points = _examine_sweep(frame.points, found)
+    if points is not None and frame.points is not None and size and matrices is not None:
+        image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
+        found.doubted += _check_view(points, image_from_lidar, size, frame.points)
+    return found
+
+
+def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "height width 3"] | None:
+    """Read an image and note whether it can be read and shows anything."""
+    image = read_or_note(read_rgb, path, found.unreadable)
+    if image is not None:
+        found.has_dark_image = int(image.max()) - int(image.min()) <= _DARK_LEVELS
+    return image
 
 
 def read_or_note(
@@ -99,9 +138,24 @@ def read_or_note(
         return None
 
 
-def _image_size(path: Path | None, problems: list[Problem]) -> tuple[int, int] | None:
-    image = read_or_note(read_rgb, path, problems)
+def _image_size(path: Path | None, found: Findings) -> tuple[int, int] | None:
+    image = examine_image(path, found)
     return None if image is None else (image.shape[0], image.shape[1])
+
+
+def _examine_sweep(
+    path: Path | None, found: Findings
+) -> Float32[np.ndarray, "num_points 4"] | None:
+    points = read_or_note(read_sweep, path, found.unreadable)
+    if points is None or path is None:
+        return points
+    found.has_empty_sweep = not len(points)
+    doubt = sweep_doubt(path, points)
+    if doubt is not None:
+        found.refused.append(doubt)
+    else:
+        found.doubted += _check_points(points, path)
+    return points
 
 
 def _check_size(
@@ -152,11 +206,10 @@ def _check_points(points: Float32[np.ndarray, "num_points 4"], path: Path) -> li
 
 def _check_view(
     points: Float32[np.ndarray, "num_points 4"],
-    matrices: CalibrationMatrices,
+    image_from_lidar: Float64[np.ndarray, "3 4"],
     size: tuple[int, int],
     path: Path,
 ) -> list[Problem]:
-    image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
     if is_in_view(points, image_from_lidar, size).any() or not len(points):
         return []
     return [
@@ -168,29 +221,40 @@ def _check_view(
     ]
 
 
-def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
-    """Doubts about labels; `size` is the image's height and width, where it is known."""
-    width_height = np.array([np.inf, np.inf] if size is None else [size[1], size[0]])
-    minima, maxima = objects.boxes2d[:, :2], objects.boxes2d[:, 2:]
-    margin = _OUTSIDE_SHARE * width_height
-    has_box3d = (objects.locations != NO_LOCATION).any(axis=1)
-    rotations = np.stack((objects.rotation_y, objects.alpha), axis=1)
-    faults = {
-        "has a 2D box with its maximum below its minimum": (maxima < minima).any(axis=1),
-        "has a 2D box far outside the image": (
-            (minima < -margin) | (maxima > width_height + margin)
-        ).any(axis=1),
-        "has a 3D box of a size that is not positive": has_box3d
-        & (objects.dimensions_hwl <= 0).any(axis=1),
-        "has an angle outside -pi to pi": has_box3d & (np.abs(rotations) > _MAX_ANGLE).any(axis=1),
-        "has an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
-    }
-    return [
-        Problem(
-            path=path,
-            problem=f"object {index + 1} of {len(objects)} ({objects.class_names[index]}) {fault}",
-            remedy="correct the line or extract the labels again",
-        )
-        for fault, faulty in faults.items()
-        for index in np.flatnonzero(faulty)
-    ]
+def check_depth_scale(
+    depth_m: Float32[np.ndarray, "height width"],
+    points: Float32[np.ndarray, "num_points 4"],
+    image_from_lidar: Float64[np.ndarray, "3 4"],
+    path: Path,
+) -> list[Problem]:
+    """Doubt about a depth map that is deeper or flatter than the points that it shows."""
+    size = (depth_m.shape[0], depth_m.shape[1])
+    shown = points[is_in_view(points, image_from_lidar, size), :3].astype(np.float64)
+    places = shown @ image_from_lidar[:, :3].T + image_from_lidar[:, 3]
+    columns, rows = (places[:, :2] / places[:, 2:]).astype(int).T
+    there = depth_m[rows, columns]
+    ratios = there[there > 0] / places[there > 0, 2]
+    if len(ratios) < _FEWEST_COMPARED:
+        return []
+    ratio = float(np.median(ratios))
+    if 1 / _SCALE <= ratio <= _SCALE:
+        return []
+    return [_wrong_scale(path, f"is {ratio:.3g} times as deep as the points that it shows")]
+
+
+def _check_depth_range(depth_m: Float32[np.ndarray, "height width"], path: Path) -> list[Problem]:
+    depths = depth_m[depth_m > 0]
+    if len(depths) < _FEWEST_COMPARED:
+        return []
+    nearly_all = float(np.percentile(depths, 99))
+    if _MIN_DEPTH_M <= nearly_all <= _MAX_LIDAR_DEPTH_M:
+        return []
+    return [_wrong_scale(path, f"has depths of up to {nearly_all:.4g} m (99 % of them)")]
+
+
+def _wrong_scale(path: Path, problem: str) -> Problem:
+    return Problem(
+        path=path,
+        problem=f"{problem}: it is probably in millimetres, or another unit than metres times 256",
+        remedy="write metres times 256 in 16 bits, 0 for no value",
+    )

@@ -41,6 +41,17 @@ _JPEG_FRAMES = frozenset({0xC0, 0xC1, 0xC2})
 # What may stand before the frame: tables, restart interval, applications' notes and comments. A
 # decoder passes over anything else in its own way, and may find another size than is seen here.
 _JPEG_TABLES = frozenset({0xC4, 0xDB, 0xDD, *range(0xE0, 0xF0), 0xFE})
+_OTHER_FORMATS = (
+    (b"BM", "BMP"),
+    (b"II*\0", "TIFF"),
+    (b"MM\0*", "TIFF"),
+    (b"GIF8", "GIF"),
+    (b"RIFF", "WebP"),
+    (b"P5", "PGM"),
+    (b"P6", "PPM"),
+    (b"version https://git-lfs", "a pointer of Git LFS"),
+    (b"<", "a web page"),
+)
 _REMEDY = "extract or convert the file again"
 
 
@@ -89,7 +100,9 @@ def parse_image_header(
     except (struct.error, IndexError) as error:
         raise FileError(source, "is cut short within its header", _REMEDY) from error
     if header is None:
-        raise FileError(source, "is neither a PNG nor a JPEG picture", _REMEDY)
+        other = next((name for begin, name in _OTHER_FORMATS if content.startswith(begin)), None)
+        said = "" if other is None else f": it is {other} by its first bytes"
+        raise FileError(source, f"is neither a PNG nor a JPEG picture{said}", _REMEDY)
     height, width = header.size
     announced = f"announces {height}x{width} pixels (height x width)"
     if not 0 < height * width <= MAX_PIXELS:

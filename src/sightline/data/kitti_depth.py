@@ -89,16 +89,16 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         if split != "test_depth_completion_anonymous" and not allow_gaps:
             needed["truth"] = "groundtruth"
         _check_whole(self.root, frames, needed)
-        self._frames = tuple(frames)
+        self.frames = tuple(frames)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
         """The frames' names, e.g. "2011_09_26_drive_0002_sync_image_0000000005_image_02"."""
-        return tuple(frame.sample_id for frame in self._frames)
+        return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
         """Number of frames."""
-        return len(self._frames)
+        return len(self.frames)
 
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a frame.
@@ -108,7 +108,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
                 differ; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        frame = self._frames[index]
+        frame = self.frames[index]
         assert frame.sparse is not None, f"{frame.sample_id} passed the check without a sparse map"
         sparse = read_depth(frame.sparse)
         height, width = sparse.shape

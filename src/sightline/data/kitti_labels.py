@@ -1,7 +1,7 @@
 """KITTI's label and result files: one object a line, 15 fields, and a score in results."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from jaxtyping import Float64
 
 from sightline.data.atomic import atomic_write_text
 from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened
+from sightline.data.plain_text import shortened, without_marks
 from sightline.data.problem import FileError
 
 FIELDS = (
@@ -148,8 +148,9 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
 
     Raises:
         FileError: Names the source, line and field that is missing, not a number or not finite,
-            or the class whose name is absurdly long.
+            or the class whose name is absurdly long; or the file is text in UTF-16.
     """
+    data = without_marks(data, source)
     num_fields = _RESULT_FIELDS if with_scores else _LABEL_FIELDS
     names: list[bytes] = []
     tokens: list[bytes] = []
@@ -250,6 +251,8 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
     expected = FIELDS if with_scores else FIELDS[:_LABEL_FIELDS]
     kind = "result" if with_scores else "label"
     for number, fields in _lines(data):
+        if other := _other_format(fields):
+            return FileError(source, f"line {number} {other[0]}", other[1])
         count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
             if any(b"," in field for field in fields):
@@ -261,6 +264,31 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
             if fault := _fault_of_field(name, token, with_scores=with_scores):
                 return FileError(source, f"line {number}: {fault[0]}", fault[1])
     raise AssertionError(f"{source} was refused, but no line of it is at fault")
+
+
+def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
+    """Problem and remedy of a line in the format of KITTI tracking or of YOLO; else None."""
+    is_number = [_is_number(field) for field in fields]
+    if len(fields) >= _LABEL_FIELDS + 2 and is_number[:3] == [True, True, False]:
+        return (
+            f"has {len(fields)} fields: frame and track number come before the class, as in KITTI "
+            "tracking, whose files hold a whole sequence",
+            "write a file for each frame and remove its first two fields",
+        )
+    if len(fields) in (5, 6) and all(is_number) and all(0 <= float(x) <= 1 for x in fields[1:]):
+        return (
+            f"has {len(fields)} numbers, as YOLO's labels have (class, centre, width, height in "
+            f"shares of the image), expected the {_LABEL_FIELDS} fields of KITTI",
+            "convert them to class names and x_min, y_min, x_max, y_max in pixels",
+        )
+    return None
+
+
+def _is_number(token: bytes) -> bool:
+    try:
+        return math.isfinite(_number(token))
+    except ValueError:
+        return False
 
 
 def _fault_of_field(name: str, token: bytes, *, with_scores: bool) -> tuple[str, str] | None:
@@ -294,6 +322,8 @@ def _format_line(
     """One line of the file; raises ValueError, to be completed with the place, if it cannot be."""
     if class_name.encode().split() != [class_name.encode()]:
         raise ValueError(f"class is {class_name!r}, but it is one word: rename it")
+    if "\0" in class_name or "\ufeff" in class_name:
+        raise ValueError(f"class is {class_name!r}, which no reader takes: rename it")
     if len(class_name) > _MAX_NAME:
         raise ValueError(f"class is longer than {_MAX_NAME} characters: name it in a word")
     no_box3d = all(value == NO_LOCATION for value in values[_LOCATION])

@@ -83,22 +83,22 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             )
         wanted = tuple(found) if sample_list is None else read_sample_list(sample_list, self.root)
         _check_whole(folder, wanted, found, needed, velodyne)
-        self._frames = tuple(found[frame_id] for frame_id in wanted)
+        self.frames = tuple(found[frame_id] for frame_id in wanted)
         pictures = (frame.image or frame.depth for frame in found.values())
         self._any_picture = next((path for path in pictures if path is not None), None)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
         """The frames' names, e.g. "000042", in order."""
-        return tuple(frame.sample_id for frame in self._frames)
+        return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
         """Number of frames."""
-        return len(self._frames)
+        return len(self.frames)
 
     def label_file(self, index: int) -> Path | None:
         """Where the frame's labels are; None without labels, or where samples leave them out."""
-        return self._frames[index].objects
+        return self.frames[index].objects
 
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a frame.
@@ -107,7 +107,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             ValueError: A file of it cannot be understood; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        frame = self._frames[index]
+        frame = self.frames[index]
         sized = frame.image or frame.depth or self._any_picture
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)

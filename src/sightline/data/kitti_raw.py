@@ -5,6 +5,7 @@ from pathlib import Path
 import torch
 from torch.utils.data import Dataset
 
+from sightline.data.calibration_text import read_raw_matrices
 from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
 from sightline.data.drive_tree import DriveFiles, list_drive
 from sightline.data.image_header import read_image_size
@@ -54,24 +55,26 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
             )
         if not allow_gaps:
             _check_whole(self.folder, files)
-        self._frames = files.frames
+        self.frames = files.frames
+        self.calibration_folder = files.calibration
+        self.matrices = read_raw_matrices(files.calibration)
         self.calibration = read_raw_calibration(files.calibration)
         """That of every frame."""
         self._times = _times(files)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]
-        self._image_size = (
+        self.image_size = (
             read_image_size(images[0]) if images else centred_image_size(self.calibration)
         )
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
         """The frames' numbers as the files are named, e.g. "0000000005", in order."""
-        return tuple(frame.sample_id for frame in self._frames)
+        return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
         """Number of frames."""
-        return len(self._frames)
+        return len(self.frames)
 
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a frame.
@@ -81,19 +84,19 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
                 the drive's first; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        frame = self._frames[index]
+        frame = self.frames[index]
         image = None if frame.image is None else read_image(frame.image)
-        if frame.image and image is not None and image.shape[1:] != self._image_size:
+        if frame.image and image is not None and image.shape[1:] != self.image_size:
             raise FileError(
                 frame.image,
                 f"is {image.shape[1]}x{image.shape[2]} (height x width), expected "
-                f"{self._image_size[0]}x{self._image_size[1]} like the drive's first image",
+                f"{self.image_size[0]}x{self.image_size[1]} like the drive's first image",
                 "extract the drive again",
             )
         return CameraLidarSample(
             sample_id=frame.sample_id,
             calibration=self.calibration,
-            image_size=self._image_size,
+            image_size=self.image_size,
             image=image,
             points=None if frame.points is None else read_points(frame.points),
             world_from_lidar=None if self._poses is None else self._poses[index],

@@ -14,13 +14,14 @@ Velodyne = Literal["velodyne", "velodyne_reduced"]
 Part = Literal["image", "points", "calibration", "objects", "depth"]
 """`depth` is no part of KITTI's own tree: simulated ones have dense true depth, as 16-bit PNGs."""
 
-_SUFFIXES: dict[Part, tuple[str, ...]] = {
+PART_SUFFIXES: Final[dict[Part, tuple[str, ...]]] = {
     "image": IMAGE_SUFFIXES,
     "points": (".bin",),
     "calibration": (".txt",),
     "objects": (".txt",),
     "depth": (".png",),
 }
+"""How the files of each part end, in lower case; other endings are not read."""
 _COMPARED = 10_000  # of so many frames the names are compared with one that was misspelt
 _NAMED = 5  # so many frames an error lists by name
 
@@ -54,7 +55,7 @@ def find_velodyne(folder: Path) -> Velodyne:
 
 def _has_sweeps(folder: Path) -> bool:
     return folder.is_dir() and any(
-        path.suffix in _SUFFIXES["points"] and not path.name.startswith(".")
+        path.suffix.lower() in PART_SUFFIXES["points"] and not path.name.startswith(".")
         for path in folder.iterdir()
     )
 
@@ -64,10 +65,11 @@ def list_object_frames(
 ) -> dict[str, ObjectFrame]:
     """All frames of which `folder` (e.g. `training`) holds any of the parts, by name, sorted.
 
-    Files that do not end as KITTI's do, and hidden ones, are not looked at.
+    Files that do not end as KITTI's do (in any case), and hidden ones, are not looked at.
     """
     files = {
-        part: list_files(folder / part_folder(part, velodyne), _SUFFIXES[part]) for part in parts
+        part: list_files(folder / part_folder(part, velodyne), PART_SUFFIXES[part])
+        for part in parts
     }
     return {
         frame_id: ObjectFrame(
@@ -82,29 +84,24 @@ def list_object_frames(
     }
 
 
-def list_files(folder: Path, suffixes: Sequence[str], *, any_case: bool = False) -> dict[str, Path]:
-    """The files of a folder that end in one of the suffixes, by stem, sorted.
+def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
+    """The files of a folder that end in one of the suffixes, in any case, by stem, sorted.
 
-    Of two with the same stem the one with the earlier suffix counts; a folder that is not there
-    is empty; hidden files are left out.
+    Of two with the same stem the one with the earlier suffix counts, small letters first; a folder
+    that is not there is empty; hidden files are left out.
 
     Args:
         folder: Where they lie.
         suffixes: In lower case, with their dots.
-        any_case: Whether .JPG is .jpg.
     """
     if not folder.is_dir():
         return {}
-
-    def suffix(path: Path) -> str:
-        return path.suffix.lower() if any_case else path.suffix
-
     paths = [
         path
         for path in folder.iterdir()
-        if suffix(path) in suffixes and not path.name.startswith(".")
+        if path.suffix.lower() in suffixes and not path.name.startswith(".")
     ]
-    paths.sort(key=lambda path: (path.stem, -suffixes.index(suffix(path)), path.suffix))
+    paths.sort(key=lambda path: (path.stem, -suffixes.index(path.suffix.lower()), path.suffix))
     return {path.stem: path for path in paths}
 
 

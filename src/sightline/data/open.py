@@ -1,11 +1,13 @@
 """Opens a data set by what its folder looks like."""
 
 from collections.abc import Collection, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from torch.utils.data import Dataset
 
+from sightline.data.calibration_checks import check_matrices
 from sightline.data.depth_tree import (
     DriveSplit,
     SelectedSplit,
@@ -13,6 +15,12 @@ from sightline.data.depth_tree import (
     list_selected_frames,
 )
 from sightline.data.drive_tree import list_drive
+from sightline.data.entry_checks import judge_folders, judge_frames
+from sightline.data.frame_checks import (
+    examine_depth_frame,
+    examine_drive_frame,
+    examine_object_frame,
+)
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
@@ -25,9 +33,18 @@ from sightline.data.object_tree import (
     list_object_frames,
     suggest_frames,
 )
+from sightline.data.other_layouts import no_data_set, refuse_other_layouts
+from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
-from sightline.data.recording_tree import is_recording, lacks_calibration
+from sightline.data.recording_tree import is_recording
 from sightline.data.sample_list import read_sample_list
+from sightline.data.unread_files import (
+    depth_folders,
+    drive_folders,
+    object_folders,
+    recording_folders,
+)
 from sightline.structures.sample import CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
@@ -66,15 +83,15 @@ class NamedSubset(Dataset[CameraLidarSample]):
             )
         self.dataset = dataset
         self.sample_ids = tuple(sample_ids)
-        self._positions = tuple(positions[name] for name in sample_ids)
+        self.positions = tuple(positions[name] for name in sample_ids)
 
     def __len__(self) -> int:
         """Number of samples."""
-        return len(self._positions)
+        return len(self.positions)
 
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a sample."""
-        return self.dataset[self._positions[index]]
+        return self.dataset[self.positions[index]]
 
 
 def open_dataset(
@@ -106,46 +123,93 @@ def open_dataset(
             as far as they are there.
         needs: Those of the parts that no frame may lack. None: all that are named.
 
+    The first frame and two more are judged by the rules of `sightline check`: what is doubtful is
+    a warning, as are files of other formats beside those that are read.
+
     Raises:
-        ValueError: `path` is none of these, or lacks files.
+        ValueError: `path` is none of these, or lacks files; a folder that is used holds files of
+            other formats alone; a sweep is not in metres, or has reflectances outside 0 to 1.
     """
     path = Path(path)
     if not path.is_dir():
-        what = "is no folder" if path.exists() else "does not exist"
-        raise ValueError(f"{path} {what}; give the folder of a data set")
+        raise _no_data_set(path)
     wanted: Collection[Part] = ("image", "points", "objects") if parts is None else parts
     if parts is None and needs is None:
         needs = ()
     allow_gaps = needs is not None and not {"image", "points"} <= set(needs)
     path = _by_its_name(path)
+    dataset: SampleDataset | None
     if is_recording(path):
-        return RecordingDataset(path, sample_list=sample_list, parts=wanted, needs=needs)
-    root = path.parent if path.name in OBJECT_SPLITS else path
-    names = OBJECT_SPLITS if root == path else (path.name,)
-    for split in names:
-        sweeps = velodyne or find_velodyne(root / split)
-        if list_object_frames(root / split, ("image", "points"), sweeps):
-            return KittiObjectDataset(
-                root,
-                "training" if split == "training" else "testing",
-                sample_list=sample_list,
-                velodyne=sweeps,
-                parts=wanted,
-                needs=needs,
+        judge_folders(recording_folders(path), {*wanted, "calibration"})
+        dataset = RecordingDataset(path, sample_list=sample_list, parts=wanted, needs=needs)
+    else:
+        dataset = _open_object_tree(path, sample_list, velodyne, wanted, needs)
+    if dataset is None:
+        refuse_other_layouts(path)
+        if list_object_frames(path, ("image", "points")) and (path / "image_2").is_dir():
+            raise FileError(
+                path,
+                "holds the parts of an object split",
+                "rename it to training or testing, as in KITTI's tree",
             )
-    if list_object_frames(path, ("image", "points")) and (path / "image_2").is_dir():
-        raise ValueError(
-            f"{path} holds the parts of an object split; rename it to training or testing, as in "
-            "KITTI's tree"
-        )
-    dataset = _open_depth_tree(
-        path, load_images="image" in wanted, allow_gaps=allow_gaps
-    ) or _open_drive(path, allow_gaps=allow_gaps)
+        dataset = _open_depth_tree(
+            path, load_images="image" in wanted, allow_gaps=allow_gaps
+        ) or _open_drive(path, wanted, allow_gaps=allow_gaps)
+        if dataset is not None and sample_list is not None:
+            dataset = NamedSubset(dataset, read_sample_list(sample_list, path))
     if dataset is None:
         raise _no_data_set(path)
-    if sample_list is None:
-        return dataset
-    return NamedSubset(dataset, read_sample_list(sample_list, path))
+    _judge(dataset, path, wanted)
+    return dataset
+
+
+def _open_object_tree(
+    path: Path,
+    sample_list: str | Path | Sequence[str] | None,
+    velodyne: Velodyne | None,
+    parts: Collection[Part],
+    needs: Collection[Part] | None,
+) -> KittiObjectDataset | None:
+    root = path.parent if path.name in OBJECT_SPLITS else path
+    for split in OBJECT_SPLITS if root == path else (path.name,):
+        sweeps = velodyne or find_velodyne(root / split)
+        if not list_object_frames(root / split, ("image", "points"), sweeps):
+            continue
+        read = {*parts, "calibration", "image"}  # images' sizes are always read
+        judge_folders(object_folders(root / split, sweeps), read)
+        return KittiObjectDataset(
+            root,
+            "training" if split == "training" else "testing",
+            sample_list=sample_list,
+            velodyne=sweeps,
+            parts=parts,
+            needs=needs,
+        )
+    return None
+
+
+def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
+    """Judge some frames by the rules of `check`, before any work on them."""
+    undecodable = [name for name in dataset.sample_ids if not name.isprintable()]
+    if undecodable:
+        said = (
+            f"has {len(undecodable)} frames whose names are not UTF-8, or not to be seen, such as"
+        )
+        raise FileError(path, f"{said} {shortened(undecodable[0])}", "rename their files")
+    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    chosen = dataset.positions if isinstance(dataset, NamedSubset) else range(len(dataset))
+    if isinstance(whole, KittiObjectDataset):
+        judge_frames(path, whole.frames, examine_object_frame, parts)
+    elif isinstance(whole, RecordingDataset):
+        judge_frames(path, whole.frames, whole.examine, parts)
+    elif isinstance(whole, KittiDepthDataset):
+        frames = [whole.frames[place] for place in chosen]
+        judge_frames(path, frames, examine_depth_frame, parts)
+    elif isinstance(whole, KittiRawDrive):
+        moments = [whole.frames[place] for place in chosen]
+        examine = partial(examine_drive_frame, matrices=whole.matrices)
+        shared = check_matrices(whole.matrices, whole.image_size, whole.calibration_folder)
+        judge_frames(path, moments, examine, parts, shared=shared)
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:
@@ -153,18 +217,9 @@ def sweeps_folder(dataset: SampleDataset) -> Velodyne:
     return dataset.velodyne if isinstance(dataset, KittiObjectDataset) else "velodyne"
 
 
-def _no_data_set(path: Path) -> ValueError:
-    if lacks_calibration(path):
-        return ValueError(
-            f"{path} holds images or points without a calibration; write calibration.yaml beside "
-            "them, docs/recordings.md has an example"
-        )
-    return ValueError(
-        f"{path} is no data set, expected a recording (calibration.yaml, images, points), or "
-        "of KITTI's an object tree (training/image_2, ..), a depth completion tree "
-        "(val_selection_cropped/velodyne_raw, val/DRIVE/proj_depth, ..) or a raw drive "
-        "(image_02, velodyne_points, ..); name the folder that holds those"
-    )
+def _no_data_set(path: Path) -> FileError:
+    problem = no_data_set(path)
+    return FileError(problem.path, problem.problem, problem.remedy)
 
 
 def _by_its_name(path: Path) -> Path:
@@ -179,6 +234,8 @@ def _open_depth_tree(path: Path, *, load_images: bool, allow_gaps: bool) -> Samp
     if split is None:
         return None
     root = path.parent if path.name == split and split in _DRIVE_SPLITS else path
+    parts: tuple[Part, ...] = ("image", "points") if load_images else ("points",)
+    judge_folders(depth_folders(root, split), parts)
     return KittiDepthDataset(root, split, load_images=load_images, allow_gaps=allow_gaps)
 
 
@@ -197,5 +254,8 @@ def _find_depth_split(path: Path) -> DriveSplit | SelectedSplit | None:
     return "train" if list_drive_frames(path, "train", path, ("image_02",)) else None
 
 
-def _open_drive(path: Path, *, allow_gaps: bool) -> SampleDataset | None:
-    return KittiRawDrive(path, allow_gaps=allow_gaps) if list_drive(path).frames else None
+def _open_drive(path: Path, parts: Collection[Part], *, allow_gaps: bool) -> SampleDataset | None:
+    if not list_drive(path).frames:
+        return None
+    judge_folders(drive_folders(path), parts)
+    return KittiRawDrive(path, allow_gaps=allow_gaps)

@@ -8,21 +8,43 @@ from sightline.data.plain_file import read_bytes
 from sightline.data.problem import FileError
 
 _MAX_BYTES = 2**26
+MAX_CALIBRATION_BYTES = 2**20
+"""Largest calibration file that is read: hundreds of times KITTI's."""
 REMEDY = "correct it or extract the file again"
 
+_MARK = b"\xef\xbb\xbf"
+"""Byte order mark of UTF-8, which editors of Windows put in front of a text."""
+_WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
-def read_text(path: Path | str) -> str:
-    """The text of a file in UTF-8, with or without a byte order mark.
+
+def read_text(path: Path | str, *, max_bytes: int = _MAX_BYTES) -> str:
+    """Read a file in UTF-8, with or without byte order marks; every line ends in a line feed.
 
     Raises:
         FileError: It cannot be read, is not UTF-8, or larger than any calibration, pose or split
             file.
     """
-    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=REMEDY)
+    content = without_marks(read_bytes(path, max_bytes=max_bytes, remedy=REMEDY), path)
     try:
-        return content.decode("utf-8-sig")
+        text = content.decode()
     except UnicodeDecodeError as error:
         raise FileError(path, f"is no text: byte {error.start} is not UTF-8", REMEDY) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def without_marks(content: bytes, path: Path | str) -> bytes:
+    """Remove the byte order marks of UTF-8 text, which stay inside where files were joined.
+
+    Raises:
+        FileError: The text is UTF-16 or UTF-32, or holds NUL bytes as no text does.
+    """
+    if content.startswith(_WIDE_MARKS):
+        raise FileError(path, "is text in UTF-16, expected UTF-8", "save it as plain text in UTF-8")
+    nul = content.find(b"\0")
+    if nul >= 0:
+        problem = f"holds a NUL byte at position {nul}: it is binary, or text in UTF-16"
+        raise FileError(path, f"{problem}, expected UTF-8", "save it as plain text in UTF-8")
+    return content.replace(_MARK, b"") if _MARK in content else content
 
 
 def parse_numbers(

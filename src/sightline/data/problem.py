@@ -4,6 +4,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 
+def one_line(text: str) -> str:
+    """Text in one line without control characters: names out of data may hold any.
+
+    Bytes of another encoding, which no terminal and no log file takes, are written in hexadecimal.
+    """
+    line = " ".join(text.split())
+    return line if line.isprintable() else ascii(line)[1:-1]
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Problem:
     """One fault of a data set; `str` gives it as one line."""
@@ -16,9 +25,7 @@ class Problem:
 
     def __str__(self) -> str:
         """The file, what is wrong with it and what to do, in characters that any screen shows."""
-        line = " ".join(f"{self.path}: {self.problem}; {self.remedy}".split())
-        # A name may hold bytes of another encoding, which no terminal and no log file takes.
-        return line if line.isprintable() else ascii(line)[1:-1]
+        return one_line(f"{self.path}: {self.problem}; {self.remedy}")
 
 
 class FileError(ValueError):

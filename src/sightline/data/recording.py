@@ -13,6 +13,7 @@ from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from sightline.data.frame_checks import Findings, read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_depth
@@ -21,8 +22,13 @@ from sightline.data.object_labels import labels_from_kitti
 from sightline.data.object_tree import ObjectFrame, Part, describe_absent, suggest_frames
 from sightline.data.point_files import read_cloud
 from sightline.data.problem import FileError
-from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
+from sightline.data.recording_calibration import (
+    RecordingCalibration,
+    read_recording_calibration,
+    require_usable,
+)
 from sightline.data.recording_checks import (
+    examine_recording_frame,
     first_whole,
     height_of_recording,
     reference_images,
@@ -86,7 +92,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 f"{suggest_frames(absent[0], tuple(known))}; name others or another folder"
             )
         self._all_frames = files.frames
-        self._frames = tuple(known[name] for name in wanted)
+        self.frames = tuple(known[name] for name in wanted)
         self._check_whole(self.parts if needs is None else self.parts & set(needs))
         pictures = (frame.image or frame.depth for frame in files.frames)
         self._any_picture = next((path for path in pictures if path is not None), None)
@@ -94,7 +100,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self._times = None if files.times is None else read_times(files.times)
         self._start_s = min(self._times.values(), default=0.0) if self._times else 0.0
         self._last_rig: tuple[Path, _Rig] | None = None
-        view = view_of_recording(first_whole(self._frames))
+        view = view_of_recording(first_whole(self.frames))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=3)
         misnamed = unpaired(self.folder, files.frames)
@@ -104,15 +110,35 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     @property
     def sample_ids(self) -> tuple[str, ...]:
         """The frames' names, as the files have them, in order."""
-        return tuple(frame.sample_id for frame in self._frames)
+        return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
         """Number of frames."""
-        return len(self._frames)
+        return len(self.frames)
 
     def label_file(self, index: int) -> Path | None:
         """Where the frame's labels are; None without labels, or where samples leave them out."""
-        return self._frames[index].objects if "objects" in self.parts else None
+        return self.frames[index].objects if "objects" in self.parts else None
+
+    def examine(self, frame: ObjectFrame) -> Findings:
+        """Examine labels and depth of a frame; its calibration is judged when it is opened.
+
+        Raises:
+            FileError: The calibration's lens folds the picture.
+        """
+        assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
+        reference = self._reference_images[frame.calibration]
+        size = read_or_note(read_image_size, reference, [])
+        said = read_or_note(read_recording_calibration, frame.calibration, [])
+        if said is not None:
+            try:
+                require_usable(said, size)
+            except ValueError as error:
+                raise FileError(frame.calibration, str(error), _REMEDY) from error
+        found = examine_recording_frame(frame, reference=reference)
+        own = (frame.objects, frame.depth)
+        found.doubted = [each for each in found.doubted if each.path in own]
+        return found
 
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a frame.
@@ -121,7 +147,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             ValueError: A file of it cannot be understood; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        frame = self._frames[index]
+        frame = self.frames[index]
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         rig = self._rig(frame.calibration)
         said, calibration = rig.said, rig.calibration
@@ -197,11 +223,11 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     def _check_whole(self, needed: Collection[Part]) -> None:
         attributes = {"image": "images", "points": "points", "objects": "labels", "depth": "depth"}
         for part in ("calibration", *(part for part in attributes if part in needed)):
-            absent = [each.sample_id for each in self._frames if getattr(each, part) is None]
+            absent = [each.sample_id for each in self.frames if getattr(each, part) is None]
             if absent:
                 raise ValueError(
                     f"{self.folder} lacks {attributes.get(part, part)} of {len(absent)} of "
-                    f"{len(self._frames)} frames ({describe_absent(absent)}); add them or name a "
+                    f"{len(self.frames)} frames ({describe_absent(absent)}); add them or name a "
                     "list of the frames that are there"
                 )
 
@@ -244,5 +270,9 @@ def _straight_image(path: Path, said: RecordingCalibration) -> UInt8[Tensor, "3 
     image = read_rgb(path)
     if said.lens is not None:
         camera_matrix = said.matrices.image_from_camera[:, :3]
-        image = undistort(image, camera_matrix, said.lens.coefficients, model=said.lens.model)
+        try:
+            image = undistort(image, camera_matrix, said.lens.coefficients, model=said.lens.model)
+        except ValueError as error:  # of a lens that does not go with pictures of this size
+            problem, _, remedy = f"cannot be straightened: {error}".partition("; ")
+            raise FileError(path, problem, remedy or _REMEDY) from error
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))

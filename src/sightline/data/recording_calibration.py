@@ -1,5 +1,6 @@
 """The calibration file of a recording: YAML or JSON, written by hand or by an import."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +12,10 @@ from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import MAX_PIXELS
-from sightline.data.plain_text import read_text
+from sightline.data.plain_text import shortened
+from sightline.data.plain_yaml import read_yaml
 from sightline.data.problem import FileError
-from sightline.data.undistortion import LensModel, check_lens
+from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, lens_fault
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 from sightline.geometry.rotations import rotation_fault
 
@@ -25,6 +27,9 @@ _KEYS: Final = (
     "lidar_height_m",
     "max_intensity",
 )
+_LIMIT = 1e9
+_MIN_FOCAL_PX = 1.0
+_MAX_STRETCH = math.log(10)  # of a pixel, between its two sides
 _REMEDY = "see docs/recordings.md for an example"
 
 
@@ -57,33 +62,66 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
     Raises:
         FileError: It is no such file, lacks a matrix, or what it says makes no sense.
     """
-    try:
-        said = yaml.safe_load(read_text(path))
-    except FileError:
-        raise
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise FileError(path, "is neither YAML nor JSON", _REMEDY) from error
+    said = read_yaml(path, _REMEDY)
     if not isinstance(said, dict):
         raise FileError(path, "holds no names with values", _REMEDY)
     unknown = [str(key) for key in said if key not in _KEYS]
     if unknown:
         raise FileError(
-            path, f"has the unknown entry {unknown[0][:40]!r}, expected {', '.join(_KEYS)}", _REMEDY
+            path,
+            f"has the unknown entry {shortened(unknown[0], 40)!r}, expected {', '.join(_KEYS)}",
+            _REMEDY,
         )
     try:
-        return RecordingCalibration(
+        calibration = RecordingCalibration(
             matrices=_matrices(said),
             image_size=_image_size(said.get("image_size")),
             lens=_lens(said.get("lens")),
             max_intensity=_max_intensity(said.get("max_intensity", 1.0)),
             lidar_height_m=_lidar_height(said.get("lidar_height_m")),
         )
+        require_usable(calibration)
     except ValueError as error:
         raise FileError(path, str(error), _REMEDY) from error
+    return calibration
+
+
+def require_usable(
+    calibration: RecordingCalibration, image_size: tuple[int, int] | None = None
+) -> None:
+    """Judge a calibration, read or about to be written, by the rules that every reader has.
+
+    Args:
+        calibration: Of a recording.
+        image_size: Height, width [px] of its images. None: what the calibration says, if anything.
+
+    Raises:
+        ValueError: A matrix or number cannot be what it is called, or the lens folds the picture;
+            the rest of a sentence about its source.
+    """
+    camera = calibration.matrices.image_from_camera
+    checked_matrices(camera, calibration.matrices.camera_from_lidar)
+    _max_intensity(calibration.max_intensity)
+    _lidar_height(calibration.lidar_height_m)
+    size = image_size or calibration.image_size
+    if size is not None:
+        _image_size({"height": size[0], "width": size[1]})
+    if calibration.lens is not None:
+        check_lens(calibration.lens.model, calibration.lens.coefficients)
+        if size is not None:
+            lens = calibration.lens
+            fault = lens_fault(lens.model, lens.coefficients, camera, size)
+            if fault is not None:
+                raise ValueError(f"lens {fault}; {LENS_REMEDY}")
 
 
 def recording_calibration_text(calibration: RecordingCalibration) -> str:
-    """The file's text, exact to the last bit."""
+    """The file's text, exact to the last bit.
+
+    Raises:
+        ValueError: No reader would take it; see `require_usable`.
+    """
+    require_usable(calibration)
     camera = calibration.matrices.image_from_camera
     said: dict[str, Any] = {
         "camera_matrix": (camera if camera[:, 3].any() else camera[:, :3]).tolist(),
@@ -119,13 +157,26 @@ def checked_matrices(
     Raises:
         ValueError: One cannot be what it is called; the rest of a sentence about their source.
     """
+    for name, matrix in (("camera_matrix", camera), ("camera_from_lidar", rigid)):
+        if not (np.abs(matrix) < _LIMIT).all():  # NaN compares false
+            raise ValueError(f"{name} holds NaN, infinite or absurdly large values")
     if np.abs(camera[2, :3] - (0, 0, 1)).max() > 1e-9:
         hint = ": it is probably transposed" if not camera[:2, 2].any() else ""
         raise ValueError(
             f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
         )
-    if (np.diag(camera)[:2] <= 0).any():
-        raise ValueError("camera_matrix has focal lengths that are not above 0")
+    focal_px = np.diag(camera)[:2]
+    if (focal_px <= 0).any() or np.linalg.matrix_rank(camera[:, :3]) < 3:
+        raise ValueError(
+            f"camera_matrix has focal lengths that are not above 0: {focal_px[0]:.6g} and "
+            f"{focal_px[1]:.6g} px"
+        )
+    if (focal_px < _MIN_FOCAL_PX).any() or abs(math.log(focal_px[0] / focal_px[1])) > _MAX_STRETCH:
+        raise ValueError(
+            f"camera_matrix has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, "
+            f"expected both alike and at least {_MIN_FOCAL_PX:g}: they are probably in millimetres "
+            "or shares of the image; give pixels"
+        )
     if len(rigid) == 4 and np.abs(rigid[3] - (0, 0, 0, 1)).max() > 1e-9:
         hint = ": it is probably transposed" if not rigid[:3, 3].any() else ""
         raise ValueError(
@@ -159,8 +210,6 @@ def _matrix(
         matrix = np.empty(0)
     if matrix.shape not in shapes:
         raise ValueError(f"{name} is no matrix of {expected} numbers")
-    if not (np.abs(matrix) < 1e9).all():  # NaN compares false
-        raise ValueError(f"{name} holds NaN, infinite or absurdly large values")
     return matrix
 
 
@@ -172,6 +221,8 @@ def _image_size(said: object) -> tuple[int, int] | None:
     height, width = said["height"], said["width"]
     if not all(type(each) is int and 0 < each <= MAX_PIXELS for each in (height, width)):
         raise ValueError("image_size is no width and height in whole pixels")
+    if height * width > MAX_PIXELS:
+        raise ValueError(f"image_size is {height}x{width}, more than {MAX_PIXELS} pixels")
     return height, width
 
 

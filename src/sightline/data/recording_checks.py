@@ -11,14 +11,18 @@ from jaxtyping import Float32
 
 from sightline.data.calibration_checks import check_matrices
 from sightline.data.depth_png import read_depth_png
-from sightline.data.frame_checks import check_objects, read_or_note
-from sightline.data.image_file import read_rgb
+from sightline.data.frame_checks import Findings, check_depth_scale, examine_image, read_or_note
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_labels import read_labels
+from sightline.data.label_checks import check_objects
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.point_files import read_cloud
 from sightline.data.problem import FileError, Problem
-from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
+from sightline.data.recording_calibration import (
+    RecordingCalibration,
+    read_recording_calibration,
+    require_usable,
+)
 from sightline.data.view import is_in_view
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
@@ -144,6 +148,10 @@ def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]
     if said is None:
         return problems
     size = read_or_note(read_image_size, image, []) or said.image_size
+    try:
+        require_usable(said, size)
+    except ValueError as error:
+        return [Problem(path=path, problem=str(error), remedy=_REMEDY)]
     doubt = _doubt(said, size)
     if doubt is not None:
         return [Problem(path=path, problem=doubt, remedy=_REMEDY)]
@@ -160,41 +168,46 @@ def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | No
     return None if scale is None else f"camera_matrix {scale}"
 
 
-def check_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> list[Problem]:
-    """Checks one frame; parts that are absent, and its calibration, are not spoken of.
+def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Findings:
+    """Examine one frame; parts that are absent, and its calibration, are not spoken of.
 
     Args:
         frame: Of the recording.
         reference: The first image of the same calibration; see `reference_images`.
     """
-    problems: list[Problem] = []
+    found = Findings()
     said = read_or_note(read_recording_calibration, frame.calibration, [])
-    image = read_or_note(read_rgb, frame.image, problems)
-    depth_m = read_or_note(read_depth_png, frame.depth, problems)
-    read_or_note(
+    image = examine_image(frame.image, found)
+    depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
+    points = read_or_note(
         # without a calibration nobody knows which intensities are too high
         partial(read_cloud, max_intensity=math.inf if said is None else said.max_intensity),
         frame.points,
-        problems,
+        found.unreadable,
     )
-    objects = read_or_note(read_labels, frame.objects, problems)
+    found.has_empty_sweep = points is not None and not len(points)
+    objects = read_or_note(read_labels, frame.objects, found.unreadable)
     size = None if image is None else (image.shape[0], image.shape[1])
     if objects is not None and frame.objects is not None:
-        problems += check_objects(objects, size, frame.objects)
+        found.doubted += check_objects(objects, size, frame.objects)
     if said is None:
-        return problems
+        return found
     # Depth is of the image's size, and stands for it where there is none.
     pictures = ((frame.image, size), (frame.depth, None if depth_m is None else depth_m.shape))
     for path, shape in pictures:
         misfit = size_misfit(path, shape, said, reference) if path and shape else None
         if misfit is not None:
-            return [misfit, *problems]  # boxes beyond the image may come of it
-    if problems:
-        return problems
+            found.doubted.insert(0, misfit)  # boxes beyond the image may come of it
+            return found
+    if found.all():
+        return found
     view = view_of_recording(frame)
-    if view is None or view.doubt is None or _doubt(said, view.size) is not None:
-        return []  # a calibration's own faults are told of once for all frames
-    return [view.doubt]
+    if view is not None and view.doubt is not None and _doubt(said, view.size) is None:
+        found.doubted.append(view.doubt)  # a calibration's own are told of once for all frames
+    elif depth_m is not None and frame.depth is not None and points is not None:
+        image_from_lidar = said.matrices.image_from_camera @ said.matrices.camera_from_lidar
+        found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
+    return found
 
 
 def size_misfit(

@@ -16,7 +16,7 @@ CALIBRATIONS: Final = "calibration"
 """The folder of one file a frame, and the stem of the one file for all."""
 TIMES_NAME: Final = "times.txt"
 
-_CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
+CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,7 +32,7 @@ class RecordingFiles:
 def is_recording(folder: Path) -> bool:
     """Whether a folder has a recording's calibration beside its images or clouds."""
     return _has_sensor(folder) and bool(
-        _common_calibration(folder) or list_files(folder / CALIBRATIONS, _CALIBRATION_SUFFIXES)
+        _common_calibration(folder) or list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
     )
 
 
@@ -62,9 +62,9 @@ def ambiguous(folder: Path) -> list[Problem]:
     """Each image and cloud of a recording that another file of its name stands beside."""
     problems = []
     for name, suffixes in ((IMAGES, IMAGE_SUFFIXES), (POINTS, CLOUD_SUFFIXES)):
-        taken = list_files(folder / name, suffixes, any_case=True)
+        taken = list_files(folder / name, suffixes)
         for suffix in suffixes:
-            for stem, path in list_files(folder / name, (suffix,), any_case=True).items():
+            for stem, path in list_files(folder / name, (suffix,)).items():
                 if path != taken[stem]:
                     said = f"is not read, as {taken[stem].name} has its name, too"
                     remedy = "keep one of them, or give the other a name of its own"
@@ -79,11 +79,11 @@ def list_recording(folder: Path) -> RecordingFiles:
     is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for each; labels
     (KITTI's), depth (16-bit PNGs) and times.txt may be there.
     """
-    images = list_files(folder / IMAGES, IMAGE_SUFFIXES, any_case=True)
-    clouds = list_files(folder / POINTS, CLOUD_SUFFIXES, any_case=True)
+    images = list_files(folder / IMAGES, IMAGE_SUFFIXES)
+    clouds = list_files(folder / POINTS, CLOUD_SUFFIXES)
     labels, depths = list_files(folder / LABELS, (".txt",)), list_files(folder / DEPTH, (".png",))
     common = _common_calibration(folder)
-    own = list_files(folder / CALIBRATIONS, _CALIBRATION_SUFFIXES)
+    own = list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
     times = folder / TIMES_NAME
     return RecordingFiles(
         folder=folder,
@@ -126,5 +126,5 @@ def _has_sensor(folder: Path) -> bool:
 
 
 def _common_calibration(folder: Path) -> Path | None:
-    candidates = (folder / f"{CALIBRATIONS}{suffix}" for suffix in _CALIBRATION_SUFFIXES)
+    candidates = (folder / f"{CALIBRATIONS}{suffix}" for suffix in CALIBRATION_SUFFIXES)
     return next((path for path in candidates if path.is_file()), None)

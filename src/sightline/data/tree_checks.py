@@ -18,9 +18,10 @@ from sightline.data.depth_tree import (
 )
 from sightline.data.drive_tree import DriveFrame, list_drive
 from sightline.data.frame_checks import (
-    check_depth_frame,
-    check_drive_frame,
-    check_object_frame,
+    Findings,
+    examine_depth_frame,
+    examine_drive_frame,
+    examine_object_frame,
     read_or_note,
 )
 from sightline.data.object_tree import (
@@ -30,11 +31,13 @@ from sightline.data.object_tree import (
     list_object_frames,
     part_folder,
 )
-from sightline.data.problem import FileError, Problem
+from sightline.data.other_layouts import refuse_other_layouts
+from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError, Problem, one_line
 from sightline.data.recording_checks import (
     check_recording_calibration,
-    check_recording_frame,
     describe_recording,
+    examine_recording_frame,
     reference_images,
 )
 from sightline.data.recording_tree import (
@@ -50,7 +53,17 @@ from sightline.data.recording_tree import (
     read_times,
     unpaired,
 )
+from sightline.data.unread_files import (
+    PartFolder,
+    depth_folders,
+    drive_folders,
+    find_unread,
+    object_folders,
+    recording_folders,
+)
 
+TRACKLETS = "tracklet_labels.xml"
+"""Labels of a raw drive, in a format of its own."""
 _REMEDY = "extract the archive again"
 _RECORDING_REMEDY = "add what is missing in a format of docs/recordings.md"
 
@@ -91,7 +104,7 @@ class TreeSummary:
         """The folder, its number of frames and of the files of each part."""
         parts = ", ".join(f"{part.name} {part.num_files}" for part in self.parts)
         note = f"; {self.note}" if self.note else ""
-        return f"{self.folder}: {self.num_frames} {self.kind} ({parts}){note}"
+        return one_line(f"{self.folder}: {self.num_frames} {self.kind} ({parts}){note}")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -118,6 +131,10 @@ class _ExpectedPart:
 
 def find_trees(root: Path) -> list[Tree]:
     """All recordings and KITTI's trees in a folder, in a fixed order; empty where there is none."""
+    try:
+        refuse_other_layouts(root)
+    except FileError:
+        return []
     object_trees = [_object_tree(root / split) for split in ("training", "testing")]
     drive_splits: tuple[DriveSplit, ...] = ("train", "val")
     selections: tuple[SelectedSplit, ...] = (
@@ -150,11 +167,11 @@ def _object_tree(folder: Path) -> Tree | None:
     reduced = (folder / "velodyne_reduced").is_dir()
     velodyne = find_velodyne(folder)
     frames = list(list_object_frames(folder, suffixes, velodyne).values())
-    checks = _frame_checks(check_object_frame, frames)
+    checks = _frame_checks(examine_object_frame, frames)
     if reduced and velodyne == "velodyne":
         points: tuple[Part, ...] = ("points",)
         others = list_object_frames(folder, points, "velodyne_reduced").values()
-        checks += _frame_checks(check_object_frame, list(others))
+        checks += _frame_checks(examine_object_frame, list(others))
     expected = [
         _ExpectedPart(
             attribute=part,
@@ -164,7 +181,8 @@ def _object_tree(folder: Path) -> Tree | None:
         )
         for part, suffix in suffixes.items()
     ]
-    return _tree(folder, "object frames", frames, expected, checks)
+    tree = _tree(folder, "object frames", frames, expected, checks)
+    return _with_unread(tree, object_folders(folder, velodyne))
 
 
 def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
@@ -174,8 +192,9 @@ def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
         for attribute, name in (("sparse", "velodyne_raw"), ("truth", "groundtruth"))
     ]
     frames = list_drive_frames(root, split, root, ("image_02", "image_03"))
-    checks = _frame_checks(check_depth_frame, frames)
-    return _tree(root / split, "depth frames", frames, expected, checks)
+    checks = _frame_checks(examine_depth_frame, frames)
+    tree = _tree(root / split, "depth frames", frames, expected, checks)
+    return _with_unread(tree, depth_folders(root, split))
 
 
 def _selection_tree(root: Path, folder: Path, split: SelectedSplit) -> Tree | None:
@@ -187,8 +206,9 @@ def _selection_tree(root: Path, folder: Path, split: SelectedSplit) -> Tree | No
         for attribute, name in names.items()
     ]
     frames = list_selected_frames(root, split)
-    checks = _frame_checks(check_depth_frame, frames)
-    return _tree(folder, "depth frames", frames, expected, checks)
+    checks = _frame_checks(examine_depth_frame, frames)
+    tree = _tree(folder, "depth frames", frames, expected, checks)
+    return _with_unread(tree, depth_folders(root, split))
 
 
 def _raw_drive_tree(folder: Path) -> Tree | None:
@@ -204,8 +224,13 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     ]
     read_calibration = partial(_check_raw_calibration, folder, files.calibration)
     checks = [Check(subject="the calibration", run=read_calibration)]
-    checks += _frame_checks(check_drive_frame, files.frames)
-    return _tree(folder, "raw frames", files.frames, expected, checks)
+    matrices = read_or_note(read_raw_matrices, files.calibration, [])
+    checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
+    tree = _tree(folder, "raw frames", files.frames, expected, checks)
+    if tree is not None and (folder / TRACKLETS).is_file():
+        note = f"{TRACKLETS} is not read: a raw drive has no labels"
+        tree = replace(tree, summary=replace(tree.summary, note=note))
+    return _with_unread(tree, drive_folders(folder))
 
 
 def _recording_tree(folder: Path) -> Tree | None:
@@ -234,7 +259,18 @@ def _recording_tree(folder: Path) -> Tree | None:
         tree = replace(tree, gaps=(misnamed,))
     tree = replace(tree, gaps=(*tree.gaps, *ambiguous(folder)))
     note = "; ".join(describe_recording(frames))
-    return replace(tree, summary=replace(tree.summary, note=note))
+    tree = replace(tree, summary=replace(tree.summary, note=note))
+    return _with_unread(tree, recording_folders(folder))
+
+
+def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | None:
+    """The tree with a problem of each folder with files that nobody reads, instead of its gaps."""
+    if tree is None:
+        return None
+    unread = find_unread(folders)
+    hollow = [each.problem.path for each in unread if each.is_all]
+    gaps = [gap for gap in tree.gaps if not {gap.path, gap.path.parent} & set(hollow)]
+    return replace(tree, gaps=(*(each.problem for each in unread), *gaps))
 
 
 def _recording_checks(files: RecordingFiles) -> list[Check]:
@@ -250,17 +286,21 @@ def _recording_checks(files: RecordingFiles) -> list[Check]:
         checks.append(Check(subject=files.times.name, run=partial(_check_times, files.times)))
     for frame in files.frames:
         reference = None if frame.calibration is None else references.get(frame.calibration)
-        run = partial(check_recording_frame, frame, reference=reference)
-        checks.append(Check(subject=f"frame {frame.sample_id}", run=run))
+        run = partial(examine_recording_frame, frame, reference=reference)
+        checks.append(_frame_check(frame.sample_id, run))
     return checks
 
 
-def _frame_checks(
-    examine: Callable[[Frame], list[Problem]], frames: Sequence[Frame]
-) -> list[Check]:
-    return [
-        Check(subject=f"frame {frame.sample_id}", run=partial(examine, frame)) for frame in frames
-    ]
+def _frame_checks(examine: Callable[[Frame], Findings], frames: Sequence[Frame]) -> list[Check]:
+    return [_frame_check(frame.sample_id, partial(examine, frame)) for frame in frames]
+
+
+def _frame_check(sample_id: str, examine: Callable[[], Findings]) -> Check:
+    return Check(subject=f"frame {shortened(sample_id)}", run=partial(_all_of, examine))
+
+
+def _all_of(examine: Callable[[], Findings]) -> list[Problem]:
+    return examine().all()
 
 
 def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:

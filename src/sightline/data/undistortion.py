@@ -1,12 +1,13 @@
 """Pictures as a lens without distortion would have taken them, by OpenCV's models."""
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, Literal, SupportsFloat
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 
 LensModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 """As ROS calls them: OpenCV's model of 5 or of 8 coefficients, and its fisheye's of 4."""
@@ -17,6 +18,15 @@ COEFFICIENTS: Final[dict[LensModel, tuple[int, ...]]] = {
     "equidistant": (4,),
 }
 """How many numbers each model takes."""
+
+LENS_REMEDY: Final = (
+    "give the coefficients in the order of the model (k1, k2, p1, p2, k3 ..), as calibrated for "
+    "this camera matrix"
+)
+_LEAST_SHARE = 0.25  # of the straight picture, that the distorted one has to fill
+_MAX_COEFFICIENT = 1e6
+_MAX_TANGENT = 100.0  # of the farthest ray of a picture: 89 degrees
+_GRID = 33  # lines each way on which the map is tried
 
 _Row = tuple[float, ...]
 
@@ -47,7 +57,7 @@ def undistort(
 
     Raises:
         ValueError: The image or the matrix is something else, the model takes another number of
-            coefficients, or they are not finite.
+            coefficients, they are not finite, or fold or lose the picture (see `lens_fault`).
     """
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(
@@ -62,6 +72,9 @@ def undistort(
         )
     coefficients = tuple(map(float, np.array(distortion, dtype=np.float64).ravel()))
     check_lens(model, coefficients)
+    fault = lens_fault(model, coefficients, camera, (image.shape[0], image.shape[1]))
+    if fault is not None:
+        raise ValueError(f"the lens {fault}; {LENS_REMEDY}")
     rows = tuple(map(tuple, camera[:, :3].tolist()))
     columns_px, rows_px = _maps(rows, coefficients, model, (image.shape[0], image.shape[1]))
     straight = cv2.remap(image, columns_px, rows_px, cv2.INTER_LINEAR)
@@ -79,12 +92,107 @@ def check_lens(model: LensModel, coefficients: Sequence[float]) -> None:
             f"there is no lens model {model}; give one of {', '.join(COEFFICIENTS)}, or straighten "
             "the pictures elsewhere"
         )
-    if len(coefficients) not in COEFFICIENTS[model] or not np.isfinite(coefficients).all():
+    is_sound = (np.abs(np.array(coefficients, dtype=np.float64)) <= _MAX_COEFFICIENT).all()
+    if len(coefficients) not in COEFFICIENTS[model] or not is_sound:  # NaN compares false
         counts = " or ".join(map(str, COEFFICIENTS[model]))
         raise ValueError(
             f"the lens has {len(coefficients)} coefficients of distortion, expected {counts} "
-            f"finite numbers of the model {model}"
+            f"finite numbers of the model {model}, up to {_MAX_COEFFICIENT:g}"
         )
+
+
+def lens_fault(
+    model: LensModel,
+    coefficients: Sequence[float],
+    camera_matrix: Float64[np.ndarray, "3 columns"],
+    size: tuple[int, int],
+) -> str | None:
+    """Fault of a lens that folds the picture or moves most of it out of sight; None if sound.
+
+    A sound lens moves pixels farther out of the straight picture farther out of the distorted one,
+    all over the image.
+
+    Args:
+        model: Whose coefficients they are.
+        coefficients: Finite, as `check_lens` takes them.
+        camera_matrix: 3x3 or 3x4 [px], focal lengths above 0.
+        size: Height, width [px].
+
+    Returns:
+        The rest of a sentence that begins with the lens.
+    """
+    if not any(coefficients):
+        return None
+    camera = np.ascontiguousarray(camera_matrix[:, :3], dtype=np.float64)
+    height, width = size
+    columns, rows = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
+    pixels = np.stack((columns, rows, np.ones_like(rows)), axis=-1)
+    rays = (pixels @ np.linalg.inv(camera).T)[..., :2]
+    farthest = float(np.linalg.norm(rays, axis=-1).max())
+    if not np.isfinite(farthest) or farthest > _MAX_TANGENT:
+        return f"sees {farthest:.4g} focal lengths aside in an image of {height}x{width}"
+    turn = _first_turn(model, coefficients, farthest)
+    moved = _distorted(model, coefficients, camera, rays)
+    across, down = np.diff(moved, axis=1)[:-1], np.diff(moved, axis=0)[:, :-1]
+    areas = across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0]
+    if turn is not None or not (areas > 0).all():
+        place = "" if turn is None else f", from {100 * turn / farthest:.0f} % of the way out on"
+        return f"folds the picture of {height}x{width} over itself{place}"
+    inside = (moved >= 0) & (moved <= (width - 1, height - 1))
+    share = float(inside.all(axis=-1).mean())
+    if share < _LEAST_SHARE:
+        return f"leaves {100 * share:.0f} % of the picture of {height}x{width}, the rest black"
+    return None
+
+
+def _first_turn(model: LensModel, coefficients: Sequence[float], farthest: float) -> float | None:
+    """Distance [focal lengths] within `farthest` from which on the radial part falls again."""
+    radial = list(coefficients)
+    if model != "equidistant":  # k1, k2, p1, p2, k3, then the denominator's
+        radial = [*radial[:2], *radial[4:5]]
+    numerator, denominator = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
+    for power, value in enumerate(radial, start=1):
+        numerator += value * np.polynomial.Polynomial([0.0] * (2 * power + 1) + [1.0])
+    for power, value in enumerate(coefficients[5:8] if model != "equidistant" else (), start=1):
+        denominator += value * np.polynomial.Polynomial([0.0] * (2 * power) + [1.0])
+    slope = numerator.deriv() * denominator - numerator * denominator.deriv()
+    limit = math.atan(farthest) if model == "equidistant" else farthest
+    roots = np.concatenate([_real_roots(slope), _real_roots(denominator)])
+    within = roots[(roots > 0) & (roots <= limit)]
+    if not len(within):
+        return None
+    first = float(within.min())
+    return math.tan(first) if model == "equidistant" else first
+
+
+def _real_roots(polynomial: np.polynomial.Polynomial) -> Float64[np.ndarray, " num_roots"]:
+    roots = polynomial.trim().roots()
+    real: Float64[np.ndarray, " num_roots"] = roots[np.abs(np.imag(roots)) < 1e-9].real
+    return real
+
+
+def _distorted(
+    model: LensModel,
+    coefficients: Sequence[float],
+    camera: Float64[np.ndarray, "3 3"],
+    rays: Float64[np.ndarray, "rows columns 2"],
+) -> Float64[np.ndarray, "rows columns 2"]:
+    """Pixels of the distorted picture where rays of the straight one are found."""
+    lens = np.array(coefficients)
+    flat = rays.reshape(-1, 1, 2)
+    if model == "equidistant":
+        angles = np.arctan(np.linalg.norm(flat, axis=-1, keepdims=True))
+        scale = np.where(angles > 0, angles / np.maximum(np.tan(angles), 1e-12), 1.0)
+        powers = angles ** np.array([2, 4, 6, 8])
+        bent = flat * scale * (1 + (powers * lens).sum(axis=-1, keepdims=True))
+        moved = bent * np.diag(camera)[:2] + camera[:2, 2]
+    else:
+        points = np.concatenate((flat, np.ones_like(flat[..., :1])), axis=-1)
+        moved, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera, lens)
+    shaped: Float64[np.ndarray, "rows columns 2"] = np.nan_to_num(moved, nan=-1.0).reshape(
+        rays.shape
+    )
+    return shaped
 
 
 @lru_cache(maxsize=8)

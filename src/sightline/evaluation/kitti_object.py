@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from sightline.data.frame_files import require_frame_files
+from sightline.data.frame_files import require_frame_files, where_frame_files_are
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
 from sightline.data.problem import FileError
 from sightline.data.progress import track
@@ -139,9 +139,10 @@ def read_frames(
 def _missing_results(results_dir: Path, names: Sequence[str]) -> set[str]:
     missing = {name for name in names if not (results_dir / f"{name}.txt").exists()}
     if len(missing) == len(names):
+        elsewhere = where_frame_files_are(results_dir, names) if results_dir.is_dir() else None
         raise ValueError(
-            f"{results_dir} has no result file of any of {len(names):,} frames; name the folder of "
-            "the results"
+            f"{results_dir} has no result file of any of {len(names):,} frames; "
+            f"{elsewhere or 'name the folder of the results'}"
         )
     return missing
 
@@ -171,7 +172,9 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))
     if not names:
-        raise ValueError(f"{labels_dir} has no label files (*.txt); give KITTI's folder label_2")
+        elsewhere = where_frame_files_are(labels_dir, ()) if labels_dir.is_dir() else None
+        remedy = elsewhere or "give KITTI's folder label_2"
+        raise ValueError(f"{labels_dir} has no label files (*.txt); {remedy}")
     return names
 
 

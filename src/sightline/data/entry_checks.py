@@ -1,0 +1,130 @@
+"""A few frames of a data set, judged as it is opened: before any work, by the rules of `check`."""
+
+import warnings
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, TypeVar
+
+from sightline.data.depth_tree import DepthFrame
+from sightline.data.drive_tree import DriveFrame
+from sightline.data.frame_checks import Findings
+from sightline.data.object_tree import ObjectFrame, Part
+from sightline.data.problem import FileError, Problem
+from sightline.data.unread_files import PartFolder, find_unread
+
+_DRAWN: Final = 3  # frames: the first, and others spread over the rest
+_STACK: Final = 4  # from here to who opens the data set
+
+Item = TypeVar("Item")
+Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
+
+
+def judge_folders(folders: Sequence[PartFolder], parts: Collection[Part]) -> None:
+    """Warn of files that nobody reads, by number and kind.
+
+    Args:
+        folders: Of the data set.
+        parts: Those that are about to be used.
+
+    Raises:
+        FileError: A folder of a part that is used holds files, and none of them is read.
+    """
+    for unread in find_unread(folders):
+        if unread.part not in parts:
+            continue
+        if unread.is_all:
+            problem = unread.problem
+            raise FileError(problem.path, problem.problem, problem.remedy)
+        warnings.warn(str(unread.problem), stacklevel=_STACK)
+
+
+def judge_frames(
+    root: Path,
+    frames: Sequence[Frame],
+    examine: Callable[[Frame], Findings],
+    parts: Collection[Part],
+    *,
+    shared: Sequence[Problem] = (),
+) -> None:
+    """Judge the first frame and a few others: the same ones each time, read once more.
+
+    Files that their reader refuses are left to it: it names them when their turn comes.
+
+    Args:
+        root: The data set's folder.
+        frames: Those that are about to be used, in order.
+        examine: How `check` examines one of them.
+        parts: What is used of them; calibrations are in any case.
+        shared: Doubts about what all frames have in common.
+
+    Raises:
+        FileError: A sweep is in another unit than metres, or has reflectances outside 0 to 1.
+    """
+    drawn = [_with_parts(frame, parts) for frame in _draw(frames)]
+    findings: list[Findings] = [examine(frame) for frame in drawn]
+    for problem in (problem for found in findings for problem in found.refused):
+        raise FileError(problem.path, problem.problem, problem.remedy)
+    doubts = [*shared, *(each for found in findings for each in found.doubted)]
+    _warn_of_doubts(doubts, len(drawn))
+    _warn_of_nothing(root, drawn, findings)
+
+
+def _warn_of_doubts(doubts: Sequence[Problem], num_looked_at: int) -> None:
+    for problem, count in _grouped(doubts):
+        more = f" ({count} like it in {num_looked_at} frames looked at)" if count > 1 else ""
+        warnings.warn(f"{problem}{more}; see all by: sightline check", stacklevel=_STACK + 1)
+
+
+def _draw(items: Sequence[Item]) -> list[Item]:
+    last = len(items) - 1
+    places = sorted({round(last * share / (_DRAWN - 1)) for share in range(_DRAWN)})
+    return [items[place] for place in places] if items else []
+
+
+def _with_parts(frame: Frame, parts: Collection[Part]) -> Frame:
+    """The frame without the files that nobody is about to read."""
+    if isinstance(frame, DepthFrame):
+        return replace(frame, image=frame.image if "image" in parts else None)
+    image = frame.image if "image" in parts else None
+    points = frame.points if "points" in parts else None
+    if isinstance(frame, DriveFrame):
+        return replace(frame, image=image, points=points)
+    return replace(
+        frame,
+        image=image,
+        points=points,
+        objects=frame.objects if "objects" in parts else None,
+        depth=frame.depth if "depth" in parts else None,
+    )
+
+
+def _grouped(problems: Sequence[Problem]) -> list[tuple[Problem, int]]:
+    """The first problem of each kind, with how many there are."""
+    by_kind: dict[tuple[Path, str], list[Problem]] = {}
+    for problem in problems:
+        by_kind.setdefault((problem.path.parent, problem.remedy), []).append(problem)
+    return [(alike[0], len(alike)) for alike in by_kind.values()]
+
+
+def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Findings]) -> None:
+    """Warn where every frame that was looked at lacks what its sensor should have seen."""
+    images = [
+        found.has_dark_image
+        for frame, found in zip(drawn, findings, strict=True)
+        if frame.image is not None and not found.unreadable
+    ]
+    sweeps = [
+        found.has_empty_sweep
+        for frame, found in zip(drawn, findings, strict=True)
+        if (frame.sparse if isinstance(frame, DepthFrame) else frame.points) is not None
+        and not found.unreadable
+    ]
+    for what, empty in (("images are of one colour", images), ("sweeps have no point", sweeps)):
+        if empty and all(empty):
+            problem = Problem(
+                path=root,
+                problem=f"all {len(empty)} {what} of the frames looked at",
+                remedy="look whether the sensor delivered anything; see all by: sightline check",
+            )
+            warnings.warn(str(problem), stacklevel=_STACK)

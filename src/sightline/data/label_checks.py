@@ -1,0 +1,154 @@
+"""Doubts about the objects of a label file: names, sizes, places and boxes in the image."""
+
+import difflib
+from collections import Counter
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from sightline.data.kitti_labels import CLASS_NAMES, NO_LOCATION, KittiObjects
+from sightline.data.plain_text import shortened
+from sightline.data.problem import Problem
+from sightline.geometry.mount import MAX_RANGE_M
+
+_OUTSIDE_SHARE = 0.1  # of the image's size, by which a box may reach over its edge
+_MAX_ANGLE = np.pi + 0.01  # KITTI rounds to two digits
+_OCCLUSIONS = (-1, 0, 1, 2, 3)
+_MAX_SIZE_M = 60.0  # of trams
+_LONG = ("Car", "Van", "Truck", "Tram")  # length is the largest of their sizes
+_TALL = ("Pedestrian",)  # height is
+_CLEARLY = 1.15  # times as large
+_REGION = "DontCare"
+
+_OTHER_NAMES: Final = {
+    "auto": "Car",
+    "automobile": "Car",
+    "suv": "Car",
+    "vehicle": "Car",
+    "lorry": "Truck",
+    "bus": "Truck or Misc",
+    "person": "Pedestrian",
+    "people": "Pedestrian",
+    "human": "Pedestrian",
+    "walker": "Pedestrian",
+    "sitting": "Person_sitting",
+    "bicycle": "Cyclist",
+    "bicyclist": "Cyclist",
+    "bike": "Cyclist",
+    "rider": "Cyclist",
+    "motorcycle": "Cyclist or Misc",
+    "motorcyclist": "Cyclist or Misc",
+    "train": "Tram",
+    "ignore": _REGION,
+    "other": "Misc",
+}
+
+
+def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
+    """Doubts about labels; `size` is the image's height and width, where it is known."""
+    return [
+        *_check_names(objects, path),
+        *_check_units(objects, size, path),
+        *_check_each(objects, size, path),
+    ]
+
+
+def _check_names(objects: KittiObjects, path: Path) -> list[Problem]:
+    """Problem of each class name that is none of KITTI's, which detectors leave out."""
+    problems = []
+    for name, count in Counter(objects.class_names).items():
+        if name in (*CLASS_NAMES, _REGION):
+            continue
+        meant = _suggested(name)
+        known = ", ".join((*CLASS_NAMES, _REGION))
+        problems.append(
+            Problem(
+                path=path,
+                problem=f"names {count} of {len(objects)} objects '{shortened(name, 24)}', which "
+                "is none of KITTI's classes: detectors and training leave them out",
+                remedy=f"write {meant}" if meant else f"write one of {known}",
+            )
+        )
+    return problems
+
+
+def _suggested(name: str) -> str | None:
+    by_word = {each.lower(): each for each in (*CLASS_NAMES, _REGION)} | _OTHER_NAMES
+    word = "".join(character for character in name if character.isprintable()).strip().lower()
+    close = difflib.get_close_matches(word.replace("-", "_"), by_word, n=1, cutoff=0.75)
+    return by_word[close[0]] if close else None
+
+
+def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
+    """Problems that most objects of a file share: another order or unit of their numbers."""
+    has_box3d = (objects.locations != NO_LOCATION).any(axis=1)
+    sizes = objects.dimensions_hwl
+    names = np.array(objects.class_names, dtype=object)
+    faults = []
+    if (sizes[has_box3d] > _MAX_SIZE_M).any():
+        largest = sizes[has_box3d].max()
+        faults.append((f"has objects of up to {largest:.6g} m in size", "write sizes in metres"))
+    else:
+        order = _order_of_sizes(sizes[has_box3d], names[has_box3d])
+        if order is not None:
+            problem = (
+                f"has the sizes of most objects probably in the order {order}, expected height, "
+                "width, length"
+            )
+            faults.append((problem, "write height, width, length"))
+    distances_m = np.linalg.norm(objects.locations[has_box3d], axis=1)
+    if (distances_m > MAX_RANGE_M).any():
+        problem = f"has objects as far away as {distances_m.max():.6g} m"
+        faults.append((problem, "write x, y, z in metres, in the camera's frame"))
+    boxes = objects.boxes2d[names != _REGION]
+    if size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
+        problem = "has all 2D boxes within the first pixel: they are probably shares of the image"
+        faults.append((problem, "write x_min, y_min, x_max, y_max in pixels"))
+    return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
+
+
+def _order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
+    """Probable order of sizes that are not height, width, length; None where they are."""
+    is_long, is_tall = np.isin(names, _LONG), np.isin(names, _TALL)
+    heights, widths, lengths = sizes_hwl.T
+    height_first = (is_long & (heights > _CLEARLY * lengths)) | (
+        is_tall & (lengths > _CLEARLY * heights)
+    )
+    width_largest = (is_long & (widths > _CLEARLY * lengths) & ~height_first) | (
+        is_tall & (widths > _CLEARLY * heights) & ~height_first
+    )
+    half = np.count_nonzero(is_long | is_tall) / 2
+    if np.count_nonzero(height_first) > half:
+        return "length, width, height"
+    if np.count_nonzero(width_largest) > half:
+        return "width, length, height"
+    return None
+
+
+def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
+    width_height = np.array([np.inf, np.inf] if size is None else [size[1], size[0]])
+    minima, maxima = objects.boxes2d[:, :2], objects.boxes2d[:, 2:]
+    margin = _OUTSIDE_SHARE * width_height
+    has_box3d = (objects.locations != NO_LOCATION).any(axis=1)
+    rotations = np.stack((objects.rotation_y, objects.alpha), axis=1)
+    faults = {
+        "has a 2D box with its maximum below its minimum": (maxima < minima).any(axis=1),
+        "has a 2D box far outside the image": (
+            (minima < -margin) | (maxima > width_height + margin)
+        ).any(axis=1),
+        "has a 3D box of a size that is not positive": has_box3d
+        & (objects.dimensions_hwl <= 0).any(axis=1),
+        "has an angle outside -pi to pi": has_box3d & (np.abs(rotations) > _MAX_ANGLE).any(axis=1),
+        "has an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
+    }
+    return [
+        Problem(
+            path=path,
+            problem=f"object {index + 1} of {len(objects)} "
+            f"({shortened(objects.class_names[index], 24)}) {fault}",
+            remedy="correct the line or extract the labels again",
+        )
+        for fault, faulty in faults.items()
+        for index in np.flatnonzero(faulty)
+    ]

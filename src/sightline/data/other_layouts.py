@@ -1,0 +1,189 @@
+"""Folders that are no data set as they stand, with the likely cause and what to do."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from sightline.data.object_tree import OBJECT_SPLITS
+from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError, Problem
+from sightline.data.recording_tree import lacks_calibration
+from sightline.data.unread_files import (
+    drive_folders,
+    find_unread,
+    object_folders,
+    recording_folders,
+)
+
+_ARCHIVES: Final = (".zip", ".tar", ".gz", ".tgz", ".7z")
+_BAGS: Final = (".bag", ".mcap", ".db3")
+_MARKS: Final = (
+    {"image_2", "velodyne"},
+    {"image_2", "calib"},
+    {"velodyne", "calib"},
+    {"image_02", "velodyne_points"},
+    {"images", "points"},
+    {"image", "velodyne_raw"},
+    {"groundtruth", "velodyne_raw"},
+    {"calib.txt", "velodyne"},
+    {"calib.txt", "image_2"},
+)
+"""Names that stand together in the folders of data sets."""
+_LOOKED_AT = 200  # folders below
+_EXPECTED: Final = (
+    "a recording (calibration.yaml, images, points), or of KITTI's an object tree "
+    "(training/image_2, ..), a depth completion tree (val_selection_cropped/velodyne_raw, "
+    "val/DRIVE/proj_depth, ..) or a raw drive (image_02, velodyne_points, ..)"
+)
+
+
+def refuse_other_layouts(path: Path) -> None:
+    """Refuse folders that look like a known layout but hold their files in another.
+
+    Raises:
+        FileError: It is a sequence of KITTI odometry or tracking.
+    """
+    problem = _odometry(path) or _tracking(path)
+    if problem is not None:
+        raise FileError(problem.path, problem.problem, problem.remedy)
+
+
+def no_data_set(path: Path) -> Problem:
+    """Problem of a path that is no data set: what it is instead, or what was expected."""
+    causes = (_no_folder, _odometry, _tracking, _uncalibrated, _source, _unread, _apart, _below)
+    for cause in causes:
+        problem = cause(path)
+        if problem is not None:
+            return problem
+    archives = [each for each in _entries(path) if each.suffix.lower() in _ARCHIVES]
+    if archives:
+        said = f"holds archives that are not unpacked, such as {shortened(archives[0].name)}"
+        return Problem(path=path, problem=said, remedy="unpack them into this folder")
+    return Problem(
+        path=path,
+        problem=f"is no data set, expected {_EXPECTED}",
+        remedy="name the folder that holds those",
+    )
+
+
+def _no_folder(path: Path) -> Problem | None:
+    if path.is_dir():
+        return None
+    if path.suffix.lower() in _BAGS and path.exists():
+        return _to_import(path, "is a bag of ROS")
+    problem = "is no folder" if path.exists() else "does not exist"
+    return Problem(path=path, problem=problem, remedy="give the folder of a data set")
+
+
+def _odometry(path: Path) -> Problem | None:
+    has_sensor = any((path / name).is_dir() for name in ("image_2", "image_0", "velodyne"))
+    if not has_sensor or not (path / "calib.txt").is_file() or (path / "calib").is_dir():
+        return None
+    return Problem(
+        path=path,
+        problem="is a sequence of KITTI odometry: one calib.txt, with P2 and Tr, for all frames",
+        remedy="make it a recording: rename image_2 to images and velodyne to points, and write "
+        "calibration.yaml with camera_matrix, the 3x4 numbers of P2, and camera_from_lidar, the "
+        "3x4 numbers of Tr (docs/recordings.md)",
+    )
+
+
+def _tracking(path: Path) -> Problem | None:
+    for folder in (path, *(path / split for split in OBJECT_SPLITS)):
+        sequences = [each for each in _entries(folder / "image_02") if each.is_dir()]
+        if any(each.name.isdecimal() for each in sequences) and (folder / "calib").is_dir():
+            return Problem(
+                path=folder,
+                problem=f"is of KITTI tracking: a folder for each of {len(sequences)} sequences, "
+                "one calibration and one label file for each",
+                remedy="make each sequence a recording (docs/recordings.md): its pictures in "
+                "images, its sweeps in points, and calibration.yaml of P2 and Tr_velo_cam",
+            )
+    return None
+
+
+def _uncalibrated(path: Path) -> Problem | None:
+    if not lacks_calibration(path):
+        return None
+    return Problem(
+        path=path,
+        problem="holds images or points without a calibration",
+        remedy="write calibration.yaml beside them, docs/recordings.md has an example",
+    )
+
+
+def _source(path: Path) -> Problem | None:
+    """Problem of data that an import makes a recording of."""
+    if any(each.is_dir() for each in path.glob("v1.0-*")):
+        return _to_import(path, "is a data set of nuScenes")
+    bags = [each for each in _entries(path) if each.suffix.lower() in _BAGS]
+    return _to_import(path, f"holds a bag of ROS, {shortened(bags[0].name)}") if bags else None
+
+
+def _to_import(path: Path, problem: str) -> Problem:
+    return Problem(
+        path=path, problem=problem, remedy="make a recording of it: sightline import DATA OUT"
+    )
+
+
+def _unread(path: Path) -> Problem | None:
+    """Problem of sensors' folders whose files are all of other formats."""
+    places = [*recording_folders(path), *drive_folders(path)]
+    for folder in (path, *(path / split for split in OBJECT_SPLITS)):
+        places += object_folders(folder)
+    unread = [each for each in find_unread(places) if each.is_all]
+    return unread[0].problem if unread else None
+
+
+def _apart(path: Path) -> Problem | None:
+    """Problem of KITTI's archives that were unpacked into a folder each."""
+    parts = [
+        each
+        for each in _entries(path)
+        if each.name.startswith("data_object_")
+        and any((each / name).is_dir() for name in OBJECT_SPLITS)
+    ]
+    if not parts:
+        return None
+    return Problem(
+        path=path,
+        problem=f"holds KITTI's archives unpacked apart ({', '.join(each.name for each in parts)})",
+        remedy="move what their folders training and testing hold into one: training/image_2, "
+        "training/velodyne, training/calib, training/label_2",
+    )
+
+
+def _below(path: Path) -> Problem | None:
+    """Problem of a folder above those that hold data sets."""
+    found = []
+    for folder in _folders_below(path):
+        names = {each.name for each in _entries(folder)}
+        if any(marks <= names for marks in _MARKS):
+            found.append(folder.parent if folder.name in OBJECT_SPLITS else folder)
+    found = [each for each in found if each != path]
+    if not found:
+        return None
+    name = shortened(str(found[0]), 200)
+    more = "" if len(found) == 1 else f", and {len(found) - 1} more"
+    return Problem(
+        path=path,
+        problem=f"is no data set itself, but {name} in it looks like one{more}",
+        remedy="name that folder",
+    )
+
+
+def _folders_below(path: Path) -> Iterator[Path]:
+    """Folders below, the nearer ones first, up to three down."""
+    level = [path]
+    for _ in range(3):
+        level = sorted(
+            each for folder in level for each in _entries(folder)[:_LOOKED_AT] if each.is_dir()
+        )[:_LOOKED_AT]
+        yield from level
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(each for each in folder.iterdir() if not each.name.startswith("."))
+    except OSError:
+        return []

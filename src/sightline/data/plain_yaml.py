@@ -1,0 +1,92 @@
+"""YAML and JSON files of a few plain values, read within bounds of time and memory."""
+
+from collections.abc import Hashable, Iterator
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from sightline.data.plain_text import read_text, shortened
+from sightline.data.problem import FileError
+
+_MAX_BYTES: Final = 2**17
+"""Largest file that is read: a matrix by hand takes some hundred bytes."""
+_MAX_DEPTH: Final = 12
+"""Deepest nesting of lists and mappings."""
+
+
+_MAX_VALUES: Final = 2**16
+"""Largest number of values, each alias counted as all that it stands for."""
+
+
+class _RefusedError(ValueError):
+    """A form of YAML that a file of plain values does not need."""
+
+
+class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]
+    """YAML without merges, entries that stand twice, deep nesting and aliases that multiply."""
+
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Read one value with all that it holds."""
+        is_alias = self.check_event(yaml.AliasEvent)
+        line = self.peek_event().start_mark.line + 1
+        self.depth += 1
+        if self.depth > _MAX_DEPTH:
+            raise _RefusedError(f"is nested more than {_MAX_DEPTH} deep, expected plain values")
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        if is_alias:
+            if not hasattr(node, "num_values"):
+                raise _RefusedError(f"line {line} has an alias (*) of what it stands in")
+            return node
+        if isinstance(node, yaml.MappingNode):
+            _check_keys(node)
+        node.num_values = 1 + sum(each.num_values for each in _parts(node))
+        if node.num_values > _MAX_VALUES:
+            problem = f"line {line} stands for more than {_MAX_VALUES} values by its aliases (*)"
+            raise _RefusedError(problem)
+        return node
+
+
+def _parts(node: yaml.Node) -> Iterator[yaml.Node]:
+    for each in () if isinstance(node, yaml.ScalarNode) else node.value:
+        yield from each if isinstance(each, tuple) else (each,)
+
+
+def _check_keys(node: yaml.MappingNode) -> None:
+    known: set[Hashable] = set()
+    for key, _ in node.value:
+        name = key.value if isinstance(key, yaml.ScalarNode) else None
+        line = key.start_mark.line + 1
+        if name is None or key.tag == "tag:yaml.org,2002:merge":
+            raise _RefusedError(f"line {line} has a merge or no name, expected NAME: VALUE")
+        if name in known:
+            raise _RefusedError(f"line {line} has {shortened(name, 40)!r} a second time")
+        known.add(name)
+
+
+def read_yaml(path: Path | str, remedy: str) -> object:
+    """Read a YAML or JSON file of plain values.
+
+    Args:
+        path: The file.
+        remedy: What errors say to do.
+
+    Raises:
+        FileError: It cannot be read, is neither, larger than any such file, or has merges, names
+            that stand twice, deep nesting or aliases that multiply.
+    """
+    text = read_text(path, max_bytes=_MAX_BYTES)
+    try:
+        # Tabs may part JSON's words, YAML takes none in front of a line.
+        said: object = yaml.load(text.expandtabs(), Loader=_PlainLoader)  # noqa: S506 - a safe one
+    except _RefusedError as error:
+        raise FileError(path, str(error), remedy) from error
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        problem = "is neither YAML nor JSON"
+        mark = getattr(error, "problem_mark", None)
+        where = "" if mark is None else f": line {mark.line + 1}, column {mark.column + 1}"
+        raise FileError(path, f"{problem}{where}", remedy) from error
+    return said

@@ -1,0 +1,165 @@
+"""Files in a sensor's folder that no reader takes, so that they are not lost without a word."""
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sightline.data.depth_tree import DriveSplit, SelectedSplit, drive_bases, selection_folder
+from sightline.data.drive_tree import list_drive
+from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.data.object_tree import PART_SUFFIXES, Part, Velodyne, list_files, part_folder
+from sightline.data.plain_text import shortened
+from sightline.data.point_files import CLOUD_SUFFIXES
+from sightline.data.problem import Problem
+from sightline.data.recording_tree import (
+    CALIBRATION_SUFFIXES,
+    CALIBRATIONS,
+    DEPTH,
+    IMAGES,
+    LABELS,
+    POINTS,
+)
+
+_BESIDE = frozenset(
+    (".txt", ".json", ".csv", ".md", ".yaml", ".yml", ".xml", ".ini", ".db", ".html", ".log", "")
+)
+"""Endings of notes, lists and tables, which may stand beside pictures and clouds."""
+_NOTES = (
+    "timestamps",
+    "timestamps_start",
+    "timestamps_end",
+    "times",
+    "readme",
+    "desktop",
+    "thumbs",
+)
+"""Names of files that are none of a sensor's, where nothing else is there."""
+_NAMED = 4  # so many endings an error lists
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PartFolder:
+    """Where the files of a part lie."""
+
+    part: Part
+    folder: Path
+    suffixes: tuple[str, ...]
+    """Endings that are read, in lower case."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Unread:
+    """Files of a folder that are not read."""
+
+    problem: Problem
+    part: Part
+    is_all: bool
+    """True where nothing of the folder is read."""
+
+
+def object_folders(folder: Path, velodyne: Velodyne = "velodyne") -> list[PartFolder]:
+    """Folders of an object split's parts."""
+    return [
+        PartFolder(part=part, folder=folder / part_folder(part, velodyne), suffixes=suffixes)
+        for part, suffixes in PART_SUFFIXES.items()
+    ]
+
+
+def recording_folders(folder: Path) -> list[PartFolder]:
+    """Folders of a recording's parts."""
+    places: tuple[tuple[Part, str, tuple[str, ...]], ...] = (
+        ("image", IMAGES, IMAGE_SUFFIXES),
+        ("points", POINTS, CLOUD_SUFFIXES),
+        ("objects", LABELS, PART_SUFFIXES["objects"]),
+        ("depth", DEPTH, PART_SUFFIXES["depth"]),
+        ("calibration", CALIBRATIONS, CALIBRATION_SUFFIXES),
+    )
+    return [
+        PartFolder(part=part, folder=folder / name, suffixes=suffixes)
+        for part, name, suffixes in places
+    ]
+
+
+def drive_folders(folder: Path) -> list[PartFolder]:
+    """Folders of a raw drive's sensors."""
+    files = list_drive(folder)
+    places: tuple[tuple[Part, Path], ...] = (
+        ("image", files.image_folder),
+        ("points", files.points_folder),
+    )
+    return [
+        PartFolder(part=part, folder=place, suffixes=PART_SUFFIXES[part]) for part, place in places
+    ]
+
+
+def depth_folders(root: Path, split: DriveSplit | SelectedSplit) -> list[PartFolder]:
+    """Folders of a depth completion split; its sparse maps stand for points."""
+    places: list[tuple[Part, Path]] = []
+    if split == "train" or split == "val":
+        bases = [base for base in drive_bases(root, split) if base.is_dir()]
+        maps = [place for base in bases for place in base.glob("*/proj_depth/*/image_0[23]")]
+        places = [
+            ("depth" if place.parent.name == "groundtruth" else "points", place)
+            for place in sorted(maps)
+        ]
+    else:
+        folder = selection_folder(root, split)
+        places = [
+            ("image", folder / "image"),
+            ("points", folder / "velodyne_raw"),
+            ("depth", folder / "groundtruth_depth"),
+        ]
+    suffixes = {"image": IMAGE_SUFFIXES, "points": (".png",), "depth": (".png",)}
+    return [PartFolder(part=part, folder=place, suffixes=suffixes[part]) for part, place in places]
+
+
+def find_unread(folders: Sequence[PartFolder]) -> list[Unread]:
+    """Find folders that hold files, or folders of files, which are not read.
+
+    Not counted are hidden files, notes (such as timestamps.txt) beside other files, and a file
+    whose name another one has that is read.
+    """
+    found = [_unread_of(each) for each in folders]
+    return [each for each in found if each is not None]
+
+
+def _unread_of(place: PartFolder) -> Unread | None:
+    if not place.folder.is_dir():
+        return None
+    read = list_files(place.folder, place.suffixes)
+    beside: Collection[str] = _BESIDE if read else ()
+    counts: Counter[str] = Counter()
+    below = []
+    for path in place.folder.iterdir():
+        if path.name.startswith(".") or path.suffix.lower() in place.suffixes:
+            continue
+        if path.is_dir():
+            below.append(path)
+        elif path.suffix.lower() in beside or path.stem.lower() in _NOTES:
+            continue
+        elif path.stem not in read:
+            counts[path.suffix] += 1
+    expected = f"expected {', '.join(place.suffixes)}"
+    remedy = "convert them" if set(place.suffixes) & {".bin", *IMAGE_SUFFIXES} else "rename them"
+    if counts:
+        listed = ", ".join(f"{num} {shortened(end, 12)}" for end, num in counts.most_common(_NAMED))
+        total = sum(counts.values())
+        if read:
+            problem = (
+                f"holds {total} files that nobody reads ({listed}) beside {len(read)} that are"
+            )
+        else:
+            problem = f"holds {total} files that nobody reads ({listed})"
+    elif below and not read and any(any(each.iterdir()) for each in below[:_NAMED]):
+        problem = (
+            f"holds no file but {len(below)} folders, such as {shortened(min(below).name)}, into "
+            "which nobody looks"
+        )
+        remedy = "move their files up"
+    else:
+        return None
+    described = Problem(
+        path=place.folder, problem=f"{problem}, {expected}", remedy=f"{remedy} or move them away"
+    )
+    return Unread(problem=described, part=place.part, is_all=not read)

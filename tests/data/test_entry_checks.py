@@ -1,0 +1,184 @@
+import warnings
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.check import check_tree
+from sightline.data.depth_png import write_depth_png
+from sightline.data.image_file import write_rgb
+from sightline.data.open import open_dataset
+from sightline.data.problem import FileError
+from tests.data.recordings import write_recording
+from tests.data.trees import (
+    LABELS,
+    calibration,
+    write_depth_drive,
+    write_drive,
+    write_object_tree,
+    write_selection,
+)
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return write_object_tree(tmp_path, "000001", "000002", "000003") / "training"
+
+
+def doubts(root, **settings) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        open_dataset(root, **settings)
+    return [str(each.message) for each in caught]
+
+
+def spread(count: int = 100) -> np.ndarray:
+    generator = np.random.default_rng(0)
+    return generator.uniform((5, -4, -1, 0), (40, 4, 1, 1), (count, 4)).astype("<f4")
+
+
+def test_sound_data_of_every_layout_open_without_a_word(tmp_path, tree):
+    write_selection(tmp_path / "depth")
+    write_depth_drive(tmp_path / "drives", tmp_path / "drives")
+    write_drive(tmp_path / "raw")
+    write_recording(tmp_path / "recording")
+    for root in (tree, "depth", "drives", "raw", "recording"):
+        assert doubts(tmp_path / root) == []
+
+
+@pytest.mark.parametrize(
+    ("scale", "complaint"),
+    [
+        ((1, 1, 1, 255), "intensities from .* expected 0 to 1; .* divide them"),
+        ((1000, 1000, 1000, 1), "in millimetres"),
+    ],
+)
+def test_sweeps_that_cannot_be_right_are_refused_before_work_as_check_does(tree, scale, complaint):
+    path = tree / "velodyne" / "000003.bin"
+    path.write_bytes((spread() * np.float32(scale)).astype("<f4").tobytes())
+    with pytest.raises(FileError, match=complaint) as caught:
+        open_dataset(tree)
+    assert caught.value.problem.path == path
+    assert caught.value.problem in list(check_tree(tree))
+    assert len(open_dataset(tree, parts=("image",))) == 3  # which needs no sweep
+
+
+def test_an_inverted_calibration_is_a_warning_for_all_frames_together(tree):
+    rigid = torch.linalg.inv(calibration().camera_from_lidar)[:3].flatten().tolist()
+    entry = f"Tr_velo_to_cam: {' '.join(map(str, rigid))}\n"
+    for path in (tree / "calib").iterdir():
+        lines = path.read_text().splitlines(keepends=True)
+        path.write_text("".join(entry if "Tr_velo" in each else each for each in lines))
+    inverted, view = doubts(tree)
+    assert (
+        "000001.txt: holds a transform from LiDAR to camera that is probably inverted" in inverted
+    )
+    assert "(3 like it in 3 frames looked at)" in inverted
+    assert "points falls into the image" in view
+
+
+def test_a_raw_drives_calibration_is_judged_too(tmp_path):
+    write_drive(tmp_path, official=False)
+    path = tmp_path / "calib_velo_to_cam.txt"
+    path.write_text("R: 1 0 0 0 1 0 0 0 1\nT: 0 0 0\n")
+    doubt, _ = doubts(tmp_path)
+    assert "has the identity for its rotation" in doubt
+
+
+def test_labels_of_another_unit_are_a_warning_where_they_are_used(tree):
+    for path in (tree / "label_2").iterdir():
+        path.write_text(LABELS.replace("Car ", "Automobile "))
+    (doubt,) = doubts(tree)
+    assert "'Automobile', which is none of KITTI's classes" in doubt
+    assert "write Car (3 like it in 3 frames" in doubt
+    assert doubts(tree, parts=("image", "points")) == []
+
+
+def test_images_of_one_colour_and_sweeps_without_points_are_told(tree):
+    for number in (1, 2, 3):
+        write_rgb(tree / "image_2" / f"00000{number}.png", np.zeros((12, 40, 3), np.uint8))
+        (tree / "velodyne" / f"00000{number}.bin").write_bytes(b"")
+    images, sweeps = doubts(tree)
+    assert "all 3 images are of one colour" in images
+    assert "all 3 sweeps have no point" in sweeps
+
+
+def test_depth_in_millimetres_is_doubted_by_check_and_on_entry(tmp_path):
+    write_selection(tmp_path)
+    for path in tmp_path.rglob("velodyne_raw/*.png"):
+        write_depth_png(path, np.full((12, 40), 0.05))
+    (doubt,) = doubts(tmp_path)
+    assert "has depths of up to 0.05" in doubt
+    assert any("in millimetres, or another unit" in each.problem for each in check_tree(tmp_path))
+
+
+def test_depth_is_compared_with_the_points_that_it_shows(tree):
+    shown = spread(1000)
+    shown[:, 1:3] /= 20
+    (tree / "velodyne" / "000001.bin").write_bytes(shown.tobytes())
+    (tree / "depth").mkdir()
+    for number in (1, 2, 3):
+        write_depth_png(tree / "depth" / f"00000{number}.png", np.full((12, 40), 90.0))
+    (doubt,) = doubts(tree, parts=("image", "points", "depth"))
+    assert "times as deep as the points that it shows" in doubt
+
+
+@pytest.mark.parametrize("bad", [".bmp", ".tif", ".ppm", ""])
+def test_pictures_that_nobody_reads_are_refused_where_none_is_left(tree, bad):
+    for path in list((tree / "image_2").iterdir()):
+        path.rename(path.with_suffix(bad))
+    with pytest.raises(
+        FileError, match=r"holds 3 files that nobody reads .*expected \.png"
+    ) as told:
+        open_dataset(tree.parent)
+    assert told.value.problem.path == tree / "image_2"
+    assert told.value.problem in list(check_tree(tree.parent))
+
+
+@pytest.mark.parametrize(
+    ("write", "folder"),
+    [
+        (write_recording, "points"),
+        (write_recording, "images"),
+        (write_drive, "image_02/data"),
+        (write_drive, "velodyne_points/data"),
+    ],
+)
+def test_files_that_nobody_reads_are_told_in_every_layout(tmp_path, write, folder):
+    write(tmp_path)
+    paths = sorted((tmp_path / folder).iterdir())
+    for path in paths:
+        path.rename(path.with_suffix(".laz"))
+    with pytest.raises(FileError, match=r"files that nobody reads \(. \.laz\)"):
+        open_dataset(tmp_path)
+    problems = [each for each in check_tree(tmp_path) if each.path == tmp_path / folder]
+    assert [each.problem[:6] for each in problems] == ["holds "]
+
+
+def test_some_files_that_nobody_reads_are_counted_beside_those_that_are(tree):
+    path = tree / "image_2" / "000002.png"
+    path.rename(path.with_suffix(".bmp"))
+    (tree / "image_2" / "notes.txt").write_text("taken in May")
+    (doubt,) = doubts(tree)
+    assert "holds 1 files that nobody reads (1 .bmp) beside 2 that are" in doubt
+
+
+def test_files_in_folders_below_are_told(tree):
+    (tree / "image_2" / "left").mkdir()
+    for path in list((tree / "image_2").glob("*.png")):
+        path.rename(tree / "image_2" / "left" / path.name)
+    with pytest.raises(FileError, match="holds no file but 1 folders, such as left, into which"):
+        open_dataset(tree)
+
+
+def test_capital_endings_are_read_in_every_tree(tmp_path, tree):
+    write_selection(tmp_path / "depth")
+    write_drive(tmp_path / "raw")
+    for path in [each for each in tmp_path.rglob("*.*") if each.is_file()]:
+        if path.suffix in (".png", ".bin"):
+            path.rename(path.with_suffix(path.suffix.upper()))
+    for root, count in ((tree, 3), (tmp_path / "depth", 1), (tmp_path / "raw", 3)):
+        dataset = open_dataset(root)
+        assert len(dataset) == count
+        assert dataset[0].image is not None
+        assert dataset[0].points is not None

@@ -1,0 +1,67 @@
+from pathlib import Path
+
+import pytest
+
+from sightline.data.kitti_labels import parse_objects, read_labels
+from sightline.data.label_checks import check_objects
+
+CAR = "Car 0 0 -1.57 100 120 200 180 1.50 1.60 3.90 0.50 1.60 12.00 -1.53"
+WALKER = "Pedestrian 0 0 -1.57 100 120 200 180 1.80 0.60 0.80 0.50 1.60 12.00 -1.53"
+REGION = "DontCare -1 -1 -10 1 1 4 4 -1 -1 -1 -1000 -1000 -1000 -10"
+PATH = Path("000001.txt")
+
+
+def doubts(*lines: str, size: tuple[int, int] = (375, 1242)) -> list[str]:
+    objects = parse_objects("\n".join(lines).encode(), PATH, with_scores=False)
+    return [f"{each.problem}; {each.remedy}" for each in check_objects(objects, size, PATH)]
+
+
+def test_sound_labels_raise_no_doubt():
+    assert doubts(CAR, WALKER, REGION, CAR.replace("Car", "Misc")) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("car", "write Car"),
+        ("CAR", "write Car"),
+        ("Automobile", "write Car"),
+        ("pedestrian", "write Pedestrian"),
+        ("person", "write Pedestrian"),
+        ("Pedestrain", "write Pedestrian"),
+        ("Bicycle", "write Cyclist"),
+        ("dontcare", "write DontCare"),
+        ("Car\u200b", "write Car"),
+        ("Zebra", "write one of Car, Van"),
+    ],
+)
+def test_class_names_that_are_none_are_doubted_with_what_is_meant(name, meant):
+    (doubt,) = doubts(CAR, CAR.replace("Car", name))
+    assert doubt.startswith("names 1 of 2 objects '")
+    assert "none of KITTI's classes" in doubt
+    assert meant in doubt
+    assert doubt.isprintable()
+
+
+def test_sizes_in_another_order_are_doubted_once_for_a_file():
+    turned = CAR.replace("1.50 1.60 3.90", "3.90 1.60 1.50")
+    (doubt,) = doubts(turned, turned, CAR)
+    assert "most objects probably in the order length, width, height" in doubt
+    (doubt,) = doubts(CAR.replace("1.50 1.60 3.90", "1.60 3.90 1.50"))
+    assert "in the order width, length, height" in doubt
+    (doubt,) = doubts(WALKER.replace("1.80 0.60 0.80", "0.80 0.60 1.80"))
+    assert "in the order length, width, height" in doubt
+    assert doubts(turned, CAR, CAR) == []  # one of three
+
+
+def test_labels_in_other_units_are_doubted():
+    assert "up to 390 m in size" in doubts(CAR.replace("1.50 1.60 3.90", "150 160 390"))[0]
+    assert "as far away as 12000" in doubts(CAR.replace("12.00", "12000"))[0]
+    assert "shares of the image" in doubts(CAR.replace("100 120 200 180", "0.1 0.2 0.3 0.4"))[0]
+
+
+def test_the_labels_of_kitti_raise_no_doubt(kitti_root):
+    paths = sorted(kitti_root.glob("training/label_2/*.txt"))
+    assert len(paths) == 90
+    for path in paths:
+        assert check_objects(read_labels(path), None, path) == []

@@ -1,0 +1,77 @@
+import pytest
+
+from sightline.data.check import check_tree, summarize_tree
+from sightline.data.open import open_dataset
+from sightline.data.problem import FileError
+from tests.data.recordings import write_recording
+from tests.data.trees import write_drive, write_object_tree
+
+
+def told(root) -> str:
+    """The one problem of a folder, by check and by whoever opens it alike."""
+    (problem,) = check_tree(root)
+    with pytest.raises(FileError) as caught:
+        open_dataset(root)
+    assert caught.value.problem == problem
+    return str(problem)
+
+
+def write_odometry(folder):
+    write_object_tree(folder, "000000")
+    (folder / "training" / "calib" / "000000.txt").rename(folder / "training" / "calib.txt")
+    (folder / "training" / "calib").rmdir()
+    (folder / "training").rename(folder / "00")
+    return folder / "00"
+
+
+def test_a_sequence_of_odometry_is_called_so_with_what_to_do(tmp_path):
+    sequence = write_odometry(tmp_path / "sequences")
+    line = told(sequence)
+    assert "is a sequence of KITTI odometry: one calib.txt, with P2 and Tr" in line
+    assert "rename image_2 to images and velodyne to points" in line
+    assert f"{sequence} in it looks like one; name that folder" in told(tmp_path)
+
+
+def test_tracking_is_called_so(tmp_path):
+    for folder in ("image_02/0000", "label_02", "calib", "velodyne/0000"):
+        (tmp_path / "training" / folder).mkdir(parents=True)
+    assert "is of KITTI tracking" in told(tmp_path)
+    assert "is of KITTI tracking" in told(tmp_path / "training")
+
+
+def test_a_folder_above_a_data_set_names_it(tmp_path):
+    write_object_tree(tmp_path / "kitti" / "object", "000000")
+    assert f"{tmp_path / 'kitti' / 'object'} in it looks like one" in told(tmp_path)
+    write_recording(tmp_path / "other")
+    assert ", and 1 more; name that folder" in told(tmp_path)
+
+
+def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):
+    for part in ("image_2", "velodyne"):
+        (tmp_path / f"data_object_{part}" / "training" / part).mkdir(parents=True)
+    assert "holds KITTI's archives unpacked apart (data_object_image_2, data_o" in told(tmp_path)
+    (tmp_path / "zips").mkdir()
+    (tmp_path / "zips" / "data_object_calib.zip").write_bytes(b"PK")
+    assert "archives that are not unpacked, such as data_object_calib.zip" in told(
+        tmp_path / "zips"
+    )
+
+
+@pytest.mark.parametrize("name", ["v1.0-mini/scene.json", "drive.mcap", "drive.bag"])
+def test_what_an_import_takes_is_told_to_be_imported(tmp_path, name):
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(b"")
+    assert "make a recording of it: sightline import" in told(tmp_path)
+
+
+def test_a_sensor_alone_in_another_format_is_named(tmp_path):
+    (tmp_path / "training" / "image_2").mkdir(parents=True)
+    (tmp_path / "training" / "image_2" / "000000.bmp").write_bytes(b"BM")
+    assert "image_2: holds 1 files that nobody reads (1 .bmp)" in told(tmp_path)
+
+
+def test_labels_of_a_raw_drive_are_said_not_to_be_read(tmp_path):
+    write_drive(tmp_path)
+    (tmp_path / "tracklet_labels.xml").write_text("<x/>")
+    (summary,) = summarize_tree(tmp_path)
+    assert "tracklet_labels.xml is not read" in str(summary)
