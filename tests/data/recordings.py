@@ -7,8 +7,9 @@ import numpy as np
 import torch
 import yaml
 from pypcd4 import PointCloud
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from sightline.data.image_file import write_rgb
@@ -154,16 +155,20 @@ class BagMaker:
         distortion=(0.0,) * 5,
         size=IMAGE.shape[:2],
         rectification=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        matrix=CAMERA_MATRIX,
+        binning=(0, 0),
+        region=(0, 0, 0, 0),
     ):
-        region = self.new(
+        """region: x, y, height, width."""
+        roi = self.new(
             "sensor_msgs/msg/RegionOfInterest",
-            x_offset=0,
-            y_offset=0,
-            height=0,
-            width=0,
+            x_offset=region[0],
+            y_offset=region[1],
+            height=region[2],
+            width=region[3],
             do_rectify=False,
         )
-        projection = np.pad(CAMERA_MATRIX, ((0, 0), (0, 1)))
+        projection = np.pad(matrix, ((0, 0), (0, 1)))
         message = self.new(
             "sensor_msgs/msg/CameraInfo",
             header=self.header("camera_optical", time_ns),
@@ -171,21 +176,23 @@ class BagMaker:
             width=size[1],
             distortion_model="plumb_bob",
             d=np.array(distortion),
-            k=CAMERA_MATRIX.ravel(),
+            k=np.ravel(matrix),
             r=np.ravel(rectification),
             p=projection.ravel(),
-            binning_x=0,
-            binning_y=0,
-            roi=region,
+            binning_x=binning[0],
+            binning_y=binning[1],
+            roi=roi,
         )
         self.write(topic, message, time_ns)
 
-    def transforms(self, topic: str, time_ns: int, **parent_from_child: np.ndarray) -> None:
-        """Transforms by "parent__child"."""
+    def transforms(
+        self, topic: str, time_ns: int, *, length: float = 1.0, **parent_from_child: np.ndarray
+    ) -> None:
+        """Transforms by "parent__child", with quaternions of a length."""
         each = []
         for pair, rigid in parent_from_child.items():
             parent, child = pair.split("__")
-            x, y, z, w = Rotation.from_matrix(rigid[:3, :3]).as_quat()
+            x, y, z, w = Rotation.from_matrix(rigid[:3, :3]).as_quat() * length
             move = self.new(
                 "geometry_msgs/msg/Vector3", x=rigid[0, 3], y=rigid[1, 3], z=rigid[2, 3]
             )
@@ -201,6 +208,41 @@ class BagMaker:
                 )
             )
         self.write(topic, self.new("tf2_msgs/msg/TFMessage", transforms=each), time_ns)
+
+
+class Ros1BagMaker(BagMaker):
+    """Writes the same into a bag of ROS 1."""
+
+    def __init__(self, path: Path, *, compression: Ros1Writer.CompressionFormat | None = None):
+        self.types = get_typestore(Stores.ROS1_NOETIC)
+        self.types.register(
+            get_types_from_msg(
+                "geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"
+            )
+        )
+        self._writer = Ros1Writer(path)
+        if compression is not None:
+            self._writer.set_compression(compression)
+        self._connections: dict[str, object] = {}
+
+    def write(self, topic: str, message: object, time_ns: int) -> None:
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic, message.__msgtype__, typestore=self.types
+            )
+        raw = self.types.serialize_ros1(message, message.__msgtype__)
+        self._writer.write(self._connections[topic], time_ns, raw)
+
+    def new(self, kind: str, **fields: object) -> object:
+        if kind == "sensor_msgs/msg/CameraInfo":  # ROS 1 writes K, not k
+            fields = {name.upper() if len(name) == 1 else name: fields[name] for name in fields}
+        return self.types.types[kind](**fields)
+
+    def header(self, frame: str, time_ns: int) -> object:
+        stamp = self.new(
+            "builtin_interfaces/msg/Time", sec=time_ns // 10**9, nanosec=time_ns % 10**9
+        )
+        return self.new("std_msgs/msg/Header", seq=0, stamp=stamp, frame_id=f"/{frame}")
 
 
 BASE_FROM_LIDAR = np.eye(4)

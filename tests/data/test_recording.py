@@ -22,7 +22,9 @@ from sightline.data.recording_calibration import (
     read_recording_calibration,
     recording_calibration_text,
 )
+from sightline.geometry.tilt import Tilt
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.level import level_sample
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
     CAMERA_MATRIX,
@@ -145,8 +147,14 @@ def test_each_mistake_in_a_mount_is_named_by_opening_and_by_check(tmp_path, caus
     assert problem.path == tmp_path / "calibration.yaml"
 
 
+def boxes_of_cars(sample):
+    return sample.objects.boxes3d.tensor[sample.objects.has_box3d]
+
+
 @pytest.mark.parametrize("yaw_deg", [8, -50, 90, 179])
-def test_a_lidar_that_is_mounted_turned_is_read_as_one_that_looks_ahead(tmp_path, yaw_deg):
+def test_a_lidar_that_is_mounted_turned_keeps_its_frame_and_its_level_one_looks_ahead(
+    tmp_path, yaw_deg
+):
     old_from_new = np.eye(4)
     old_from_new[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
     mounted = CAMERA_FROM_LIDAR @ old_from_new.T
@@ -157,14 +165,20 @@ def test_a_lidar_that_is_mounted_turned_is_read_as_one_that_looks_ahead(tmp_path
     )
     (tmp_path / "labels").mkdir()
     shutil.copy(LABELS, tmp_path / "labels" / "a.txt")
-    sample = open_dataset(tmp_path)[0]
+    mounted_sample = open_dataset(tmp_path)[0]
+    torch.testing.assert_close(
+        mounted_sample.points[:, :3].double(), torch.from_numpy(places), rtol=0, atol=2e-5
+    )
+    sample = level_sample(mounted_sample)
     torch.testing.assert_close(sample.points, SAMPLE.points, rtol=0, atol=2e-5)
     ours, true = sample.calibration.image_from_lidar, SAMPLE.calibration.image_from_lidar
     torch.testing.assert_close(ours, true, rtol=0, atol=1e-9)
     boxes, expected = sample.objects.boxes3d.tensor, SAMPLE.objects.boxes3d.tensor
     # KITTI's files are of camera 0, whose centre is not the recording's.
     torch.testing.assert_close(boxes[:, 3:], expected[:, 3:], rtol=0, atol=1e-9)
-    assert sample.turned_rad == pytest.approx(math.radians(yaw_deg))
+    turned = boxes_of_cars(mounted_sample)[:, 6] - boxes_of_cars(sample)[:, 6]
+    turned = torch.rad2deg(turned) - yaw_deg
+    torch.testing.assert_close((turned + 180) % 360, torch.full_like(turned, 180))
     assert list(check_tree(tmp_path)) == []
     (summary,) = summarize_tree(tmp_path)
     assert f"the camera looks {yaw_deg} degrees (counter-clockwise)" in str(summary)
@@ -190,6 +204,11 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"max_intensity": "bright"}, "max_intensity is no positive number"),
         ({"lidar_height_m": 173}, "lidar_height_m is 173, expected the LiDAR's height above"),
         ({"lidar_height_m": 10**400}, "lidar_height_m is 1000"),
+        ({"lidar_tilt_deg": 3}, "lidar_tilt_deg is 3, expected {roll: .., pitch: ..}"),
+        ({"lidar_tilt_deg": {"roll": 3}}, "expected {roll: .., pitch: ..}"),
+        ({"lidar_tilt_deg": {"roll": 3, "pitch": 90}}, "each from -45 to 45"),
+        ({"lidar_tilt_deg": {"roll": 3, "pitch": math.nan}}, "each from -45 to 45"),
+        ({"lidar_tilt_deg": {"roll": True, "pitch": 0}}, "expected {roll: .., pitch: ..}"),
         ({"camera_matrix": [[10**400] * 3] * 3}, "camera_matrix is no matrix of 3x3 or 3x4"),
         ({"image_size": [375, 1242]}, "image_size is no {width: .., height: ..}"),
         ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
@@ -240,6 +259,7 @@ def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
     path = tmp_path / "calibration.yaml"
     lens = {"model": "equidistant", "coefficients": [0.1, 1e-7, 0, 0.3], "undistort": True}
     changes = {"lens": lens, "image_size": {"width": 1242, "height": 375}, "lidar_height_m": 2.1}
+    changes["lidar_tilt_deg"] = {"roll": 0.5, "pitch": -11.25}
     path.write_text(yaml.safe_dump(calibration_entries(**changes)))
     read = read_recording_calibration(path)
     path.write_text(recording_calibration_text(read))
@@ -249,6 +269,7 @@ def test_a_calibration_is_written_so_that_it_is_read_back_bit_by_bit(tmp_path):
         np.testing.assert_array_equal(ours, theirs)
     assert (again.image_size, again.max_intensity) == ((375, 1242), 255)
     assert again.lidar_height_m == 2.1
+    assert again.lidar_tilt == Tilt(roll_deg=0.5, pitch_deg=-11.25)
     assert (again.lens.model, again.lens.coefficients) == ("equidistant", (0.1, 1e-7, 0.0, 0.3))
 
 
@@ -379,9 +400,77 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
     rewrite_calibration(tmp_path)
     for name in "abc":
         write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[:3])
-    assert open_dataset(tmp_path)[0].lidar_height_m is None
+    with pytest.warns(UserWarning, match=r"too little of the road .*: 1.73 m, as KITTI's, is"):
+        assert open_dataset(tmp_path)[0].lidar_height_m is None
     (summary,) = summarize_tree(tmp_path)
-    assert "taken to be 1.73 m above the road, as KITTI's" in str(summary)
+    assert "warning: its clouds show too little of the road" in str(summary)
+    assert "1.73 m, as KITTI's, is assumed" in str(summary)
+
+
+def write_tilted_recording(folder, tilt, **changes):
+    lidar_from_level = tilt.level_from_lidar.T
+    mounted = CAMERA_FROM_LIDAR @ tilt.level_from_lidar
+    write_recording(folder, ("a", "b", "c"), camera_from_lidar=mounted.tolist(), **changes)
+    places = POINTS[:, :3].astype(np.float64) @ lidar_from_level[:3, :3].T
+    cloud = np.column_stack((places, POINTS[:, 3])).astype(np.float32)
+    for name in "abc":
+        write_cloud_file(folder / "points" / f"{name}.pcd", cloud)
+    (folder / "labels").mkdir()
+    for name in "abc":
+        shutil.copy(LABELS, folder / "labels" / f"{name}.txt")
+
+
+@pytest.mark.parametrize(("roll_deg", "pitch_deg"), [(3.0, 12.0), (0.0, -8.0), (-10.0, 0.0)])
+def test_a_tilted_lidar_is_found_by_the_road_said_and_levelled(tmp_path, roll_deg, pitch_deg):
+    tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
+    write_tilted_recording(tmp_path, tilt)
+    with pytest.warns(UserWarning, match="by the road in its clouds the LiDAR is tilted, "):
+        dataset = open_dataset(tmp_path)
+    found = dataset[0].level_from_lidar.numpy()
+    assert found[2, :3] @ tilt.up > math.cos(math.radians(1.0))
+    assert dataset[0].lidar_height_m == pytest.approx(1.73, abs=0.1)
+    (summary,) = summarize_tree(tmp_path)
+    assert "by the road that it sees the LiDAR is tilted, " in str(summary)
+    assert list(check_tree(tmp_path)) == []
+
+
+def test_a_tilt_that_the_calibration_gives_is_taken_and_labels_match_in_the_level_frame(tmp_path):
+    tilt = Tilt(roll_deg=3.0, pitch_deg=12.0)
+    write_tilted_recording(tmp_path, tilt, lidar_tilt_deg={"roll": 3.0, "pitch": 12.0})
+    sample = open_dataset(tmp_path)[0]
+    assert sample.lidar_height_m == pytest.approx(1.73, abs=0.1)
+    level = level_sample(sample)
+    torch.testing.assert_close(level.points, SAMPLE.points, rtol=0, atol=2e-3)
+    (tmp_path / "level").mkdir()
+    write_recording(tmp_path / "level", ("a",))
+    (tmp_path / "level" / "labels").mkdir()
+    shutil.copy(LABELS, tmp_path / "level" / "labels" / "a.txt")
+    expected = open_dataset(tmp_path / "level")[0].objects.boxes3d.tensor
+    torch.testing.assert_close(level.objects.boxes3d.tensor, expected, rtol=0, atol=1e-9)
+    assert (boxes_of_cars(sample)[:, 2] - boxes_of_cars(level)[:, 2]).abs().max() > 1
+
+
+def test_a_tilt_that_the_road_contradicts_is_told(tmp_path):
+    write_recording(tmp_path, ("a",), lidar_tilt_deg={"roll": 0, "pitch": 12})
+    (summary,) = summarize_tree(tmp_path)
+    assert "by its calibration the LiDAR is tilted, 12.0 degrees nose down" in str(summary)
+    assert "warning: by the road that it sees its tilt is none" in str(summary)
+
+
+def test_clouds_with_z_down_are_told_to_be_converted_with_their_calibration(tmp_path):
+    turn = np.diag([1.0, -1, -1, 1])
+    down = POINTS * np.float32([1, -1, -1, 1])
+    both, cloud_alone = tmp_path / "both", tmp_path / "cloud"
+    write_recording(both, ("a",), camera_from_lidar=(CAMERA_FROM_LIDAR @ turn).tolist())
+    write_recording(cloud_alone, ("a",))
+    for folder, said in ((both, "convert both, points and"), (cloud_alone, "the points alone")):
+        write_cloud_file(folder / "points" / "a.pcd", down)
+        with pytest.warns(UserWarning, match=said):
+            open_dataset(folder)
+        problems = [each for each in check_tree(folder) if said in each.remedy]
+        assert problems, said
+        assert "-z points up" in problems[0].problem
+        assert problems[0].path == folder / "points" / "a.pcd"
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])

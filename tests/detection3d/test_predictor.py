@@ -11,9 +11,13 @@ from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_results
 from sightline.data.object_results import kitti_from_detections
+from sightline.detection3d.files import write_results
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.tilt import Tilt
+from sightline.geometry.transforms import transform_points
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.level import level_sample
 from tests.detection3d.frames import (
     COMPACT,
     NAMES,
@@ -128,6 +132,47 @@ def test_a_lidar_of_another_height_gets_the_same_boxes_in_its_own_frame(predicto
             found.boxes.tensor, expected.boxes.tensor - shift, atol=1e-3, rtol=0
         )
         torch.testing.assert_close(found.scores, expected.scores, atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("tilt", "yaw_deg"),
+    [(Tilt(roll_deg=3.0, pitch_deg=12.0), 0.0), (Tilt(roll_deg=0.0, pitch_deg=0.0), 90.0)],
+    ids=["tilted", "turned"],
+)
+def test_a_lidar_that_is_tilted_or_turned_gets_the_same_boxes_in_its_own_frame(
+    predictor, sample, tilt, yaw_deg, tmp_path
+):
+    cos, sin = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    turn = np.eye(4)
+    turn[:2, :2] = [[cos, sin], [-sin, cos]]
+    level_from_lidar = torch.from_numpy(turn @ tilt.level_from_lidar)
+    points = sample.points.clone()
+    points[:, :3] = transform_points(level_from_lidar.T, points[:, :3])
+    camera_from_lidar = sample.calibration.camera_from_lidar @ level_from_lidar
+    mounted = replace(
+        sample,
+        points=points,
+        calibration=replace(sample.calibration, camera_from_lidar=camera_from_lidar),
+        level_from_lidar=level_from_lidar,
+        objects=None,
+    )
+    exact = replace(sample, points=level_sample(mounted).points)  # to the last bit
+    expected, found = predictor(exact), predictor(mounted)
+    assert len(expected.scores)
+    torch.testing.assert_close(
+        transform_points(level_from_lidar, found.boxes.centers),
+        expected.boxes.centers,
+        atol=1e-3,
+        rtol=0,
+    )
+    for name, each, answer in (("level", exact, expected), ("own", mounted, found)):
+        write_results(tmp_path / f"{name}.txt", each, answer)
+    level, own = (read_results(tmp_path / f"{name}.txt") for name in ("level", "own"))
+    assert own.class_names == level.class_names
+    np.testing.assert_allclose(own.locations, level.locations, atol=0.02)
+    turned = np.degrees(own.rotation_y - level.rotation_y)
+    np.testing.assert_allclose((turned + 180) % 360, 180, atol=1)
+    np.testing.assert_allclose(own.boxes2d, level.boxes2d, atol=0.1)
 
 
 def test_the_command_writes_kittis_result_files(weights, predictor, sample, tmp_path):

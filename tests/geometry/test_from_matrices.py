@@ -57,7 +57,7 @@ def with_(rows, row, column, value):
         (with_(CAMERA, 2, 2, 1.0005), RIGID, "third row .*1.0005.*, expected 0 0 1"),
         (with_(CAMERA, 0, 0, -5), RIGID, "focal lengths of -5 and 1101 px, expected both above 0"),
         (CAMERA, np.transpose(RIGID), "camera_from_lidar is transposed"),
-        (CAMERA, with_(RIGID, 0, 1, 1), "does not hold a rotation"),
+        (CAMERA, with_(RIGID, 0, 1, 1), "holds? .*rotation"),
         (CAMERA, with_(RIGID, 3, 3, 2), "is no rigid transform"),
     ],
 )

@@ -55,19 +55,13 @@ def test_a_camera_whose_axes_are_swapped_is_told_where_they_point(rigid, axes, s
     doubt = mount_doubt(mounted(axes @ rigid[:3, :3]))
     assert doubt.startswith("has its axes swapped")
     assert said in doubt
+    assert "convert both, points and transform, never one alone" in doubt
 
 
-def test_a_lidar_whose_x_axis_points_aside_is_told_where_the_camera_looks(rigid):
-    x_to_the_right = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])  # ours from nuScenes'
-    doubt = mount_doubt(mounted(rigid[:3, :3] @ x_to_the_right))
-    assert "degrees to the left of the LiDAR's x axis, expected x forward" in doubt
-
-
-@pytest.mark.parametrize(("yaw_deg", "side"), [(20, "right"), (-50, "left")])
-def test_a_camera_that_looks_aside_by_more_than_training_shows_is_told(yaw_deg, side):
-    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    doubt = mount_doubt(mounted(NOMINAL @ turn))
-    assert f"look {abs(yaw_deg)} degrees to the {side} of the LiDAR's x axis" in doubt
+def test_a_camera_that_looks_aside_is_not_doubted(rigid):
+    for yaw_deg in (20, -50, 90, 179):
+        turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+        assert mount_doubt(mounted(rigid[:3, :3] @ turn)) is None
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -3,7 +3,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.geometry.road_height import drive_height_m, road_height_m
+from sightline.geometry.road_height import (
+    drive_height_m,
+    lidar_pose,
+    road_height_m,
+    road_plane,
+    upright_turn,
+)
+from sightline.geometry.tilt import Tilt
 from tests.data.recordings import POINTS
 
 
@@ -42,7 +49,7 @@ def test_where_no_road_is_seen_nothing_is_told():
     rng = np.random.default_rng(0)
     assert road_height_m(POINTS[:0]) is None
     assert road_height_m(POINTS[:20]) is None
-    assert road_height_m(rng.uniform((4, -20, 0), (30, 20, 3), (5000, 3))) is None
+    assert road_height_m(rng.uniform((4, -20, 1), (30, 20, 4), (5000, 3))) is None
     assert drive_height_m([POINTS[:0]]) is None
 
 
@@ -55,3 +62,52 @@ def test_points_that_are_none_do_not_hide_the_road(z):
 def test_a_drive_tells_the_median_of_its_sweeps():
     sweeps = [POINTS - np.float32([0, 0, up_m, 0]) for up_m in (0.0, 0.1, 2.0)]
     assert drive_height_m([*sweeps, POINTS[:0]]) == road_height_m(sweeps[1])
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "pitch_deg"), [(0, 6), (0, -12), (3, 12), (0, 20), (-15, 0), (10, 10)]
+)
+def test_a_tilted_lidar_has_the_road_that_a_level_one_has(roll_deg, pitch_deg):
+    tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
+    level, tilted = road_plane(POINTS), road_plane(tilted_cloud(tilt))
+    assert tilted.height_m == pytest.approx(level.height_m, abs=0.1)
+    expected = tilt.level_from_lidar[:3, :3].T @ level.tilt.up
+    assert tilted.tilt.up @ expected > np.cos(np.radians(1.0))
+    pose = lidar_pose([tilted_cloud(tilt)])
+    assert pose.height_m == pytest.approx(1.73, abs=0.15)
+    assert pose.tilt is not None
+
+
+def test_a_level_lidar_and_one_that_is_hardly_tilted_have_no_tilt():
+    assert lidar_pose([POINTS]).tilt is None
+    assert lidar_pose([tilted_cloud(Tilt(roll_deg=0.5, pitch_deg=1.0))] * 5).tilt is None
+    assert lidar_pose([POINTS]).height_m == road_height_m(POINTS)
+
+
+def test_a_tilt_that_is_given_is_kept():
+    given_tilt = Tilt(roll_deg=0.0, pitch_deg=1.0)
+    assert lidar_pose([tilted_cloud(given_tilt)], given_tilt).tilt == given_tilt
+    assert lidar_pose([POINTS[:0]], given_tilt).height_m is None
+
+
+def test_a_few_sweeps_that_lie_do_not_tilt_a_drive():
+    aslant = tilted_cloud(Tilt(roll_deg=0.0, pitch_deg=10.0))
+    assert lidar_pose([POINTS, POINTS, POINTS, aslant, aslant]).tilt is None
+
+
+def test_a_cloud_whose_origin_lies_on_the_road_has_a_height_of_zero():
+    lifted = POINTS + np.float32([0, 0, 1.73, 0])
+    assert road_height_m(lifted) == pytest.approx(0, abs=0.15)
+
+
+@pytest.mark.parametrize("rows", [[[1, 0, 0], [0, -1, 0], [0, 0, -1]], np.eye(3)])
+def test_the_turn_that_makes_a_cloud_upright_is_found(rows):
+    found = upright_turn(POINTS[:, :3] @ np.array(rows))
+    assert (found is None) == np.array_equal(rows, np.eye(3))
+    if found is not None:
+        np.testing.assert_array_equal(found, rows)
+
+
+def tilted_cloud(tilt):
+    """The simulated sweep as a LiDAR that is tilted so sees it."""
+    return POINTS[:, :3].astype(np.float64) @ tilt.level_from_lidar[:3, :3]

@@ -127,8 +127,12 @@ def test_negative_intensities_are_not_blamed_on_their_scale():
             {"image_size": (0, 1242)},
             "image_size is .0, 1242., expected .height, width.",
         ),
-        ({"lidar_height_m": 1730.0}, "lidar_height_m is 1730, expected 0.1 to 10; give .* metres"),
+        ({"lidar_height_m": 1730.0}, "lidar_height_m is 1730, expected -0.3 to 10; give .* metres"),
         ({"lidar_height_m": float("nan")}, "lidar_height_m is nan, expected"),
+        ({"lidar_tilt_deg": (0, 90)}, r"lidar_tilt_deg is \(0, 90\), expected roll and pitch"),
+        ({"lidar_tilt_deg": (0, float("nan"))}, "lidar_tilt_deg is .*, expected roll and pitch"),
+        ({"lidar_tilt_deg": 3}, "lidar_tilt_deg is 3, expected roll and pitch"),
+        ({"lidar_tilt_deg": ("a", 3)}, "lidar_tilt_deg is 'a', expected a number"),
     ],
 )
 def test_sizes_and_heights_that_no_sensor_has_are_refused(given, said):

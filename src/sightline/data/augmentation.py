@@ -135,7 +135,7 @@ def mirror(sample: CameraLidarSample) -> CameraLidarSample:
     stays, and is no longer KITTI's.
     """
     width = sample.image_size[1]
-    pose = sample.world_from_lidar
+    pose, level_from_lidar = sample.world_from_lidar, sample.level_from_lidar
     lidar_flip = torch.diag(torch.tensor([1.0, -1.0, 1.0, 1.0], dtype=torch.float64))
     return replace(
         sample,
@@ -147,6 +147,9 @@ def mirror(sample: CameraLidarSample) -> CameraLidarSample:
         else sample.points * sample.points.new_tensor([1, -1, 1, 1]),
         objects=None if sample.objects is None else _mirrored_objects(sample.objects, width),
         world_from_lidar=None if pose is None else lidar_flip @ pose @ lidar_flip,
+        level_from_lidar=None
+        if level_from_lidar is None
+        else lidar_flip @ level_from_lidar @ lidar_flip,
     )
 
 

@@ -67,18 +67,19 @@ def _check_keys(node: yaml.MappingNode) -> None:
         known.add(name)
 
 
-def read_yaml(path: Path | str, remedy: str) -> object:
+def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> object:
     """Read a YAML or JSON file of plain values.
 
     Args:
         path: The file.
         remedy: What errors say to do.
+        max_bytes: Largest file that is read.
 
     Raises:
         FileError: It cannot be read, is neither, larger than any such file, or has merges, names
             that stand twice, deep nesting or aliases that multiply.
     """
-    text = read_text(path, max_bytes=_MAX_BYTES)
+    text = read_text(path, max_bytes=max_bytes)
     try:
         # Tabs may part JSON's words, YAML takes none in front of a line.
         said: object = yaml.load(text.expandtabs(), Loader=_PlainLoader)  # noqa: S506 - a safe one

@@ -1,6 +1,5 @@
 """Recordings of your own: images and clouds in folders, and how they fit."""
 
-import math
 import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float64, UInt8
 from torch import Tensor
 from torch.utils.data import Dataset
 
@@ -30,7 +29,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     examine_recording_frame,
     first_whole,
-    height_of_recording,
+    pose_of_recording,
     reference_images,
     size_misfit,
     view_of_recording,
@@ -40,8 +39,10 @@ from sightline.data.sample_list import read_sample_list
 from sightline.data.undistortion import undistort
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.geometry.calibration import Calibration, centred_image_size
-from sightline.geometry.mount import turn_ahead
-from sightline.geometry.transforms import transform_points
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.road_height import LidarPose
+from sightline.geometry.tilt import Tilt, level_ahead
+from sightline.structures.level import level_calibration, mounted_labels
 from sightline.structures.sample import CameraLidarSample
 
 _REMEDY = "see docs/recordings.md for the layout"
@@ -51,9 +52,11 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     """The frames of a recording, by name; `list_recording` says which files it has.
 
     Sizes of images and numbers of beams may differ from frame to frame. Images of a lens that
-    distorts are straightened as they are read, and clouds are turned about z, with the calibration,
-    where the camera looks more than 5 degrees aside of the LiDAR's x axis. Warns once, with the
-    likely cause, where the LiDAR can hardly sit as the calibration says.
+    distorts are straightened as they are read. Clouds stay in the LiDAR's own frame; where it is
+    mounted turned (the camera looks more than 5 degrees aside of its x axis) or tilted (by 3
+    degrees or more against the road in some clouds), samples say so by `level_from_lidar`. Warns
+    once, with the likely cause, where the LiDAR can hardly sit as the calibration says, where it is
+    found to be tilted, and where its height above the road has to be assumed.
     """
 
     def __init__(
@@ -103,6 +106,8 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         view = view_of_recording(first_whole(self.frames))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=3)
+        elif "points" in self.parts:
+            self._warn_of_pose()
         misnamed = unpaired(self.folder, files.frames)
         if misnamed is not None and {"image", "points"} <= self.parts:
             warnings.warn(str(misnamed), stacklevel=3)
@@ -150,7 +155,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         frame = self.frames[index]
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         rig = self._rig(frame.calibration)
-        said, calibration = rig.said, rig.calibration
+        said, calibration, level_from_lidar = rig.said, rig.calibration, rig.level_from_lidar
         image = None
         if frame.image is not None and "image" in self.parts:
             image = _straight_image(frame.image, said)
@@ -161,10 +166,12 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 raise FileError(misfit.path, misfit.problem, misfit.remedy)
         points = None
         if frame.points is not None and "points" in self.parts:
-            points = rig.cloud(frame.points)
+            points = torch.from_numpy(read_cloud(frame.points, said.max_intensity))
         objects = None
         if frame.objects is not None and "objects" in self.parts:
-            objects = labels_from_kitti(read_labels(frame.objects), calibration)
+            level = level_calibration(calibration, level_from_lidar)
+            objects = labels_from_kitti(read_labels(frame.objects), level)
+            objects = mounted_labels(objects, level_from_lidar)
         try:
             return CameraLidarSample(
                 sample_id=frame.sample_id,
@@ -176,7 +183,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
                 timestamp_s=self._time_of(frame.sample_id),
                 lidar_height_m=self._height(said) if points is not None else None,
-                turned_rad=rig.turned_rad,
+                level_from_lidar=level_from_lidar,
             )
         except FileError:
             raise
@@ -186,16 +193,42 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     def _rig(self, path: Path) -> "_Rig":
         """Reads a calibration; one file for all frames once."""
         if self._last_rig is None or self._last_rig[0] != path:
-            self._last_rig = (path, _Rig.of(read_recording_calibration(path)))
+            said = read_recording_calibration(path)
+            tilt = self._pose.tilt if said.lidar_tilt is None else said.lidar_tilt
+            self._last_rig = (path, _Rig.of(said, tilt))
         return self._last_rig[1]
 
     def _height(self, said: RecordingCalibration) -> float | None:
-        return self._height_by_clouds if said.lidar_height_m is None else said.lidar_height_m
+        return self._pose.height_m if said.lidar_height_m is None else said.lidar_height_m
 
     @cached_property
-    def _height_by_clouds(self) -> float | None:
-        """By all frames' files, so that any selection of frames gets the same."""
-        return height_of_recording(self._all_frames)
+    def _pose(self) -> LidarPose:
+        """How the LiDAR is mounted, by the road and what the first calibration says."""
+        first = first_whole(self._all_frames)
+        path = None if first is None else first.calibration
+        return pose_of_recording(
+            self._all_frames, read_or_note(read_recording_calibration, path, [])
+        )
+
+    def _warn_of_pose(self) -> None:
+        first = first_whole(self.frames)
+        path = None if first is None else first.calibration
+        said = read_or_note(read_recording_calibration, path, [])
+        if said is None:
+            return
+        tilt = self._pose.tilt
+        if said.lidar_tilt is None and tilt is not None:
+            warnings.warn(
+                f"{path}: by the road in its clouds the LiDAR is tilted, {tilt}: detectors see "
+                "them levelled; give lidar_tilt_deg (docs/recordings.md)",
+                stacklevel=4,
+            )
+        if self._height(said) is None:
+            warnings.warn(
+                f"{path}: the clouds show too little of the road to find the LiDAR's height above "
+                f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m",
+                stacklevel=4,
+            )
 
     def _image_size(
         self,
@@ -234,36 +267,28 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Rig:
-    """A camera and a LiDAR whose x axis points where the camera looks."""
+    """A camera and a LiDAR as they are mounted."""
 
     said: RecordingCalibration
-    """Of the LiDAR as it is mounted."""
     calibration: Calibration
-    """Of the LiDAR turned."""
-    new_from_old: Float64[Tensor, "4 4"]
-    turned_rad: float
+    level_from_lidar: Float64[Tensor, "4 4"] | None
+    """See `CameraLidarSample`."""
 
     @classmethod
-    def of(cls, said: RecordingCalibration) -> "_Rig":
-        """Turns the LiDAR frame if need be."""
+    def of(cls, said: RecordingCalibration, tilt: Tilt | None) -> "_Rig":
+        """The rig of a calibration file and the tilt of its LiDAR."""
         mounted = said.matrices.camera_from_lidar
-        new_from_old, angle_deg = turn_ahead(mounted)
+        level_from_lidar = level_ahead(mounted, tilt)
         return cls(
             said=said,
             calibration=Calibration(
                 image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
-                camera_from_lidar=torch.from_numpy(mounted @ new_from_old.T),
+                camera_from_lidar=torch.from_numpy(mounted),
             ),
-            new_from_old=torch.from_numpy(new_from_old),
-            turned_rad=math.radians(angle_deg),
+            level_from_lidar=None
+            if level_from_lidar is None
+            else torch.from_numpy(level_from_lidar),
         )
-
-    def cloud(self, path: Path) -> Float32[Tensor, "num_points 4"]:
-        """Reads a frame's points."""
-        points = torch.from_numpy(read_cloud(path, self.said.max_intensity))
-        if not self.turned_rad:
-            return points
-        return torch.cat((transform_points(self.new_from_old, points[:, :3]), points[:, 3:]), dim=1)
 
 
 def _straight_image(path: Path, said: RecordingCalibration) -> UInt8[Tensor, "3 height width"]:

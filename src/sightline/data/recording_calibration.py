@@ -16,8 +16,13 @@ from sightline.data.plain_text import shortened
 from sightline.data.plain_yaml import read_yaml
 from sightline.data.problem import FileError
 from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, lens_fault
-from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
+from sightline.geometry.road_height import (
+    MAX_LIDAR_HEIGHT_M,
+    MAX_TILT_DEG,
+    MIN_LIDAR_HEIGHT_M,
+)
 from sightline.geometry.rotations import rotation_fault
+from sightline.geometry.tilt import Tilt
 
 _KEYS: Final = (
     "camera_matrix",
@@ -25,6 +30,7 @@ _KEYS: Final = (
     "image_size",
     "lens",
     "lidar_height_m",
+    "lidar_tilt_deg",
     "max_intensity",
 )
 _LIMIT = 1e9
@@ -53,7 +59,9 @@ class RecordingCalibration:
     max_intensity: float = 1.0
     """What stands for a reflectance of 1 in the clouds."""
     lidar_height_m: float | None = None
-    """Of the LiDAR above the road; None: to be told from the clouds."""
+    """Of the LiDAR above the road; None: to be found in the clouds."""
+    lidar_tilt: Tilt | None = None
+    """Of the LiDAR against the road; None: to be found in the clouds."""
 
 
 def read_recording_calibration(path: Path | str) -> RecordingCalibration:
@@ -79,6 +87,7 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
             lens=_lens(said.get("lens")),
             max_intensity=_max_intensity(said.get("max_intensity", 1.0)),
             lidar_height_m=_lidar_height(said.get("lidar_height_m")),
+            lidar_tilt=_lidar_tilt(said.get("lidar_tilt_deg")),
         )
         require_usable(calibration)
     except ValueError as error:
@@ -140,6 +149,9 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
         said["max_intensity"] = calibration.max_intensity
     if calibration.lidar_height_m is not None:
         said["lidar_height_m"] = calibration.lidar_height_m
+    if calibration.lidar_tilt is not None:
+        tilt = calibration.lidar_tilt
+        said["lidar_tilt_deg"] = {"roll": tilt.roll_deg, "pitch": tilt.pitch_deg}
     # A line a row, as one writes a matrix by hand.
     text: str = yaml.safe_dump(said, default_flow_style=None, sort_keys=False)
     return text
@@ -273,6 +285,22 @@ def _lidar_height(said: object) -> float | None:
             f"{MIN_LIDAR_HEIGHT_M:g} to {MAX_LIDAR_HEIGHT_M:g} m"
         )
     return float(said)
+
+
+def _lidar_tilt(said: object) -> Tilt | None:
+    if said is None:
+        return None
+    if (
+        not isinstance(said, dict)
+        or set(said) != {"roll", "pitch"}
+        or any(type(angle) not in (int, float) for angle in said.values())
+        or not all(abs(angle) <= MAX_TILT_DEG for angle in said.values())
+    ):
+        raise ValueError(
+            f"lidar_tilt_deg is {str(said)[:60]}, expected {{roll: .., pitch: ..}}, the LiDAR's "
+            f"tilt against the road in degrees, each from {-MAX_TILT_DEG:g} to {MAX_TILT_DEG:g}"
+        )
+    return Tilt(roll_deg=float(said["roll"]), pitch_deg=float(said["pitch"]))
 
 
 def _max_intensity(said: object) -> float:

@@ -31,10 +31,16 @@ from sightline.geometry.mount import (
     resolution_doubt,
     turn_ahead,
 )
-from sightline.geometry.road_height import drive_height_m
+from sightline.geometry.mount_axes import axes_doubt
+from sightline.geometry.road_height import LidarPose, lidar_pose
+from sightline.geometry.tilt import Tilt
 
-_REMEDY = "correct the calibration file; docs/recordings.md says how"
+_REMEDY = (
+    "correct the calibration file, or clouds and calibration together where both are of another "
+    "convention; docs/recordings.md says how"
+)
 _TELL_HEIGHT = 5  # clouds, spread over a recording
+_TILTS_AGREE_DEG = 4.0  # of a calibration and of the road in some clouds
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -76,6 +82,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     matrices = said.matrices
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
     share = float(shown.mean())
+    axes = axes_doubt(points, matrices.camera_from_lidar)
     problem = _doubt(said, size)
     if problem is None and share < LEAST_SHARE_IN_IMAGE:
         problem = (
@@ -87,7 +94,9 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
         share=share,
         size=size,
         doubt=(
-            None
+            Problem(path=frame.points, problem=axes[0], remedy=axes[1])
+            if axes is not None
+            else None
             if problem is None
             else Problem(path=frame.calibration, problem=problem, remedy=_REMEDY)
         ),
@@ -102,33 +111,60 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )
     described = [] if view is None else [str(view)]
-    if said is not None:
-        described += describe_turn(turn_ahead(said.matrices.camera_from_lidar)[1])
-    if said is not None and said.lidar_height_m is None:
-        height_m = height_of_recording(frames)
+    if said is None:
+        return tuple(described)
+    pose = pose_of_recording(frames, said)
+    level = np.eye(4) if pose.tilt is None else pose.tilt.level_from_lidar
+    described += describe_turn(turn_ahead(said.matrices.camera_from_lidar @ level.T)[1])
+    if pose.tilt is not None:
+        source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
         described.append(
-            f"the LiDAR is taken to be {KITTI_LIDAR_HEIGHT_M} m above the road, as KITTI's"
-            if height_m is None
-            else f"by the road that it sees the LiDAR is {height_m:.2f} m above it"
+            f"{source} the LiDAR is tilted, {pose.tilt}: detectors see its clouds levelled"
+        )
+    by_clouds = pose_of_recording(frames) if said.lidar_tilt is not None else pose
+    if said.lidar_tilt is not None and _differ(said.lidar_tilt, by_clouds.tilt):
+        described.append(
+            f"warning: by the road that it sees its tilt is {by_clouds.tilt or 'none'}; correct "
+            "lidar_tilt_deg, or leave it out"
+        )
+    if said.lidar_height_m is None:
+        described.append(
+            f"warning: its clouds show too little of the road to find the LiDAR's height above "
+            f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m"
+            if pose.height_m is None
+            else f"by the road that it sees the LiDAR is {pose.height_m:.2f} m above it"
         )
     return tuple(described)
 
 
-def describe_turn(angle_deg: float) -> tuple[str, ...]:
+def _differ(said: Tilt, seen: Tilt | None) -> bool:
+    cosine = float(said.up @ (Tilt(roll_deg=0.0, pitch_deg=0.0) if seen is None else seen).up)
+    return math.degrees(math.acos(min(cosine, 1.0))) > _TILTS_AGREE_DEG
+
+
+def describe_turn(angle_deg: float, subject: str = "detectors see clouds") -> tuple[str, ...]:
     """That clouds are turned, in a clause; none where they are not, by 0 degrees."""
     if not angle_deg:
         return ()
     return (
         f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x axis: "
-        "clouds are turned, so that x points where it looks",
+        f"{subject} turned, so that x points where it looks",
     )
 
 
-def height_of_recording(frames: Sequence[ObjectFrame]) -> float | None:
-    """How high above the road the LiDAR sits [m] by some clouds; None where none can tell."""
+def pose_of_recording(
+    frames: Sequence[ObjectFrame], said: RecordingCalibration | None = None
+) -> LidarPose:
+    """How the LiDAR is mounted over the road, by some clouds of a recording.
+
+    Args:
+        frames: All of the recording, so that any selection of frames gets the same.
+        said: A calibration, whose tilt is taken where it has one.
+    """
     seen = [frame for frame in frames if frame.points and frame.calibration]
     step = max(len(seen) // _TELL_HEIGHT, 1)
-    return drive_height_m(map(_cloud_or_empty, seen[::step][:_TELL_HEIGHT]))
+    clouds = map(_cloud_or_empty, seen[::step][:_TELL_HEIGHT])
+    return lidar_pose(clouds, None if said is None else said.lidar_tilt)
 
 
 def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
@@ -160,8 +196,8 @@ def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]
 
 def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
     """What is implausible about a calibration alone, or against the size of its images."""
-    new_from_old, _ = turn_ahead(said.matrices.camera_from_lidar)
-    doubt = mount_doubt(said.matrices.camera_from_lidar @ new_from_old.T)  # as frames are read
+    level = np.eye(4) if said.lidar_tilt is None else said.lidar_tilt.level_from_lidar
+    doubt = mount_doubt(said.matrices.camera_from_lidar @ level.T)
     if doubt is not None:
         return f"camera_from_lidar {doubt}"
     scale = None if size is None else resolution_doubt(said.matrices.image_from_camera, size)
@@ -202,8 +238,10 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
     if found.all():
         return found
     view = view_of_recording(frame)
-    if view is not None and view.doubt is not None and _doubt(said, view.size) is None:
-        found.doubted.append(view.doubt)  # a calibration's own are told of once for all frames
+    if view is not None and view.doubt is not None:
+        # A calibration's own faults are told of once for all frames.
+        if view.doubt.path == frame.points or _doubt(said, view.size) is None:
+            found.doubted.append(view.doubt)
     elif depth_m is not None and frame.depth is not None and points is not None:
         image_from_lidar = said.matrices.image_from_camera @ said.matrices.camera_from_lidar
         found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sightline.data.plain_text import read_text, shortened
+from sightline.data.safe_names import relative_parts
 
 _PACKAGED = Path(__file__).with_name("sample_lists")
 
@@ -20,7 +21,8 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         root: The data set's folder.
 
     Raises:
-        ValueError: There is no such list, it is empty or it names a frame twice.
+        ValueError: There is no such list, it is empty, it names a frame twice, or something that
+            cannot be a file's name.
     """
     if isinstance(sample_list, str | Path):
         path = _find(sample_list, Path(root))
@@ -35,6 +37,8 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
             )
     if not frames:
         raise ValueError(f"{source} names no frames, expected one a line; name another list")
+    for number, frame in enumerate(frames, start=1):
+        relative_parts(frame, source, f"frame {number}")  # becomes part of files' names
     if len(set(frames)) < len(frames):
         twice = next(frame for frame, count in Counter(frames).items() if count > 1)
         raise ValueError(

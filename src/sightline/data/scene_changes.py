@@ -85,7 +85,9 @@ def turn_scene(sample: CameraLidarSample, yaw_deg: float) -> CameraLidarSample:
         world_from_lidar=None
         if sample.world_from_lidar is None
         else sample.world_from_lidar @ back,
-        turned_rad=sample.turned_rad - math.radians(yaw_deg),
+        level_from_lidar=None
+        if sample.level_from_lidar is None
+        else sample.level_from_lidar @ back,
     )
 
 
@@ -132,8 +134,8 @@ def _with_sweep(
 def _turned_objects(objects: ObjectLabels | None, yaw_rad: float) -> ObjectLabels | None:
     if objects is None:
         return None
-    boxes, turned = objects.boxes3d.tensor, objects.boxes3d.turn(yaw_rad).tensor
-    return replace(objects, boxes3d=Boxes3D(torch.where(objects.has_box3d[:, None], turned, boxes)))
+    turned = objects.boxes3d.turn(yaw_rad)
+    return replace(objects, boxes3d=turned.where(objects.has_box3d, objects.boxes3d))
 
 
 def _with_longer_translation(

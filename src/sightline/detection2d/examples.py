@@ -33,6 +33,7 @@ from sightline.detection2d.placement import (
     whole_strides,
 )
 from sightline.detection2d.targets import TargetConfig, make_targets
+from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 from sightline.structures.sweep_checks import check_finite_points
 from sightline.training.data import SamplePreparation
@@ -185,8 +186,10 @@ def scoring_example(sample: CameraLidarSample, config: ExampleConfig) -> Detecti
     assert given.objects is not None, "as before"
     size = whole_strides(given.image_size, config.pad_to)
     maps = _maps(given, config.input, size)
+    level = level_sample(sample)
+    assert level.objects is not None, "as before"
     truth = FrameTruth(
-        placement=placement, objects=kitti_from_labels(sample.objects, sample.calibration)
+        placement=placement, objects=kitti_from_labels(level.objects, level.calibration)
     )
     return DetectionBatch(
         sample_ids=(sample.sample_id,),

@@ -10,6 +10,7 @@ from torch import Tensor
 from sightline.data.scene_changes import resize
 from sightline.detection2d.config import InputConfig
 from sightline.geometry.projection import dhi_image
+from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -61,10 +62,10 @@ def lidar_image(
     """Depth, height and intensity of the sweep in [0, 1], by `dhi_image`; zeros without a sweep."""
     if sample.points is None:
         return torch.zeros(3, *sample.image_size)
+    level = level_sample(sample)
+    assert level.points is not None, "there is a sweep"
     offset_m = config.height_offset_m + sample.higher_than_kitti_m
-    image = dhi_image(
-        sample.points, sample.calibration, sample.image_size, height_offset_m=offset_m
-    )
+    image = dhi_image(level.points, level.calibration, sample.image_size, height_offset_m=offset_m)
     return image / 255
 
 

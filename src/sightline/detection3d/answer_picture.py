@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from sightline.data.scene_changes import resize
+from sightline.structures.level import level_detections, level_sample
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
@@ -44,8 +45,10 @@ def answer_picture(
         width_px: Of the image.
     """
     height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
-    sample = resize(sample, height_px, width_px)
-    proposed, sure = proposed.surer_than(DRAWN_SCORE), found.surer_than(DRAWN_SCORE)
+    proposed, sure = (
+        level_detections(each.surer_than(DRAWN_SCORE), sample) for each in (proposed, found)
+    )
+    sample = level_sample(resize(sample, height_px, width_px))
     image = camera_picture(sample)
     first = draw_boxes3d(
         image,

@@ -20,6 +20,7 @@ from sightline.detection3d.sweeps import (
     points_in_range,
 )
 from sightline.detection3d.targets import TargetConfig, make_truth
+from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
 
@@ -81,7 +82,7 @@ class DetectionExamples(SamplePreparation):
     ) -> Detection3DBatch:
         """A batch of one: a sweep, changed in training, with its truth.
 
-        As in use, the LiDAR frame is raised or lowered to the height of KITTI's.
+        As in use, the LiDAR frame becomes one like KITTI's, by its height and its axes.
 
         Raises:
             ValueError: The sample has no labels, no sweep or points that are not finite, or the
@@ -93,12 +94,14 @@ class DetectionExamples(SamplePreparation):
                 "data with label_2"
             )
         settings = self.settings
-        raised = at_kitti_height(sample)
+        level = level_sample(sample)
+        raised = at_kitti_height(level)
+        assert level.objects is not None, "checked above"
         assert raised.objects is not None, "checked above"
         frame = None
         if not training:
             frame = FrameTruth(
-                objects=kitti_from_labels(sample.objects, sample.calibration),
+                objects=kitti_from_labels(level.objects, level.calibration),
                 calibration=raised.calibration,
                 image_size=sample.image_size,
             )

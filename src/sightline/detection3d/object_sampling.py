@@ -24,6 +24,7 @@ from sightline.geometry.transforms import wrap_angle, yaw_rotation
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.ops.rotated_iou import pairwise_iou_bev
 from sightline.structures.labels import ObjectLabels
+from sightline.structures.level import level_sample
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
@@ -134,7 +135,7 @@ def fill_bank(
     """
     frames = [(dataset, index) for dataset in datasets for index in range(len(dataset))]
     chosen = sorted(rng.permutation(len(frames))[:num_frames].tolist())
-    samples = (dataset[index] for dataset, index in (frames[each] for each in chosen))
+    samples = (level_sample(dataset[index]) for dataset, index in (frames[each] for each in chosen))
     return ObjectBank(entry for sample in samples for entry in collect_objects(sample, config))
 
 

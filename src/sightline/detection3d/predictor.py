@@ -1,7 +1,6 @@
 """Detection in sweeps by a trained network."""
 
 import warnings
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -18,10 +17,10 @@ from sightline.detection3d.sweeps import (
     at_kitti_height,
     cut_to_view,
     draw_points,
+    in_own_frame,
     points_in_range,
 )
 from sightline.export.names import EngineChoice, EngineName
-from sightline.geometry.boxes3d import Boxes3D
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -41,8 +40,9 @@ class Detection3DPredictor:
         >>> found.class_names[:2], found.boxes.tensor.shape[1]  # the surest first; see Boxes3D
         (('Car', 'Car'), 7)
 
-    Takes sweeps of any number of points and beams, from any height above the road that the sample
-    tells; one of which nothing is seen has no objects.
+    Takes sweeps of any number of points and beams, of LiDARs that are mounted at any height above
+    the road, tilted or turned, as far as the sample says how; boxes are in the LiDAR's own frame. A
+    sweep of which nothing is seen has no objects.
     May be pickled, and called in a forked process.
     """
 
@@ -116,15 +116,9 @@ class Detection3DPredictor:
         proposed = self._stages.propose(sweep)
         answers = self._stages.proposals(proposed), self._stages.refine(sweep, proposed)
         first, second = (
-            align(_lowered(each, sample.higher_than_kitti_m), self._config.alignment)
-            for each in answers
+            in_own_frame(align(each, self._config.alignment), sample) for each in answers
         )
         return first, second
-
-
-def _lowered(found: Detections3D, by_m: float) -> Detections3D:
-    down = found.boxes.tensor.new_tensor([0, 0, by_m, 0, 0, 0, 0])
-    return replace(found, boxes=Boxes3D(found.boxes.tensor - down))
 
 
 def network_sweep(sample: CameraLidarSample, settings: SweepConfig) -> Sweep:

@@ -6,6 +6,7 @@ from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED
 from sightline.detection3d.files import write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import Answered, Panel
+from sightline.structures.level import level_detections, level_sample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
 from sightline.visualization.canvas import scaled_to_width
 from sightline.visualization.image import camera_picture, draw_boxes3d
@@ -15,7 +16,9 @@ _VIEW: Final = BirdsEyeView(x_max_m=60.0, y_min_m=-30.0, y_max_m=30.0)
 
 def _panels(answered: Answered, width_px: int) -> tuple[Panel, ...]:
     """Boxes on the image and from above; labels are the thin white ones."""
-    given, found = answered.corrupted.sample, answered.answer.surer_than(DRAWN_SCORE)
+    given = answered.corrupted.sample
+    found = level_detections(answered.answer.surer_than(DRAWN_SCORE), given)
+    given = level_sample(given)
     boxes, names, labels = found.boxes, found.class_names, given.objects
     picture = draw_boxes3d(
         camera_picture(given), boxes, names, given.calibration, scores=found.scores

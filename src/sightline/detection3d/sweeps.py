@@ -10,6 +10,8 @@ from torch import Tensor
 from sightline.data.augmentation import points_in_view
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.structures.level import level_sample, mounted_detections
+from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 from sightline.structures.sweep_checks import check_finite_points
 
@@ -31,10 +33,11 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
 
 
 def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
-    """The sample in a LiDAR frame as high above the road as KITTI's.
+    """The sample in a LiDAR frame like KITTI's: level, x ahead, as high above the road.
 
-    What is detected in it must be lowered again.
+    `in_own_frame` leads back.
     """
+    sample = level_sample(sample)
     rise_m = sample.higher_than_kitti_m
     if sample.points is None or not rise_m:
         return sample
@@ -53,6 +56,13 @@ def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
         calibration=replace(sample.calibration, camera_from_lidar=camera_from_lidar),
         lidar_height_m=None,
     )
+
+
+def in_own_frame(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
+    """Detections in `at_kitti_height(sample)`, moved to the sample's own LiDAR frame."""
+    down = found.boxes.tensor.new_tensor([0, 0, sample.higher_than_kitti_m, 0, 0, 0, 0])
+    lowered = replace(found, boxes=Boxes3D(found.boxes.tensor - down))
+    return mounted_detections(lowered, sample)
 
 
 def points_in_range(

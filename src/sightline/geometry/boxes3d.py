@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 from beartype import beartype
-from jaxtyping import Bool, Float, Int, jaxtyped
+from jaxtyping import Bool, Float, Float64, Int, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.transforms import (
@@ -36,6 +36,10 @@ class Boxes3D:
 
     LiDAR frame (x forward, y left, z up), metres and radians. Length, width and height lie along
     the box's own x, y, z. Yaw is counter-clockwise from above, 0 faces +x, in [-pi, pi).
+
+    In the frame of a LiDAR that is tilted against the road, centres are exact and a yaw is the
+    heading as seen along the LiDAR's z axis; that the boxes stand on the road, and not along that
+    axis, is neglected by `corners` and `contain`. `to_level` leads to a frame where it holds.
 
     Examples:
         >>> import torch
@@ -99,6 +103,35 @@ class Boxes3D:
         rotation = yaw_rotation(self.tensor.new_tensor(yaw_rad))
         yaws = wrap_angle(self.tensor[..., 6:] + yaw_rad)
         return Boxes3D(torch.cat((self.centers @ rotation.T, self.sizes, yaws), dim=-1))
+
+    def from_level(self, level_from_own: Float64[Tensor, "4 4"]) -> "Boxes3D":
+        """The boxes of a level frame in one that is tilted or turned; see the class.
+
+        Args:
+            level_from_own: Rotation, and translation, into the level frame.
+        """
+        yaws = self.yaws.double()
+        headings = torch.stack((yaws.cos(), yaws.sin(), torch.zeros_like(yaws)), dim=-1)
+        return self._moved(rigid_inverse(level_from_own), headings)
+
+    def to_level(self, level_from_own: Float64[Tensor, "4 4"]) -> "Boxes3D":
+        """The boxes of a tilted or turned frame in the level one: the inverse of `from_level`."""
+        yaws, up = self.yaws.double(), level_from_own[2, :3]
+        cos, sin = yaws.cos(), yaws.sin()
+        rise = -(up[0] * cos + up[1] * sin) / up[2]  # of the heading, which lies in the road
+        return self._moved(level_from_own, torch.stack((cos, sin, rise), dim=-1))
+
+    def _moved(
+        self, new_from_old: Float64[Tensor, "4 4"], headings: Float64[Tensor, "*batch num_boxes 3"]
+    ) -> "Boxes3D":
+        turned = headings @ new_from_old[:3, :3].T
+        yaws = wrap_angle(torch.atan2(turned[..., 1], turned[..., 0])).to(self.tensor.dtype)
+        centers = transform_points(new_from_old, self.centers)
+        return Boxes3D(torch.cat((centers, self.sizes, yaws[..., None]), dim=-1))
+
+    def where(self, mask: Bool[Tensor, " num_boxes"], other: "Boxes3D") -> "Boxes3D":
+        """The boxes that the mask marks, and the other's at the rest of the places."""
+        return Boxes3D(torch.where(mask[:, None], self.tensor, other.tensor))
 
     def to_canonical(
         self, points: Float[Tensor, "*batch num_points 3"]

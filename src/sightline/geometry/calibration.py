@@ -12,7 +12,7 @@ from jaxtyping import Float64, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.mount import mount_doubt
-from sightline.geometry.rotations import ROTATION_TOLERANCE
+from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
 
 Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
 """Numbers of any type in rows, as users have them."""
@@ -59,8 +59,12 @@ class Calibration:
                 "expected focal lengths other than zero"
             )
         rotation = self.camera_from_lidar[..., :3, :3]
+        is_mirror = torch.linalg.det(rotation) < 0
         error = rotation @ rotation.transpose(-1, -2) - torch.eye(3).to(rotation)
-        if (error.abs() > ROTATION_TOLERANCE).any() or (torch.linalg.det(rotation) < 0).any():
+        if is_mirror.all() and not (error.abs() > ROTATION_TOLERANCE).any():
+            fault = rotation_fault(rotation.reshape(-1, 3, 3)[0].cpu().numpy())
+            raise ValueError(f"camera_from_lidar holds no rotation: {fault}")
+        if (error.abs() > ROTATION_TOLERANCE).any() or is_mirror.any():
             raise ValueError(
                 "camera_from_lidar (R0_rect @ Tr_velo_to_cam) does not hold a rotation; expected "
                 "orthonormal rows and determinant +1"

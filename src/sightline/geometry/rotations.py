@@ -15,6 +15,11 @@ def rotation_fault(matrix: Float64[np.ndarray, "3 3"]) -> str | None:
     determinant = np.linalg.det(matrix)
     if error <= ROTATION_TOLERANCE and determinant > 0:
         return None
+    if error <= ROTATION_TOLERANCE:
+        return (
+            "its determinant is -1, expected 1: it mirrors, as from a left-handed frame (x "
+            "forward, y right, z up); negate that axis, y, in the points, and its column here, both"
+        )
     return (
         f"its rows are {error:.3g} off orthonormal and its determinant is {determinant:.3g}, "
         "expected 0 and 1"

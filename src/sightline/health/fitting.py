@@ -15,6 +15,7 @@ from sightline.health.lidar_checks import LidarChecks, check_lidar
 from sightline.health.limits import HealthLimits, check_enough, fit_limits
 from sightline.health.monitor import rgb_of
 from sightline.health.yaw_error import match_edges
+from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -77,7 +78,7 @@ def fit_on_samples(
     camera: list[CameraChecks] = []
     lidar: list[LidarChecks] = []
     alignment: list[AlignmentChecks] = []
-    for sample in samples:
+    for sample in map(level_sample, samples):
         image = rgb_of(sample)
         if image is None or sample.points is None:
             raise ValueError(

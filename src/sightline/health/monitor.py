@@ -10,6 +10,7 @@ from sightline.health.limits import HealthLimits, read_limits
 from sightline.health.regions import bad_image_regions, bad_sweep_regions
 from sightline.health.yaw_error import EdgeMatch, estimate_yaw, match_edges
 from sightline.structures.health import Health, SampleHealth
+from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
 _TELLING = 0.2  # score from which edges are still the scene's, as with some beams missing
@@ -40,6 +41,7 @@ class HealthMonitor:
             The health; and how the edges of all these frames match, None where this sample's tell
             nothing: then those of earlier ones tell nothing of it.
         """
+        sample = level_sample(sample)
         image = rgb_of(sample)
         points = None if sample.points is None else sample.points.numpy()
         camera = _ABSENT if image is None else self.limits.camera.judge(check_camera(image))

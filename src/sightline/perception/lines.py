@@ -39,9 +39,7 @@ def frame_line(
         "num_points": None if sample.points is None else len(sample.points),
         "tasks": tasks,
         "detections2d": None if told.detections2d is None else _objects_2d(told.detections2d),
-        "detections3d": None
-        if told.detections3d is None
-        else _objects_3d(told.detections3d, sample.turned_rad),
+        "detections3d": None if told.detections3d is None else _objects_3d(told.detections3d),
         "depth": None if told.depth is None else _depth_summary(told.depth),
     }
     return json.dumps(line, allow_nan=False)
@@ -57,10 +55,10 @@ def _objects_2d(found: Detections2D) -> list[dict[str, Any]]:
     ]
 
 
-def _objects_3d(found: Detections3D, turned_rad: float) -> list[dict[str, Any]]:
-    """In the frame of the LiDAR as it is mounted, where its users have their points."""
-    mounted = found.boxes.turn(turned_rad) if turned_rad else found.boxes
-    columns = zip(found.class_names, found.scores.tolist(), mounted.tensor.tolist(), strict=True)
+def _objects_3d(found: Detections3D) -> list[dict[str, Any]]:
+    columns = zip(
+        found.class_names, found.scores.tolist(), found.boxes.tensor.tolist(), strict=True
+    )
     return [
         {
             "class": name,

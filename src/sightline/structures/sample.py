@@ -5,25 +5,17 @@ from dataclasses import dataclass
 from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
+import torch
 from beartype import BeartypeConf, beartype
 from jaxtyping import Float32, Float64, UInt8, jaxtyped
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.road_height import (
-    MAX_LIDAR_HEIGHT_M,
-    MIN_LIDAR_HEIGHT_M,
-    road_height_m,
-)
-from sightline.structures.arrays import (
-    image_planes,
-    plain_number,
-    plain_size,
-    sweep_points,
-    warn_of_view,
-)
+from sightline.geometry.tilt import level_ahead
+from sightline.structures.arrays import image_planes, plain_size, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
+from sightline.structures.mounting import plain_height, plain_tilt, pose_of_sweep, warn_of_axes
 
 
 # Whole numbers are numbers, too: as Python's own checkers of types have it.
@@ -32,7 +24,8 @@ from sightline.structures.labels import ObjectLabels
 class CameraLidarSample:
     """A camera image and the LiDAR sweep taken with it.
 
-    LiDAR frame: x forward, y left, z up. Camera frame: x right, y down, z forward. Metres and
+    LiDAR frame: x forward, y left, z up; it may be turned about z and tilted, where
+    `level_from_lidar` says how. Camera frame: x right, y down, z forward. Metres and
     radians; pixel (0, 0) is the centre of the top-left pixel. A sensor that delivered nothing is
     None; a sweep of zero points is a sweep.
 
@@ -65,10 +58,11 @@ class CameraLidarSample:
     timestamp_s: float | None = None
     """Seconds since the drive's first frame."""
     lidar_height_m: float | None = None
-    """Of the LiDAR above the road; None: as high as KITTI's."""
-    turned_rad: float = 0.0
-    """From the x axis of the LiDAR as it is mounted to this frame's, counter-clockwise: a
-    recording's clouds are turned until x points where the camera looks."""
+    """Of the LiDAR above the road; None: it is taken to be as high as KITTI's."""
+    level_from_lidar: Float64[Tensor, "4 4"] | None = None
+    """Rotation into a frame with x along the camera's view and z up, of a LiDAR that is mounted
+    tilted or turned. None: its own frame is one. Predictors work in that frame; what they find is
+    in the LiDAR's own, as points and labels are."""
 
     def __post_init__(self) -> None:
         """Checks that all maps are of one size."""
@@ -96,9 +90,13 @@ class CameraLidarSample:
         image_size: Sequence[SupportsIndex] | None = None,
         max_intensity: SupportsFloat = 1.0,
         lidar_height_m: SupportsFloat | None = None,
+        lidar_tilt_deg: Sequence[SupportsFloat] | None = None,
         sample_id: str = "sample",
     ) -> "CameraLidarSample":
-        """A sample of arrays of your own; warns where hardly a point falls into the image.
+        """A sample of arrays of your own; warns where they hardly fit, and of what is assumed.
+
+        The camera may look aside of the LiDAR's x axis, and the LiDAR may be tilted by up to some
+        20 degrees. Points and all answers stay in the LiDAR's own frame.
 
         Examples:
             >>> import numpy as np, sightline
@@ -110,6 +108,7 @@ class CameraLidarSample:
             ...     image=np.zeros((1200, 1920, 3), np.uint8),
             ...     points=np.array([[10.0, 1.0, -1.0, 40.0], [20.0, -3.0, 0.5, 255.0]]),
             ...     max_intensity=255.0,
+            ...     lidar_height_m=1.9,
             ... )
             >>> sample.points[1].tolist()
             [20.0, -3.0, 0.5, 1.0]
@@ -124,30 +123,29 @@ class CameraLidarSample:
                 None: no LiDAR.
             image_size: Height, width [px]; needed only where there is no image.
             max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
-            lidar_height_m: Of the LiDAR above the road. None: told from the points; where they
-                show too little of the road, as high as KITTI's (1.73 m).
+            lidar_height_m: Of the LiDAR above the road; 0 where the points' origin lies on it.
+                None: by the road in the points; where they show too little of it, 1.73 m, KITTI's,
+                with a warning.
+            lidar_tilt_deg: Roll and pitch of the LiDAR against the road, as a URDF has them: a
+                positive pitch lowers its front. None: by the road in the points, from 4 degrees on,
+                with a warning; hills and verges make single sweeps differ by some 3.
             sample_id: What errors call it.
 
         Raises:
             ValueError: An array is of another shape or type, there is neither image nor image_size,
                 the image is of another size, intensities do not lie from 0 to max_intensity, the
-                points are hardly in metres, or no LiDAR sits so high.
+                points are hardly in metres, or no LiDAR sits so high or so tilted.
         """
         planes = None if image is None else image_planes(image)
         size = _size_of(planes, image_size)
-        height_m = None
-        if lidar_height_m is not None:
-            height_m = plain_number("lidar_height_m", lidar_height_m)
-        if height_m is not None and not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M:
-            raise ValueError(
-                f"lidar_height_m is {height_m:g}, expected {MIN_LIDAR_HEIGHT_M:g} to "
-                f"{MAX_LIDAR_HEIGHT_M:g}; give the LiDAR's height above the road in metres"
-            )
+        height_m = None if lidar_height_m is None else plain_height(lidar_height_m)
+        tilt = None if lidar_tilt_deg is None else plain_tilt(lidar_tilt_deg)
         sweep = None if points is None else sweep_points(points, max_intensity)
-        if sweep is not None:
+        if sweep is not None and not warn_of_axes(sweep, calibration):
             warn_of_view(sweep, calibration, size)
-            if height_m is None:
-                height_m = road_height_m(sweep.numpy())
+            pose = pose_of_sweep(sweep, height_m, tilt)
+            height_m, tilt = pose.height_m, pose.tilt
+        level_from_lidar = level_ahead(calibration.camera_from_lidar.numpy(), tilt)
         return cls(
             sample_id=sample_id,
             calibration=calibration,
@@ -155,6 +153,9 @@ class CameraLidarSample:
             image=planes,
             points=sweep,
             lidar_height_m=height_m,
+            level_from_lidar=None
+            if level_from_lidar is None
+            else torch.from_numpy(level_from_lidar),
         )
 
 

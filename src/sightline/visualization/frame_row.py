@@ -13,6 +13,7 @@ import torch
 from jaxtyping import UInt8
 
 from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.level import level_view
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
@@ -86,6 +87,7 @@ def draw_row(
         layout: Of an image size like the sample's; another size is fitted in.
         note: Written at the right of the head, the time for example.
     """
+    sample, told = level_view(sample, told)
     height, width = layout.size
     page = np.full((height, width, 3), PAGE, np.uint8)
     _put_head(page, sample, told, note)

@@ -1,5 +1,6 @@
 """Frames and what was found in them as a file of the Rerun viewer, on a time line."""
 
+import itertools
 from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +15,7 @@ from jaxtyping import Float64, UInt8
 from sightline.data.atomic import atomic_path
 from sightline.data.depth_png import MAX_DEPTH_M, STEPS_PER_METRE
 from sightline.geometry.calibration import Calibration
+from sightline.structures.level import level_view
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.colors import DEPTH_SCALE, class_color
@@ -69,7 +71,7 @@ def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception
         recording.set_log_time_enabled(False)  # when it was written is nobody's time line
         recording.save(temporary, default_blueprint=_blueprint())
         recording.log("lidar", rr.ViewCoordinates.FLU, static=True)
-        for sample, told in frames:
+        for sample, told in itertools.starmap(level_view, frames):
             recording.reset_time()  # a frame without a time has not that of the one before
             recording.set_time(FRAME_TIMELINE, sequence=count)
             if sample.timestamp_s is not None:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.labels import ObjectLabels
+from sightline.structures.level import level_view
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
@@ -129,6 +130,7 @@ def frame_sheet(
         detections3d=detections3d and detections3d.select(_surest(detections3d.scores)),
         depth=dense_depth,
     )
+    sample, told = level_view(sample, told)
     frame = _fitted(replace(sample, objects=_nearest(sample.objects)), told, panel_px)
     panels = [_boxes_panel(frame), _lidar_panel(frame), *_depth_panels(frame, dense_name)]
     main = _arranged([_titled(panel, panel_px) for panel in panels], num_columns)

@@ -57,7 +57,9 @@ def test_grey_becomes_three_equal_channels():
     [
         ({"encoding": "32FC1"}, "topic /camera holds images of encoding '32FC1', expected one of"),
         ({"height": 99}, "topic /camera holds an image of .* bytes, expected 99 rows"),
-        ({"step": 3}, "cut short"),
+        ({"step": 3, "height": 21}, "cut short"),
+        ({"step": 10**9, "height": 21}, "cut short"),
+        ({"width": 0}, "topic /camera holds an image of 20x0"),
     ],
 )
 def test_an_image_that_cannot_be_read_names_its_topic(changes, said):
@@ -140,9 +142,39 @@ def test_a_cloud_without_a_coordinate_names_its_topic_and_its_fields():
     _, sent = cloud(layout, range(4))
     with pytest.raises(ValueError, match="topic /points: has the fields x, y, range, and lacks z"):
         cloud_of(sent, "/points")
-    sent.row_step = 3
-    with pytest.raises(ValueError, match="topic /points holds a cloud of 48 bytes"):
+    sent.width = 5
+    with pytest.raises(ValueError, match="topic /points holds a cloud of 48 bytes, expected 1"):
         cloud_of(sent, "/points")
+    sent.width = 0
+    with pytest.raises(ValueError, match=r"holds a cloud of 1x0 points .* but 48 bytes"):
+        cloud_of(sent, "/points")
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("row_step", [0, 7, 10**9])
+def test_a_length_of_rows_that_is_not_that_of_the_bytes_is_not_believed(order, row_step):
+    layout = np.dtype([(name, f"{order}f4") for name in ("x", "y", "z", "intensity")])
+    values, sent = cloud(layout, range(6), height=2, is_bigendian=order == ">")
+    expected = np.stack([values[name].ravel() for name in layout.names], axis=1)
+    sent.row_step = row_step
+    np.testing.assert_array_equal(cloud_of(sent, "/points"), expected)
+    picture = message(IMAGE[:20, :30], "rgb8")
+    picture.step = row_step
+    np.testing.assert_array_equal(picture_of(picture, "/camera"), IMAGE[:20, :30])
+
+
+def test_the_last_row_may_lack_the_bytes_that_fill_it_up():
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+    values, sent = cloud(layout, range(6), height=3, row_gap=8)
+    sent.data = sent.data[:-8]
+    np.testing.assert_array_equal(cloud_of(sent, "/points")[:, 2], values["z"].ravel())
+
+
+@pytest.mark.parametrize("encoding", ["RGB8", " rgb8", "8uc3", "8UC3"])
+def test_the_case_of_an_encoding_does_not_count(encoding):
+    rgb = IMAGE[:20, :30]
+    sent = rgb if "rgb" in encoding.lower() else np.ascontiguousarray(rgb[..., ::-1])
+    np.testing.assert_array_equal(picture_of(message(sent, encoding), "/camera"), rgb)
 
 
 def test_fields_that_stand_for_gaps_may_share_a_name_and_those_beyond_a_point_are_refused():

@@ -1,24 +1,37 @@
+import bz2
 import shutil
 
 import cv2
+import lz4.frame
 import numpy as np
 import pytest
 import torch
 import yaml
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
-from sightline.data.importing import import_bag
+from sightline.data.importing import bag_files, import_bag
+from sightline.data.importing.bag import CLOUD, TRANSFORMS, kind_of, open_bag
+from sightline.data.importing.bag_topics import choose_topics
 from sightline.data.importing.import_recording import import_recording
+from sightline.data.importing.writer import write_cloud
 from sightline.data.open import open_dataset
+from sightline.data.problem import FileError
+from sightline.data.recording_calibration import read_recording_calibration
+from sightline.geometry.tilt import Tilt
 from tests.data.recordings import (
+    BASE_FROM_LIDAR,
     CAMERA_FROM_BASE,
     CAMERA_FROM_LIDAR,
+    CAMERA_MATRIX,
     IMAGE,
     POINTS,
     SAMPLE,
     BagMaker,
+    Ros1BagMaker,
     calibration_entries,
     write_bag,
 )
@@ -60,11 +73,13 @@ def test_a_lone_mcap_file_needs_no_metadata_and_check_has_no_complaint(bag, tmp_
 def test_an_interrupted_import_goes_on_and_gives_the_same(bag, tmp_path, monkeypatch):
     import_recording(bag, tmp_path / "whole")
 
-    def stop(*_):
-        raise KeyboardInterrupt
+    def stop(out, *rest):
+        if out == tmp_path / "out":  # where a first frame is tried, it goes on
+            raise KeyboardInterrupt
+        write_cloud(out, *rest)
 
     with monkeypatch.context() as patched:
-        patched.setattr(import_bag._Frames, "_write_cloud", stop)
+        patched.setattr(import_bag, "write_cloud", stop)
         with pytest.raises(KeyboardInterrupt):
             import_recording(bag, tmp_path / "out")
     assert not list((tmp_path / "out" / "points").glob("*"))
@@ -289,3 +304,322 @@ def test_a_damaged_bag_or_none_at_all_is_one_line(tmp_path, bag, capsys):
         error = capsys.readouterr().err
         assert error.count("\n") == 1
         assert any(part in error for part in said.split("|"))
+
+
+def usual(bag, *, infos=True, number=2, **info):
+    """The topics of a whole drive; CameraInfo with changes."""
+    bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    for at in range(number):
+        time_ns = 2 * 10**9 + at * 10**8
+        if infos:
+            bag.info("/front/camera_info", time_ns, **info)
+        bag.image("/front/image_raw", time_ns)
+        bag.cloud("/points", time_ns)
+
+
+def matrix_of(folder):
+    return np.array(yaml.safe_load((folder / "calibration.yaml").read_text())["camera_matrix"])
+
+
+FULL = CAMERA_MATRIX * [[2], [3], [1]]
+HEIGHT, WIDTH = IMAGE.shape[:2]
+BINNED = {"matrix": FULL, "binning": (2, 3)}
+SHIFTED = np.add(CAMERA_MATRIX, [[0, 0, 40], [0, 0, 30], [0, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    "info",
+    [
+        {**BINNED, "size": (3 * HEIGHT, 2 * WIDTH)},
+        {**BINNED, "size": (3 * HEIGHT + 1, 2 * WIDTH + 1)},
+        {**BINNED, "size": (HEIGHT, WIDTH)},  # the images' own size beside the full matrix
+        {**BINNED, "size": (0, 0)},
+        {"size": (HEIGHT, WIDTH), "binning": (2, 2)},  # full images all the same
+        {"matrix": SHIFTED, "size": (999, 1999), "region": (40, 30, HEIGHT, WIDTH)},
+        {
+            "matrix": SHIFTED * [[2], [2], [1]],
+            "size": (2000, 4000),
+            "region": (80, 60, 2 * HEIGHT, 2 * WIDTH),
+            "binning": (2, 2),
+        },
+    ],
+)
+@pytest.mark.parametrize("picture", ["image_raw", "image_rect"])
+def test_binning_and_region_of_camera_info_are_part_of_the_calibration(tmp_path, info, picture):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9, **info)
+        bag.image(f"/front/{picture}", 10**9)
+        bag.cloud("/points", 10**9)
+    report = import_recording(tmp_path / "drive", tmp_path / "out")
+    assert "CameraInfo has binning" in str(report)
+    np.testing.assert_allclose(matrix_of(tmp_path / "out"), CAMERA_MATRIX)
+
+
+def test_the_first_camera_info_that_is_a_calibration_is_taken_and_others_are_told(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        for at, matrix in enumerate(
+            (np.zeros((3, 3)), np.full((3, 3), np.nan), FULL, CAMERA_MATRIX)
+        ):
+            bag.info("/front/camera_info", 10**9 + at, matrix=matrix)
+        usual(bag, infos=False)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "2 of 4 messages of /front/camera_info hold no calibration: number 2" in report
+    assert "warning: 1 of 4 messages of /front/camera_info differ from number 2" in report
+    np.testing.assert_array_equal(matrix_of(tmp_path / "out"), FULL)
+
+
+@pytest.mark.parametrize("focal", [0.0, -500.0, 1e308, np.inf])
+def test_a_camera_info_that_no_reader_takes_is_refused_and_nothing_written(tmp_path, focal):
+    matrix = CAMERA_MATRIX.copy()
+    matrix[1, 1] = focal
+    with BagMaker(tmp_path / "drive") as bag:
+        usual(bag, matrix=matrix)
+    with pytest.raises(ValueError, match="by topic /front/camera_info camera_matrix"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/tf_static"])
+@pytest.mark.parametrize("length", [0.0, 0.5, np.nan])
+def test_transforms_that_are_none_are_passed_over(tmp_path, topic, length):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms(topic, 1, length=length, camera_optical__lidar=np.eye(4))
+        bag.transforms(topic, 2, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "left out 1 transforms that are none" in report
+    assert torch.equal(open_dataset(tmp_path / "out")[0].points, SAMPLE.points)
+
+
+def test_sensors_that_move_against_each_other_are_told(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        usual(bag)
+        moved = CAMERA_FROM_LIDAR.copy()
+        moved[0, 3] += 0.5
+        bag.transforms("/tf", 3 * 10**9, camera_optical__lidar=moved)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "lidar moves against camera_optical during the drive, by 0.5 m" in report
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    [
+        "sensor_msgs/PointCloud2",
+        "sensor_msgs/msg/PointCloud2",
+        "sensor_msgs::msg::dds_::PointCloud2_",
+        "sensor_msgs/msg/pointcloud2",
+    ],
+)
+def test_a_type_is_known_by_each_of_its_spellings(spelling):
+    assert kind_of(spelling) == CLOUD
+    assert kind_of("tf/tfMessage") == kind_of("tf2_msgs/TFMessage") == TRANSFORMS
+    assert kind_of("my_msgs/msg/Image") == "my_msgs/msg/Image"
+
+
+@pytest.mark.parametrize("compression", [None, *Ros1Writer.CompressionFormat])
+def test_a_bag_of_ros_1_gives_the_same_packed_or_not(tmp_path, compression):
+    with Ros1BagMaker(tmp_path / "drive.bag", compression=compression) as bag:
+        usual(bag, number=1)
+    import_recording(tmp_path / "drive.bag", tmp_path / "out")
+    sample = open_dataset(tmp_path / "out")[0]
+    assert torch.equal(sample.points, SAMPLE.points)
+    assert torch.equal(sample.image, SAMPLE.image)
+
+
+@pytest.mark.parametrize(
+    ("image", "infos", "chosen"),
+    [
+        ("/cam/rgb/image_raw", ("/cam/camera_info", "/other/camera_info"), "/cam/camera_info"),
+        ("/cam/image_rect/compressed", ("/cam/camera_info", "/b/camera_info"), "/cam/camera_info"),
+        ("/image", ("/camera_info",), "/camera_info"),
+        ("/front/image", ("/calibration",), "/calibration"),
+    ],
+)
+def test_the_camera_info_nearest_to_the_images_is_taken(tmp_path, image, infos, chosen):
+    with BagMaker(tmp_path / "drive") as bag:
+        for name in infos:
+            bag.info(name, 10**9)
+        if image.endswith("compressed"):
+            bag.jpeg(image, 10**9, cv2.imencode(".png", IMAGE)[1].tobytes())
+        else:
+            bag.image(image, 10**9)
+        bag.cloud("/points", 10**9)
+    with open_bag(tmp_path / "drive") as bag:
+        assert choose_topics(bag, image.lstrip("/"), "points", None).info.name == chosen
+
+
+def test_a_frame_that_cannot_be_read_is_dropped_and_told(tmp_path):
+    _, encoded = cv2.imencode(".jpg", IMAGE)
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for at in range(4):
+            time_ns = 2 * 10**9 + at * 10**8
+            bag.info("/front/camera_info", time_ns)
+            content = encoded.tobytes()
+            bag.jpeg("/front/image_raw/compressed", time_ns, content[:999] if at < 1 else content)
+            bag.cloud("/points", time_ns, names=("x", "y", "zz" if at == 2 else "z", "i"))
+    report = import_recording(tmp_path / "drive", tmp_path / "out")
+    assert report.written == 2
+    assert "warning: dropped 2 frames that cannot be read; of the first, topic" in str(report)
+    assert open_dataset(tmp_path / "out").sample_ids == ("000001", "000003")
+    assert import_recording(tmp_path / "drive", tmp_path / "out").skipped == 2
+
+
+def test_messages_that_cannot_be_decoded_and_stamps_that_stand_twice_are_counted(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        usual(bag)
+        bag.image("/front/image_raw", 2 * 10**9)
+        bag._writer.write(
+            bag._connections["/points"], 3 * 10**9, b"\x00\x01\x00\x00\xff\xff\xff\xff"
+        )
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "warning: dropped 1 messages of /points that cannot be read" in report
+    assert "warning: 1 images and 0 sweeps have the header time of another one" in report
+
+
+def test_what_a_bag_says_of_its_types_and_services_is_not_followed(tmp_path):
+    write_bag(tmp_path / "drive", 1)
+    (path,) = (tmp_path / "drive").glob("*.mcap")
+    content = path.read_bytes()
+    damaged = content.replace(b"uint32 point_step", b"string point_step")
+    assert damaged != content
+    path.write_bytes(damaged)
+    assert import_recording(path, tmp_path / "out").written == 1
+
+
+@pytest.mark.parametrize(
+    ("said", "fault"),
+    [
+        ("relative_file_paths: [../other.mcap]", "names .*/other.mcap, which is not there"),
+        ("relative_file_paths: [.hidden.mcap]", "entry 1 is '.hidden.mcap', expected a relative"),
+        ("relative_file_paths: [7]", "entry 1 is 7"),
+        ("relative_file_paths: []", "lacks relative_file_paths"),
+        ("relative_file_paths: &a [*a]", "alias"),
+        ("<<: {a: b}", "has a merge"),
+    ],
+)
+def test_metadata_that_lead_elsewhere_or_expand_are_one_line(tmp_path, said, fault):
+    write_bag(tmp_path / "drive", 1)
+    (tmp_path / "drive" / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  {said}\n")
+    with pytest.raises(FileError, match=rf"metadata.yaml: .*{fault}"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "mode", [CompressionMode.FILE, CompressionMode.MESSAGE, CompressionMode.STORAGE]
+)
+def test_a_packed_bag_is_read_within_a_limit_and_refused_beyond(tmp_path, mode, monkeypatch):
+    bag = BagMaker(tmp_path / "drive")
+    bag._writer.set_compression(mode, CompressionFormat.ZSTD)
+    with bag:
+        usual(bag, number=1)
+    assert import_recording(tmp_path / "drive", tmp_path / "out").written == 1
+    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 1000)
+    monkeypatch.setattr(bag_files, "_MAX_GAIN", 1)
+    with pytest.raises(
+        ValueError, match=r"announces|unpack to more than 1000 bytes|unpacks to more"
+    ):
+        import_recording(tmp_path / "drive", tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize(
+    "compression", [Ros1Writer.CompressionFormat.LZ4, Ros1Writer.CompressionFormat.BZ2]
+)
+def test_a_chunk_of_ros_1_that_unpacks_beyond_the_limit_is_one_line(
+    tmp_path, compression, monkeypatch
+):
+    with Ros1BagMaker(tmp_path / "drive.bag", compression=compression) as bag:
+        usual(bag, number=1)
+    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 1000)
+    with pytest.raises(ValueError, match="unpack to more than 1000 bytes"):
+        import_recording(tmp_path / "drive.bag", tmp_path / "out")
+
+
+@pytest.mark.parametrize("pack", [bz2.compress, lz4.frame.compress])
+def test_unpacking_stops_at_its_limit(pack):
+    new = {bz2.compress: bz2.BZ2Decompressor}.get(pack, lz4.frame.LZ4FrameDecompressor)
+    packed = pack(bytes(10**7))
+    assert bag_files.unpacked(new, packed, 10**7) == bytes(10**7)
+    with pytest.raises(ValueError, match="unpack to more than 9999999 bytes"):
+        bag_files.unpacked(new, packed, 10**7 - 1)
+    with pytest.raises(ValueError, match="cut short"):
+        bag_files.unpacked(new, packed[:-20], 10**8)
+
+
+def test_an_import_of_a_bag_into_its_folder_is_refused(bag):
+    for out in (bag, bag / "out", bag.parent):
+        with pytest.raises(ValueError, match="beside it"):
+            import_recording(bag, out)
+
+
+def small_bags(folder):
+    """Bags of tiny images and clouds in each format, by suffix."""
+    picture, points = IMAGE[::8, ::8], (POINTS * np.float32([1, 1, 1, 255]))[::100]
+    for name, maker in (
+        ("mcap", BagMaker(folder / "mcap")),
+        ("db3", BagMaker(folder / "db3", storage=StoragePlugin.SQLITE3)),
+        ("bag", Ros1BagMaker(folder / "a.bag")),
+    ):
+        with maker as bag:
+            bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+            matrix = CAMERA_MATRIX / [[8], [8], [1]]
+            bag.info("/front/camera_info", 10**9, matrix=matrix, size=picture.shape[:2])
+            bag.image("/front/image_raw", 10**9, picture=np.ascontiguousarray(picture))
+            bag.cloud("/points", 10**9, points=points)
+        (path,) = (folder / name).glob(f"*.{name}") if name != "bag" else (folder / "a.bag",)
+        yield name, path.read_bytes()
+
+
+def outcome(work):
+    """What is said of bad data; None where there is nothing to say."""
+    try:
+        work()
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_damaged_bags_give_a_recording_or_one_line(tmp_path):
+    random = np.random.default_rng(3)
+    said = []
+    for name, content in small_bags(tmp_path):
+        for number in range(16):
+            damaged = bytearray(content)
+            for _ in range(random.integers(1, 20)):
+                near_end = random.integers(2) * max(len(content) - 3000, 0)
+                damaged[near_end + random.integers(min(len(content), 3000))] = random.integers(256)
+            path = tmp_path / f"damaged.{name}"
+            path.write_bytes(damaged[: random.integers(len(content))] if number < 3 else damaged)
+            out = tmp_path / f"{name}{number}"
+            said.append(outcome(lambda path=path, out=out: import_recording(path, out)))
+    lines = [line for line in said if line is not None]
+    assert len(lines) > 10
+    assert all(line.isprintable() for line in lines)
+
+
+@pytest.mark.parametrize(("frame", "is_known"), [("base_link", True), ("base", False)])
+def test_the_tilt_of_a_lidar_in_a_level_base_link_is_written(tmp_path, frame, is_known):
+    tilt = Tilt(roll_deg=3.0, pitch_deg=12.0)
+    base_from_lidar = BASE_FROM_LIDAR @ tilt.level_from_lidar
+    points = (POINTS * np.float32([1, 1, 1, 255])).astype(np.float64)
+    points[:, :3] = points[:, :3] @ tilt.level_from_lidar[:3, :3]
+    with BagMaker(tmp_path / "drive") as bag:
+        mounts = {f"{frame}__lidar": base_from_lidar, f"camera_optical__{frame}": CAMERA_FROM_BASE}
+        bag.transforms("/tf_static", 10**9, **mounts)
+        for time_ns in (2 * 10**9, 3 * 10**9):
+            bag.info("/front/camera_info", time_ns)
+            bag.image("/front/image_raw", time_ns)
+            bag.cloud("/points", time_ns, points=points.astype(np.float32))
+    report = import_recording(tmp_path / "drive", tmp_path / "out")
+    said = read_recording_calibration(tmp_path / "out" / "calibration.yaml")
+    assert (said.lidar_tilt is not None) == is_known
+    if said.lidar_tilt is not None:
+        assert said.lidar_tilt.roll_deg == pytest.approx(3.0)
+        assert said.lidar_tilt.pitch_deg == pytest.approx(12.0)
+    source = "by its calibration" if is_known else "by the road that it sees"
+    assert f"{source} the LiDAR is tilted, 1" in str(report)

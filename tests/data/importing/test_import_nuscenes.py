@@ -6,7 +6,9 @@ import torch
 
 from sightline.data.check import check_tree
 from sightline.data.importing.import_recording import import_recording
+from sightline.data.importing.nuscenes import find_tables
 from sightline.data.open import open_dataset
+from sightline.data.problem import FileError
 from tests.data.recordings import SAMPLE, write_nuscenes
 
 
@@ -94,9 +96,12 @@ def test_a_channel_that_is_not_there_is_answered_with_those_that_are(nuscenes, t
 def test_a_damaged_file_is_named(tmp_path, damage, said):
     write_nuscenes(tmp_path / "data", num_samples=1)
     damage(tmp_path / "data")
-    if not said:  # a sweep of one point in the LiDAR itself is a sweep, of which nothing is left
-        with pytest.warns(UserWarning, match=r"0\.pcd\.bin: 1 of 1 points .* none is left"):
-            assert import_recording(tmp_path / "data", tmp_path / "out").written == 1
+    if not said:  # a sweep of one point in the LiDAR itself is a sweep
+        report = import_recording(tmp_path / "data", tmp_path / "out")
+        assert report.written == 1
+        assert "warning: 1 of 1 sweeps have no point left, that of frame scene-0001-000" in str(
+            report
+        )
         return
     with pytest.raises(ValueError, match=said):
         import_recording(tmp_path / "data", tmp_path / "out")
@@ -117,12 +122,16 @@ def test_key_frames_whose_files_were_not_extracted_are_dropped_and_told(tmp_path
 @pytest.mark.parametrize(
     ("table", "change", "said"),
     [
-        ("ego_pose", list.pop, r"v1.0-mini: has a table without the row or entry 's0-1' that"),
-        ("sample_data", lambda rows: rows[0].pop("is_key_frame"), "or entry 'is_key_frame' that"),
+        ("ego_pose", list.pop, r"sample_data.json: row 3 has the ego_pose_token 's0-1', which ego"),
+        (
+            "sample_data",
+            lambda rows: rows[0].pop("is_key_frame"),
+            r"sample_data.json: row 1 lacks 'is_key_frame'",
+        ),
         (
             "calibrated_sensor",
             lambda rows: rows[0].update(rotation=[0, 0, 0, 0]),
-            "row cc has the quaternion 0 0 0 0",
+            "calibrated_sensor.json: row 1 has the quaternion 0 0 0 0",
         ),
     ],
 )
@@ -131,6 +140,189 @@ def test_a_table_that_does_not_go_with_the_others_is_named(tmp_path, table, chan
     edit(tmp_path / "data", table, change)
     with pytest.raises(ValueError, match=said):
         import_recording(tmp_path / "data", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("table", "changes", "said"),
+    [
+        ("scene", {"name": "../../victim"}, r"scene.json: row 1: the name .* holds a separator"),
+        ("scene", {"name": ".hidden"}, r"row 1: the name .* begins with a dot"),
+        ("scene", {"name": "a\x1b[2J"}, r"row 1: the name .* holds a control character"),
+        ("scene", {"name": "n" * 300}, r"row 1: the name .* has more than 200 bytes"),
+        ("scene", {"name": ["a"]}, r"row 1: the name .* is no text"),
+        ("sample_data", {"filename": "/etc/hostname"}, r"row 1: the filename is '/etc/hostname'"),
+        ("sample_data", {"filename": "samples/../../a.jpg"}, r"row 1: the filename is .* '\.\.'"),
+        ("sample_data", {"filename": None}, r"row 1: the filename is None"),
+    ],
+)
+def test_a_name_that_leads_out_of_the_folders_is_refused_and_nothing_written(
+    tmp_path, table, changes, said
+):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    edit(tmp_path / "data", table, lambda rows: rows[0].update(changes))
+    with pytest.raises(FileError, match=said):
+        import_recording(tmp_path / "data", tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data"]
+
+
+def test_a_file_that_is_a_link_out_of_the_data_set_is_refused_but_a_linked_folder_is_read(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    folder = tmp_path / "data" / "samples" / "CAM_FRONT"
+    folder.rename(tmp_path / "elsewhere")
+    folder.symlink_to(tmp_path / "elsewhere")
+    assert import_recording(tmp_path / "data", tmp_path / "out").written == 1
+    image = tmp_path / "elsewhere" / "0.jpg"
+    image.rename(tmp_path / "private.jpg")
+    image.symlink_to(tmp_path / "private.jpg")
+    with pytest.raises(FileError, match=r"row 1: the filename names .*, a link that leads out"):
+        import_recording(tmp_path / "data", tmp_path / "other")
+
+
+def test_two_scenes_of_one_name_are_refused_as_one_would_replace_the_other(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    edit(tmp_path / "data", "scene", lambda rows: rows.append({**rows[0], "token": "s1"}))
+    with pytest.raises(FileError, match=r"scene.json: row 2 has the name 'scene-0001' of row 1"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+
+
+def rename_categories(names):
+    def change(rows):
+        for row, name in zip(rows, names, strict=True):
+            row["name"] = name
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("car", "pedestrian", "bicycle"), ("REGULAR_VEHICLE", "PEDESTRIAN", "BICYCLIST")],
+)
+def test_categories_as_lyft_and_argoverse_spell_them_become_labels(nuscenes, tmp_path, names):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    edit(tmp_path / "data", "category", rename_categories(names))
+    edit(tmp_path / "data", "attribute", lambda rows: rows[0].update(name="object_action_other"))
+    report = import_recording(tmp_path / "data", tmp_path / "out")
+    import_recording(nuscenes, tmp_path / "usual")
+    labels = [
+        folder / "labels" / "scene-0001-000.txt"
+        for folder in (tmp_path / "out", tmp_path / "usual")
+    ]
+    assert labels[0].read_text() == labels[1].read_text()
+    assert "left out" not in str(report)
+
+
+def test_categories_that_are_left_out_are_told_with_their_counts(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=2)
+    edit(
+        tmp_path / "data",
+        "category",
+        rename_categories(("movable_object.barrier", "animal", "vehicle.bicycle")),
+    )
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    rows = json.loads((tmp_path / "data" / "v1.0-mini" / "sample_annotation.json").read_text())
+    cars, walkers, cycles = (
+        sum(row["instance_token"] == f"i-{name}" for row in rows)
+        for name in ("vehicle.car", "human.pedestrian.adult", "vehicle.bicycle")
+    )
+    assert f"labels: {len(rows)} annotations became {cycles} labels ({cycles} Cyclist)" in report
+    assert f"left out {cars + walkers} annotations of categories" in report
+    assert f"{cars} movable_object.barrier" in report
+    assert f"{walkers} animal" in report
+
+
+def test_an_import_that_leaves_no_label_at_all_warns(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    edit(tmp_path / "data", "category", rename_categories(("animal", "animal", "animal")))
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert "warning: no annotation became a label" in report
+
+
+@pytest.mark.parametrize("count", [None, -1, "absent"])
+def test_where_points_in_boxes_are_not_counted_the_sweep_is_looked_at(nuscenes, tmp_path, count):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+
+    def forget(rows):
+        for row in rows:
+            row.pop("num_lidar_pts") if count == "absent" else row.update(num_lidar_pts=count)
+        # a box of its own, high above all echoes, in view
+        rows.append({**rows[0], "token": "high", "size": [0.1, 0.1, 0.1]})
+        rows[-1]["translation"] = [*rows[0]["translation"][:2], rows[0]["translation"][2] + 1.2]
+
+    edit(tmp_path / "data", "sample_annotation", forget)
+    import_recording(tmp_path / "data", tmp_path / "out")
+    import_recording(nuscenes, tmp_path / "usual")
+    ours, usual = (
+        open_dataset(folder)[0].objects.class_names
+        for folder in (tmp_path / "out", tmp_path / "usual")
+    )
+    assert ours == (*usual, "DontCare")
+
+
+def test_an_import_into_its_source_or_around_it_is_refused(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    for out in (tmp_path / "data", tmp_path / "data" / "out", tmp_path):
+        with pytest.raises(ValueError, match="beside it"):
+            import_recording(tmp_path / "data", out)
+
+
+@pytest.mark.parametrize("focal", [0.0, -700.0, 1e8])
+def test_a_camera_that_nobody_could_read_is_refused_before_anything_is_written(tmp_path, focal):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+
+    def change(rows):
+        rows[0]["camera_intrinsic"][0][0] = focal
+
+    edit(tmp_path / "data", "calibrated_sensor", change)
+    with pytest.raises(FileError, match=r"0.jpg: cannot be used: its .* focal lengths"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_points_that_are_dropped_are_counted(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    path = tmp_path / "data" / "samples" / "LIDAR_TOP" / "0.pcd.bin"
+    sweep = np.fromfile(path, np.float32).reshape(-1, 5)
+    sweep[:3, 0] = np.nan
+    sweep[3:5, :3] = 0
+    sweep.tofile(path)
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert (
+        f"dropped 5 of {len(sweep)} points: 3 that are not finite, 2 at the LiDAR's own" in report
+    )
+
+
+def outcome(work):
+    """What is said of bad data; None where there is nothing to say."""
+    try:
+        work()
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def test_tables_of_any_damage_give_moments_or_one_line_that_names_file_and_row(tmp_path):
+    write_nuscenes(tmp_path, num_samples=1)
+    tables = find_tables(tmp_path)
+    whole = {path: path.read_text() for path in tables.folder.iterdir()}
+    random = np.random.default_rng(0)
+    wrong = (None, -1, 1e308, "", "../x", [], {}, True, [None] * 3, 2**70, "\ud800", "keep")
+    said = []
+    for number in range(400):
+        path = sorted(whole)[number % len(whole)]
+        rows = json.loads(whole[path])
+        row = rows[random.integers(len(rows))]
+        name = sorted(row)[random.integers(len(row))]
+        value = wrong[random.integers(len(wrong))]
+        if value == "keep":
+            del row[name]
+        else:
+            row[name] = value
+        path.write_text(json.dumps(rows))
+        said.append(outcome(lambda: tables.moments("CAM_FRONT", "LIDAR_TOP")))
+        path.write_text(whole[path])
+    lines = [line for line in said if line is not None]
+    assert all(line.isprintable() for line in lines)
+    assert sum(".json: row " in line for line in lines) > 200
 
 
 def test_two_channels_that_are_no_camera_and_lidar_are_refused(nuscenes, tmp_path):

@@ -1,21 +1,44 @@
 """ROS 2 bags (sqlite3 and MCAP), and those of ROS 1: topics and messages, read by `rosbags`."""
 
+import heapq
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from sightline.data.importing.bag_files import (
+    METADATA_NAME,
+    SUFFIXES,
+    lone_files,
+    open_files,
+    unpacked_zstd,
+)
+from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError
+
 if TYPE_CHECKING:
-    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
+
+    from sightline.data.importing.bag_files import Reader
 
 IMAGE: Final = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE: Final = "sensor_msgs/msg/CompressedImage"
 CLOUD: Final = "sensor_msgs/msg/PointCloud2"
 CAMERA_INFO: Final = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
-SUFFIXES: Final = (".mcap", ".db3", ".bag")
-"""File names of bags that are one file."""
+
+_KINDS: Final = {
+    ("sensor_msgs", "image"): IMAGE,
+    ("sensor_msgs", "compressedimage"): COMPRESSED_IMAGE,
+    ("sensor_msgs", "pointcloud2"): CLOUD,
+    ("sensor_msgs", "camerainfo"): CAMERA_INFO,
+    ("tf2_msgs", "tfmessage"): TRANSFORMS,
+    ("tf", "tfmessage"): TRANSFORMS,
+}
+"""Kinds that are read, by package and name in lower case."""
+_TIME_LIMIT_NS: Final = 2**62
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,7 +53,8 @@ class Topic:
 
     def __str__(self) -> str:
         """As errors list it."""
-        return f"{self.name} ({self.kind.rpartition('/')[2]}, {self.count})"
+        kind = self.kind.rpartition("/")[2]
+        return f"{shortened(self.name)} ({shortened(kind)}, {self.count})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,25 +75,42 @@ class Message:
         return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
+@dataclass(slots=True)
 class Bag:
     """A bag that is open."""
 
-    def __init__(self, path: Path, reader: "AnyReader") -> None:
-        self.path = path
-        self._reader = reader
-        self.topics = tuple(
-            Topic(name=name, kind=info.msgtype or "", count=info.msgcount)
-            for name, info in sorted(reader.topics.items())
-        )
+    path: Path
+    _readers: "list[Reader]"
+    _types: "Typestore"
+    _is_ros1: bool
+    _are_messages_packed: bool
+    topics: tuple[Topic, ...] = field(init=False)
+    undecodable: dict[tuple[str, int], str] = field(default_factory=dict)
+    """Reasons for which messages that were met cannot be read, by topic and number."""
+
+    def __post_init__(self) -> None:
+        """Lists the topics by name; of several kinds of one name that which is read."""
+        found: dict[str, Topic] = {}
+        for connection in self._connections():
+            kind, count = kind_of(connection.msgtype), _count(connection)
+            known = found.get(connection.topic)
+            if known is not None and known.kind == kind:
+                count += known.count
+            elif known is not None and known.kind in _KINDS.values():
+                continue
+            found[connection.topic] = Topic(name=connection.topic, kind=kind, count=count)
+        self.topics = tuple(topic for _, topic in sorted(found.items()))
 
     def of_kind(self, *kinds: str) -> tuple[Topic, ...]:
         """The topics of some kinds, by name."""
-        return tuple(topic for topic in self.topics if topic.kind in kinds and topic.count)
+        return tuple(topic for topic in self.topics if topic.kind in kinds and topic.count > 0)
 
     def messages(
         self, topics: Collection[str], *, wanted: Collection[tuple[str, int]] | None = None
     ) -> Iterator[Message]:
         """Messages in the order in which they were received.
+
+        Those that cannot be read are left out and noted in `undecodable`.
 
         Args:
             topics: Names of the topics.
@@ -78,64 +119,151 @@ class Bag:
         Raises:
             ValueError: The bag is damaged.
         """
-        connections = [each for each in self._reader.connections if each.topic in topics]
-        numbers = dict.fromkeys(topics, 0)
+        kinds = {topic.name: topic.kind for topic in self.topics if topic.name in topics}
+        numbers = dict.fromkeys(kinds, 0)
         try:
-            for connection, received_ns, raw in self._reader.messages(connections):
-                number = numbers[connection.topic]
-                numbers[connection.topic] += 1
-                if wanted is None or (connection.topic, number) in wanted:
-                    content = self._reader.deserialize(raw, connection.msgtype)
-                    yield Message(connection.topic, number, received_ns, content)
-        except (ValueError, OSError):
-            raise
+            for name, received_ns, raw in self._raw(kinds):
+                number = numbers[name]
+                numbers[name] += 1
+                if wanted is not None and (name, number) not in wanted:
+                    continue
+                content = self._content(raw, kinds[name], (name, number))
+                if content is not None and abs(received_ns) < _TIME_LIMIT_NS:
+                    yield Message(name, number, received_ns, content)
         except Exception as error:
             raise ValueError(
                 f"{self.path} is damaged after {sum(numbers.values())} messages "
-                f"({type(error).__name__}: {error}); repair it (`ros2 bag`, `mcap recover`) or "
-                "import a copy that is whole"
+                f"({_in_words(error)}); repair it (`ros2 bag`, `mcap recover`) or import a copy "
+                "that is whole"
             ) from error
+
+    def undecodable_note(self, topics: Collection[str]) -> tuple[str, ...]:
+        """Return a line for each topic with messages that cannot be read, with their number."""
+        notes = []
+        for name in topics:
+            reasons = [why for (topic, _), why in self.undecodable.items() if topic == name]
+            if reasons:
+                notes.append(
+                    f"warning: dropped {len(reasons)} messages of {shortened(name)} that cannot be "
+                    f"read: {reasons[0]}"
+                )
+        return tuple(notes)
+
+    def nothing_readable(self, topic: str) -> ValueError:
+        """Return the error about a topic of which no message can be read."""
+        notes = self.undecodable_note([topic])
+        why = f": {notes[0].removeprefix('warning: ')}" if notes else ""
+        return ValueError(
+            f"{self.path} has no message of {shortened(topic)} that can be read{why}; import a bag "
+            "that is whole, or choose another topic"
+        )
+
+    def _raw(self, kinds: dict[str, str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield topic, time [ns] and bytes of the messages of some topics by time."""
+
+        def of_reader(reader: "Reader") -> Iterator[tuple[str, int, bytes]]:
+            chosen: list[Any] = [
+                each
+                for each in reader.connections
+                if kind_of(each.msgtype) == kinds.get(each.topic)
+            ]
+            if chosen:  # of none ROS 1's reader gives all
+                for connection, received_ns, raw in reader.messages(chosen):
+                    yield connection.topic, received_ns, bytes(raw)
+
+        return heapq.merge(*map(of_reader, self._readers), key=lambda each: each[1])
+
+    def _content(self, raw: bytes, kind: str, place: tuple[str, int]) -> Any:  # noqa: ANN401
+        """A message's content; None where it cannot be read."""
+        if place in self.undecodable:
+            return None
+        try:
+            if self._are_messages_packed:
+                raw = unpacked_zstd(raw)
+            if self._is_ros1:
+                return self._types.deserialize_ros1(raw, kind)
+            return self._types.deserialize_cdr(raw, kind)
+        except Exception as error:  # noqa: BLE001 - whatever any bytes make of the library
+            self.undecodable[place] = _in_words(error)
+            return None
+
+    def _connections(self) -> "Iterator[Connection]":
+        for reader in self._readers:
+            yield from (each for each in reader.connections if isinstance(each.topic, str))
+
+
+def kind_of(msgtype: object) -> str:
+    """The kind of messages by any of the spellings of its type.
+
+    ROS 1 writes sensor_msgs/Image, ROS 2 sensor_msgs/msg/Image, DDS sensor_msgs::msg::dds_::Image_,
+    and old packages tf/tfMessage. Any other type is returned as it is.
+    """
+    if not isinstance(msgtype, str):
+        return ""
+    words = [word.strip("_ ") for word in msgtype.replace("::", "/").split("/") if word]
+    return _KINDS.get((words[0].lower(), words[-1].lower()), msgtype) if words else ""
 
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Opens a bag: a folder with metadata.yaml, one .mcap, .db3 or .bag file, or a folder of such.
 
+    Messages are read as ROS defines their types; what a bag itself says of them is not followed,
+    since it may say anything.
+
     Raises:
         ValueError: `rosbags` is not installed, or the bag cannot be read.
     """
     try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.rosbag1 import Reader as Ros1Reader
     except ImportError as error:
         raise ValueError(
             f'{path} is a ROS bag, and reading it needs rosbags: pip install "sightline[ros]"'
         ) from error
-    try:
-        # Bags of old versions hold no definitions; those of these types have not changed since.
-        paths = _lone_files(path) or [path]
-        reader = AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-    except Exception as error:
-        raise ValueError(
-            f"{path} cannot be read as a ROS bag: {error}; give a folder with metadata.yaml, or a "
-            "whole .mcap, .db3 or .bag file"
-        ) from error
-    try:
-        yield Bag(path, reader)
-    finally:
-        reader.close()
+    with ExitStack() as stack:
+        try:
+            readers, are_messages_packed = stack.enter_context(open_files(path))
+        except FileError:
+            raise
+        except Exception as error:
+            raise ValueError(
+                f"{path} cannot be read as a ROS bag: {_in_words(error)}; give a folder with "
+                "metadata.yaml, or a whole .mcap, .db3 or .bag file"
+            ) from error
+        is_ros1 = any(isinstance(reader, Ros1Reader) for reader in readers)
+        if is_ros1 and not all(isinstance(reader, Ros1Reader) for reader in readers):
+            raise ValueError(f"{path} holds bags of ROS 1 and of ROS 2; import one of them")
+        yield Bag(path, readers, _types(is_ros1=is_ros1), is_ros1, are_messages_packed)
 
 
 def is_bag(path: Path) -> bool:
     """Whether a path looks like a bag."""
     if path.is_file():
         return path.suffix in SUFFIXES
-    return (path / "metadata.yaml").is_file() or bool(_lone_files(path))
+    return (path / METADATA_NAME).is_file() or bool(lone_files(path))
 
 
-def _lone_files(folder: Path) -> list[Path]:
-    """The files of a drive that was split, or of a bag whose metadata.yaml got lost."""
-    if not folder.is_dir() or (folder / "metadata.yaml").is_file():
-        return []
-    return sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES)
+def _types(*, is_ros1: bool) -> "Typestore":
+    """The types of messages as ROS defines them; of those that are read none has changed since."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if not is_ros1:
+        return get_typestore(Stores.ROS2_HUMBLE)
+    types = get_typestore(Stores.ROS1_NOETIC)
+    if TRANSFORMS not in types.fielddefs:
+        types.register(
+            get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS)
+        )
+    return types
+
+
+def _count(connection: "Connection") -> int:
+    return connection.msgcount if isinstance(connection.msgcount, int) else 0
+
+
+def _in_words(error: Exception) -> str:
+    """Return a library's error as one line that a terminal shows."""
+    said = " ".join(str(error).split())
+    if not said or len(str(error).split()) < 2:  # KeyError(7)
+        said = f"{type(error).__name__} {said}".rstrip()
+    return shortened(said, 200)

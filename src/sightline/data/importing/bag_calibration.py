@@ -1,29 +1,52 @@
 """A recording's calibration from the CameraInfo and TF messages of a bag."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, cast, get_args
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
 
 from sightline.data.importing.bag import TRANSFORMS, Bag
+from sightline.data.importing.bag_messages import picture_size
 from sightline.data.importing.bag_topics import ChosenTopics
+from sightline.data.importing.camera_region import region_of_image
 from sightline.data.importing.frames import Rigid, find_transform, rigid_from_quaternion
-from sightline.data.recording_calibration import Lens, RecordingCalibration, checked_matrices
+from sightline.data.plain_text import shortened
+from sightline.data.recording_calibration import (
+    Lens,
+    RecordingCalibration,
+    checked_matrices,
+    require_usable,
+)
 from sightline.data.undistortion import LensModel, check_lens
+from sightline.geometry.road_height import MAX_TILT_DEG
+from sightline.geometry.tilt import Tilt
 
 _FILE: Final = "give a calibration file by --calibration (docs/recordings.md has an example)"
+_MOVED_M: Final = 1e-3
+_TURNED_DEG: Final = 0.05
+_LEVEL_FRAMES: Final = ("base_footprint", "base_link")
+_LEAST_TILT_DEG: Final = 1.0  # less is what calibrations are off by
 _MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
 
 
-def calibration_of_bag(bag: Bag, topics: ChosenTopics, *, undistort: bool) -> RecordingCalibration:
+def calibration_of_bag(
+    bag: Bag, topics: ChosenTopics, *, undistort: bool
+) -> tuple[RecordingCalibration, tuple[str, ...]]:
     """The calibration of a bag's camera and LiDAR, for all frames.
 
-    Of moving transforms the first of each is taken: between two sensors there should be none.
+    Of CameraInfo and of each transform the first that is usable is taken: drivers send zeros until
+    their calibration is loaded, and between two sensors nothing should move.
 
     Args:
         bag: The bag.
         topics: Its camera and LiDAR.
         undistort: Whether images of a lens that distorts are to be straightened.
+
+    Returns:
+        The calibration, and what was chosen where there was a choice.
 
     Raises:
         ValueError: There is no CameraInfo, or no way from the LiDAR's frame to the camera's by TF;
@@ -32,36 +55,88 @@ def calibration_of_bag(bag: Bag, topics: ChosenTopics, *, undistort: bool) -> Re
     """
     if topics.info is None:
         raise ValueError(f"{bag.path} has no CameraInfo of {topics.camera.name}; {_FILE}")
-    info = _first(bag, topics.info.name)
+    camera_frames, image_size = _camera_of(bag, topics)
+    info, info_notes = _usable_info(bag, topics)
     image_from_camera, rectified_from_camera = _projection(info, topics)
+    region = region_of_image(info, image_from_camera, image_size)
     lens = None if topics.is_rectified else _lens(info, topics, undistort=undistort)
-    camera_from_lidar = rectified_from_camera @ _camera_from_lidar(bag, topics)
+    frames = (*camera_frames, _plain_frame(info.header.frame_id))
+    camera_from_lidar, tilt, tf_notes = _lidar_mount(bag, topics, frames)
     try:
-        matrices = checked_matrices(image_from_camera, camera_from_lidar)
+        calibration = RecordingCalibration(
+            matrices=checked_matrices(region.matrix, rectified_from_camera @ camera_from_lidar),
+            image_size=region.size,
+            lens=lens,
+            lidar_tilt=tilt,
+        )
+        require_usable(calibration, region.size or image_size)
     except ValueError as error:
         raise ValueError(f"by topic {_info_name(topics)} {error}; {_FILE}") from error
-    return RecordingCalibration(
-        matrices=matrices,
-        # Makeshift publishers fill in the matrix alone.
-        image_size=(int(info.height), int(info.width)) if info.height and info.width else None,
-        lens=lens,
-    )
+    return calibration, (*info_notes, *region.notes, *tf_notes)
+
+
+def _camera_of(bag: Bag, topics: ChosenTopics) -> tuple[tuple[str, ...], tuple[int, int] | None]:
+    """The frame and the size (height, width) of the images, by the first that can be read."""
+    for message in bag.messages([topics.camera.name]):
+        frame = _plain_frame(message.content.header.frame_id)
+        try:
+            size = picture_size(message.content)
+        except ValueError:
+            continue  # told where images are written
+        return ((frame,) if frame else ()), size
+    return (), None
+
+
+def _usable_info(bag: Bag, topics: ChosenTopics) -> tuple[Any, tuple[str, ...]]:
+    """Return the first CameraInfo that is a calibration, and notes on the others."""
+    chosen, chosen_number, fault = None, 0, None
+    unusable, others, total = 0, 0, 0
+    for message in bag.messages([_info_name(topics)]):
+        total += 1
+        info = message.content
+        try:
+            checked_matrices(*_projection(info, topics))
+        except ValueError as error:
+            unusable += 1
+            fault = fault or error
+            continue
+        if chosen is None:
+            chosen, chosen_number = info, message.number
+        elif _said_by(info) != _said_by(chosen):
+            others += 1
+    notes = bag.undecodable_note([_info_name(topics)])
+    if chosen is None and fault is not None:
+        raise ValueError(f"by topic {_info_name(topics)} {fault}; {_FILE}") from fault
+    if chosen is None:
+        raise bag.nothing_readable(_info_name(topics))
+    if unusable:
+        notes += (
+            f"{unusable} of {total} messages of {_info_name(topics)} hold no calibration: number "
+            f"{chosen_number} (from 0), the first that does, is taken",
+        )
+    if others:
+        notes += (
+            f"warning: {others} of {total} messages of {_info_name(topics)} differ from number "
+            f"{chosen_number} (from 0), which is taken for all images",
+        )
+    return chosen, notes
+
+
+def _said_by(info: Any) -> tuple[object, ...]:  # noqa: ANN401
+    roi = info.roi
+    numbers = (tuple(_field(info, name).tolist()) for name in ("d", "k", "r", "p"))
+    region = (roi.x_offset, roi.y_offset, roi.height, roi.width)
+    return (info.height, info.width, info.binning_x, info.binning_y, *region, *numbers)
 
 
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
-    """image_from_camera, and the rotation of rectified cameras."""
+    """image_from_camera of the full resolution, and the rotation of rectified cameras."""
     rectified_from_camera = np.eye(4)
     if topics.is_rectified:
         image_from_camera = _field(info, "p").reshape(3, 4)
         rectified_from_camera[:3, :3] = _field(info, "r").reshape(3, 3)
     else:
         image_from_camera = np.pad(_field(info, "k").reshape(3, 3), ((0, 0), (0, 1)))
-    is_camera = image_from_camera[0, 0] > 0 and image_from_camera[1, 1] > 0
-    if not (is_camera and np.isfinite(image_from_camera).all()):
-        raise ValueError(
-            f"topic {_info_name(topics)} holds no calibration: its focal lengths are "
-            f"{image_from_camera[0, 0]:.4g} and {image_from_camera[1, 1]:.4g} px; {_FILE}"
-        )
     return image_from_camera, rectified_from_camera
 
 
@@ -87,54 +162,121 @@ def _lens(info: Any, topics: ChosenTopics, *, undistort: bool) -> Lens | None:  
     return Lens(model=cast("LensModel", model), coefficients=coefficients)
 
 
-def _camera_from_lidar(bag: Bag, topics: ChosenTopics) -> Rigid:
-    camera, lidar = (
-        str(_first(bag, topic.name).header.frame_id).lstrip("/")
-        for topic in (topics.camera, topics.lidar)
-    )
-    transforms, faults = _transforms(bag)
-    found = find_transform(transforms, camera, lidar)
-    if found is None and faults:
-        raise ValueError(f"{bag.path}: {faults[0]}")
-    if found is None:
-        frames = sorted({frame for pair in transforms for frame in pair})
-        known = f"knows {', '.join(frames)}" if frames else "is empty"
-        raise ValueError(
-            f"{bag.path} does not tell where the LiDAR sits: TF has no way from frame {lidar!r} "
-            f"(topic {topics.lidar.name}) to {camera!r} (topic {topics.camera.name}), it {known}; "
-            f"{_FILE}"
-        )
-    return found
+def _lidar_mount(
+    bag: Bag, topics: ChosenTopics, camera_frames: Sequence[str]
+) -> tuple[Rigid, Tilt | None, tuple[str, ...]]:
+    """camera_from_lidar by TF, the LiDAR's tilt in the frame of the vehicle, and what is told.
 
-
-def _transforms(bag: Bag) -> tuple[dict[tuple[str, str], Rigid], list[str]]:
-    """parent_from_child, the first that the bag has of each; static ones before moving ones.
-
-    Returns:
-        The transforms, and what is wrong with those that are none.
+    Of the camera's frames the first to which a way leads is taken.
     """
-    found: dict[tuple[str, str], Rigid] = {}
+    lidar = _first_frame(bag, topics.lidar.name)
+    transforms = _transforms(bag)
+    for camera in dict.fromkeys(camera_frames):
+        found = find_transform(transforms.first, camera, lidar)
+        if found is not None:
+            last = find_transform(transforms.last, camera, lidar)
+            notes = _notes_of_transforms(found, last, transforms, (lidar, camera))
+            return found, _tilt_on_vehicle(transforms.first, lidar), notes
+    if transforms.faults:
+        raise ValueError(f"{bag.path}: {transforms.faults[0]}")
+    camera = camera_frames[0] if camera_frames else ""
+    frames = sorted({shortened(frame) for pair in transforms.first for frame in pair})
+    known = f"knows {', '.join(frames)}" if frames else "is empty"
+    raise ValueError(
+        f"{bag.path} does not tell where the LiDAR sits: TF has no way from frame {lidar!r} "
+        f"(topic {topics.lidar.name}) to {camera!r} (topic {topics.camera.name}), it {known}; "
+        f"{_FILE}"
+    )
+
+
+def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) -> Tilt | None:
+    """The LiDAR's tilt in a frame that ROS has level (REP 105); None without one, or where level.
+
+    Frames that are called so and in which the LiDAR stands on its head are no vehicle's.
+    """
+    for vehicle in _LEVEL_FRAMES:
+        vehicle_from_lidar = find_transform(transforms, vehicle, lidar)
+        if vehicle_from_lidar is not None:
+            tilt = Tilt.of_up(vehicle_from_lidar[2, :3])
+            return tilt if _LEAST_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG else None
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Transforms:
+    """parent_from_child by (parent, child)."""
+
+    first: dict[tuple[str, str], Rigid]
+    """The first usable one of each, static ones before moving ones."""
+    last: dict[tuple[str, str], Rigid]
+    faults: tuple[str, ...]
+    """Reasons for which some are no transforms."""
+
+
+def _transforms(bag: Bag) -> _Transforms:
+    first: dict[tuple[str, str], Rigid] = {}
+    last: dict[tuple[str, str], Rigid] = {}
     faults: list[str] = []
     names = [topic.name for topic in bag.of_kind(TRANSFORMS)]
     for name in sorted(names, key=lambda name: "static" not in name):
         for message in bag.messages([name]):
             for each in message.content.transforms:
-                pair = (each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/"))
+                pair = (_plain_frame(each.header.frame_id), _plain_frame(each.child_frame_id))
                 turn, move = each.transform.rotation, each.transform.translation
-                if pair in found:
-                    continue
                 try:
-                    found[pair] = rigid_from_quaternion(
+                    rigid = rigid_from_quaternion(
                         np.array((turn.x, turn.y, turn.z, turn.w), dtype=np.float64),
                         np.array((move.x, move.y, move.z), dtype=np.float64),
                     )
                 except ValueError as error:
-                    faults.append(f"{name}: the transform of {pair[1]} in {pair[0]} {error}")
-    return found, faults
+                    shown = f"{shortened(pair[1])} in {shortened(pair[0])}"
+                    faults.append(f"{name}: the transform of {shown} {error}")
+                    continue
+                first.setdefault(pair, rigid)
+                last[pair] = rigid
+    return _Transforms(first, last, tuple(faults))
 
 
-def _first(bag: Bag, topic: str) -> Any:  # noqa: ANN401 - a message of any type
-    return next(bag.messages([topic], wanted={(topic, 0)})).content
+def _notes_of_transforms(
+    first: Rigid, last: Rigid | None, transforms: _Transforms, frames: tuple[str, str]
+) -> tuple[str, ...]:
+    """Return notes on transforms that are not usable and on sensors that move."""
+    notes = []
+    if transforms.faults:
+        notes.append(
+            f"left out {len(transforms.faults)} transforms that are none, the first of them "
+            f"{transforms.faults[0].removesuffix('; calibrate again')}"
+        )
+    change = np.eye(4) if last is None else np.linalg.inv(first) @ last
+    moved_m = float(np.linalg.norm(change[:3, 3]))
+    turned_deg = float(np.degrees(Rotation.from_matrix(change[:3, :3]).magnitude()))
+    if moved_m > _MOVED_M or turned_deg > _TURNED_DEG:
+        notes.append(
+            f"warning: by TF {shortened(frames[0])} moves against {shortened(frames[1])} during "
+            f"the drive, by {moved_m:.3g} m and {turned_deg:.3g} degrees from first to last: the "
+            "first is taken"
+        )
+    return tuple(notes)
+
+
+def _first_frame(bag: Bag, topic: str) -> str:
+    """The frame of the first message that names one; empty where none does.
+
+    Raises:
+        ValueError: None of the messages can be read.
+    """
+    message = None
+    for message in bag.messages([topic]):
+        if frame := _plain_frame(message.content.header.frame_id):
+            return frame
+    if message is None:
+        raise bag.nothing_readable(topic)
+    return ""
+
+
+def _plain_frame(name: object) -> str:
+    """A frame's name without the slash that ROS 1 put before it."""
+    return str(name).strip().lstrip("/")
 
 
 def _field(info: Any, name: str) -> Float64[np.ndarray, " count"]:  # noqa: ANN401

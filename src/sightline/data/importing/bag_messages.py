@@ -41,20 +41,18 @@ def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:
         ValueError: Its encoding is none of 8 bits that is known, or it is cut short; names the
             topic.
     """
-    if message.encoding not in _COLOR:
+    color = _COLOR.get(_plain_encoding(message.encoding))
+    if color is None:
         raise ValueError(
             f"topic {topic} holds images of encoding {message.encoding!r}, expected one of "
             f"{', '.join(_COLOR)}; republish it as rgb8, or choose another by --camera-topic"
         )
-    channels, conversion = _COLOR[message.encoding]
-    height, width, step = int(message.height), int(message.width), int(message.step)
+    channels, conversion = color
+    height, width = int(message.height), int(message.width)
     flat = np.frombuffer(memoryview(message.data), np.uint8)
-    if min(height, width) < 1 or step < width * channels or flat.size < height * step:
-        raise ValueError(
-            f"topic {topic} holds an image of {flat.size} bytes, expected {height} rows of {step} "
-            "bytes; it is cut short"
-        )
-    rows = flat[: height * step].reshape(height, step)[:, : width * channels]
+    if min(height, width) < 1:
+        raise ValueError(f"topic {topic} holds an image of {height}x{width} (height x width)")
+    rows = _rows_of(flat, height, width * channels, int(message.step), f"topic {topic}", "an image")
     pixels = np.ascontiguousarray(rows.reshape(height, width, channels))
     try:
         rgb = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
@@ -64,6 +62,17 @@ def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:
             f"{message.encoding!r} cannot have; republish it as rgb8"
         ) from error
     return np.ascontiguousarray(rgb, dtype=np.uint8)
+
+
+def picture_size(message: Any) -> tuple[int, int]:  # noqa: ANN401
+    """Height and width [px] of an Image or CompressedImage message.
+
+    Raises:
+        ValueError: A file in it is no picture that can be read.
+    """
+    if hasattr(message, "format"):
+        return parse_image_header(bytes(memoryview(message.data)), "the picture").size
+    return int(message.height), int(message.width)
 
 
 def picture_file_of(message: Any, topic: str) -> tuple[str, bytes, tuple[int, int]]:  # noqa: ANN401
@@ -97,15 +106,48 @@ def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  
             names the topic.
     """
     layout = _layout_of(message, topic)
-    height, width, row_step = int(message.height), int(message.width), int(message.row_step)
+    height, width = int(message.height), int(message.width)
     flat = np.frombuffer(memoryview(message.data), np.uint8)
-    if row_step < width * message.point_step or flat.size < height * row_step:
+    if height * width == 0 and flat.size:
         raise ValueError(
-            f"topic {topic} holds a cloud of {flat.size} bytes, expected {height} rows of "
-            f"{row_step} bytes; it is cut short"
+            f"topic {topic} holds a cloud of {height}x{width} points (height x width), but "
+            f"{flat.size} bytes of points"
         )
-    rows = flat[: height * row_step].reshape(height, row_step)[:, : width * message.point_step]
+    row_bytes = width * int(message.point_step)
+    row_step = int(message.row_step)
+    rows = _rows_of(flat, height, row_bytes, row_step, f"topic {topic}", "a cloud")
     return columns_of(np.ascontiguousarray(rows).view(layout).ravel(), f"topic {topic}")
+
+
+def _plain_encoding(encoding: str) -> str:
+    """An encoding's name as `_COLOR` has it: in lower case but for OpenCV's 8UC3."""
+    lower = str(encoding).strip().lower()
+    return lower.replace("uc", "UC") if lower in ("8uc1", "8uc3") else lower
+
+
+def _rows_of(
+    flat: UInt8[np.ndarray, " size"], height: int, row_bytes: int, step: int, topic: str, what: str
+) -> UInt8[np.ndarray, "height row_bytes"]:
+    """The rows of an image or a cloud without the bytes that fill them up.
+
+    Drivers leave the length of a row at 0 or as it was before a filter; where the bytes are just
+    those of all rows, it is not believed.
+
+    Raises:
+        ValueError: The bytes are fewer than the rows take.
+    """
+    needed = height * row_bytes
+    if step > row_bytes and flat.size != needed:
+        last = flat.size - (height - 1) * step  # the last row need not be filled up
+        if row_bytes <= last:
+            return np.lib.stride_tricks.as_strided(flat, (height, row_bytes), (step, 1))
+        row_bytes, needed = step, height * step
+    if flat.size < needed:
+        raise ValueError(
+            f"{topic} holds {what} of {flat.size} bytes, expected {height} rows of {row_bytes} "
+            "bytes; it is cut short"
+        )
+    return flat[:needed].reshape(height, row_bytes)
 
 
 def _layout_of(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401

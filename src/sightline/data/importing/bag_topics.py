@@ -1,8 +1,12 @@
 """Which topics of a bag are the camera, the LiDAR and the camera's calibration."""
 
 from dataclasses import dataclass
+from itertools import takewhile
+from typing import Final
 
 from sightline.data.importing.bag import CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMAGE, Bag, Topic
+
+_COMPRESSED: Final = ("/compressed", "_compressed", "/jpeg", "/image_compressed")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,7 +51,8 @@ def _choose(
 ) -> Topic:
     listed = ", ".join(map(str, candidates))
     if name is not None:
-        named = next((topic for topic in candidates if topic.name == name), None)
+        plain = name.strip("/")
+        named = next((topic for topic in candidates if topic.name.strip("/") == plain), None)
         if named is None:
             found = listed or f"none; its topics are {_listed(bag)}"
             raise ValueError(f"{bag.path} has no topic {name} of {what}; it has {found}")
@@ -77,22 +82,30 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
     if name is not None:
         return _choose(bag, candidates, name, "--info-topic", "calibrations (CameraInfo)")
     # By ROS' custom it stands beside the images: /front/image_raw, /front/camera_info.
-    place = _picture_base(camera.name).rpartition("/")[0]
-    beside = [topic for topic in candidates if topic.name.rpartition("/")[0] == place]
-    if len(beside) == 1:
-        return beside[0]
-    if len(candidates) > 1:
+    near = {topic.name: _shared(topic.name, _picture_base(camera.name)) for topic in candidates}
+    nearest = [topic for topic in candidates if near[topic.name] == max(near.values())]
+    usual = [topic for topic in nearest if topic.name.rpartition("/")[2] == "camera_info"]
+    for chosen in (nearest, usual):
+        if len(chosen) == 1 and (len(candidates) == 1 or near[chosen[0].name]):
+            return chosen[0]
+    if candidates:
         listed = ", ".join(map(str, candidates))
         raise ValueError(
             f"{bag.path} has {len(candidates)} topics of CameraInfo, none of them beside "
             f"{camera.name}: {listed}; choose one by --info-topic"
         )
-    return candidates[0] if candidates else None
+    return None
+
+
+def _shared(first: str, second: str) -> int:
+    """Number of names that two topics' paths have in common from the root on."""
+    pairs = zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def _picture_base(name: str) -> str:
     """The topic that a compressed one was made of."""
-    return name.removesuffix("/compressed")
+    return next((name.removesuffix(end) for end in _COMPRESSED if name.endswith(end)), name)
 
 
 def _picture_name(name: str) -> str:

@@ -2,12 +2,16 @@
 
 from collections import deque
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
 Rigid = Float64[np.ndarray, "4 4"]
+
+_ROUNDING: Final = 0.05  # of a quaternion that was written with two digits
+_FARTHEST_M: Final = 1e9
 
 
 def rigid_from_quaternion(
@@ -16,14 +20,19 @@ def rigid_from_quaternion(
     """The 4x4 matrix that rotates by a quaternion, then moves [m].
 
     Raises:
-        ValueError: A number is not finite, or the quaternion is zero; the rest of a sentence that
-            begins with the transform.
+        ValueError: A number is not finite or absurdly large, or the quaternion's length is not 1;
+            the rest of a sentence that begins with the transform.
     """
     rigid = np.eye(4)
     if not (np.isfinite(quaternion_xyzw).all() and np.isfinite(translation).all()):
         raise ValueError("holds NaN or infinite values; calibrate again")
-    if not quaternion_xyzw.any():
+    length = float(np.linalg.norm(quaternion_xyzw))
+    if not length:
         raise ValueError("has the quaternion 0 0 0 0, which is no rotation; calibrate again")
+    if abs(length - 1) > _ROUNDING:
+        raise ValueError(f"has a quaternion of length {length:.4g}, expected 1; calibrate again")
+    if np.abs(translation).max() > _FARTHEST_M:
+        raise ValueError(f"moves by more than {_FARTHEST_M:g} m; calibrate again")
     rigid[:3, :3] = Rotation.from_quat(quaternion_xyzw).as_matrix()
     rigid[:3, 3] = translation
     return rigid

@@ -1,6 +1,9 @@
 """A drive from a bag: images and sweeps paired by time, written as a recording."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Literal
@@ -18,16 +21,22 @@ from sightline.data.importing.frames import Rigid
 from sightline.data.importing.pairing import pair_nearest
 from sightline.data.importing.writer import (
     RESULTS,
+    CloudTally,
     ImportReport,
+    check_not_into_source,
+    check_staged,
+    collected_warnings,
+    counted_cloud,
     describe_view,
+    moved,
     names_present,
+    staging_folder,
     turned,
     write_calibration,
     write_cloud,
     write_times,
 )
 from sightline.data.jobs import claim_folder, data_name
-from sightline.data.point_files import checked_cloud
 from sightline.data.progress import track
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -46,6 +55,8 @@ _INTENSITIES: Final = (1.0, 255.0, 65535.0)
 """What sensors mean by a reflectance of 1."""
 _GUESSED_FROM: Final = 5
 """So many sweeps of a drive tell which: the first may be empty, or of a garage."""
+_TRIED: Final = 5
+"""Frames that are tried at the start of a drive: where none can be read, nothing is written."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -56,7 +67,7 @@ class _Pairs:
     """Numbers of image and sweep among the messages of their topics."""
     times_s: tuple[float, ...]
     """Of the sweeps."""
-    note: str
+    notes: tuple[str, ...]
 
 
 def import_bag(
@@ -73,17 +84,19 @@ def import_bag(
     max_intensity: float | None,
 ) -> ImportReport:
     """Imports a drive; arguments and errors as of `import_recording`."""
-    with open_bag(source) as bag:
+    check_not_into_source(source, out)
+    notes: list[str] = []
+    with open_bag(source) as bag, collected_warnings(notes):
         topics = choose_topics(bag, camera_topic, lidar_topic, info_topic)
-        if calibration is None:
-            given = calibration_of_bag(bag, topics, undistort=undistort)
-        else:
+        if calibration is not None:
             given = read_recording_calibration(calibration)
+        else:
+            given, said = calibration_of_bag(bag, topics, undistort=undistort)
+            notes += said
         pairs = _pair(bag, topics, max_gap_s, clock)
-        intensity = max_intensity
-        if intensity is None:
-            said = given.max_intensity
-            intensity = said if said != 1 else _guess_intensity(bag, topics, pairs)
+        intensity = max_intensity or given.max_intensity
+        if max_intensity is None and intensity == 1:
+            intensity = _guess_intensity(bag, topics, pairs)
         new_from_old, angle_deg = turn_ahead(given.matrices.camera_from_lidar)
         written = replace(turned(given, new_from_old), max_intensity=1.0)
         settings = {
@@ -96,29 +109,33 @@ def import_bag(
             "max_intensity": intensity,
             "calibration": recording_calibration_text(written),
         }
+        names = [f"{number:06}" for number in range(len(pairs.positions))]
+        frames = _Frames(out, topics, written, intensity, new_from_old)
+        frames.try_first(bag, dict(zip(names[:_TRIED], pairs.positions, strict=False)), source)
         claim_folder(out, settings, results=RESULTS)
         write_calibration(out, written)
-        names = [f"{number:06}" for number in range(len(pairs.positions))]
-        write_times(out, dict(zip(names, pairs.times_s, strict=True)))
         present = names_present(out, IMAGES, POINTS)
         pending = [number for number, name in enumerate(names) if name not in present]
-        frames = _Frames(out, topics, written, intensity, new_from_old)
         frames.write(bag, {names[number]: pairs.positions[number] for number in pending})
+        times = zip(names, pairs.times_s, strict=True)
+        write_times(out, {name: time_s for name, time_s in times if name not in frames.faults})
     return ImportReport(
         out=out,
-        written=len(pending),
+        written=len(pending) - len(frames.faults),
         skipped=len(names) - len(pending),
         notes=(
             f"camera {topics.camera}, LiDAR {topics.lidar}, calibration "
             f"{calibration or topics.info}; intensities of 0 to {intensity:g}",
-            pairs.note,
-            *describe_turn(angle_deg),
+            *pairs.notes,
+            *notes,
+            *frames.notes(),
+            *describe_turn(angle_deg, "clouds are written"),
             *describe_view(out),
         ),
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Frames:
     """Writes images and clouds as they come out of the bag."""
 
@@ -127,9 +144,36 @@ class _Frames:
     calibration: RecordingCalibration
     max_intensity: float
     new_from_old: Rigid
+    faults: dict[str, ValueError] = field(default_factory=dict)
+    """Errors of the frames that are left out, by name."""
+    clouds: CloudTally = field(default_factory=CloudTally)
+
+    def try_first(
+        self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]], source: Path
+    ) -> None:
+        """Judges the first of some frames that can be read, before any is written for good.
+
+        Raises:
+            ValueError: None can be read, or nobody could use it with the calibration.
+        """
+        first: ValueError | None = None
+        for name, position in positions.items():
+            with staging_folder() as staged:
+                trial = replace(self, out=staged, faults={})
+                trial.write(bag, {name: position})
+                if not trial.faults:
+                    write_calibration(staged, self.calibration)
+                    check_staged(staged, source)
+                    return
+                first = first or trial.faults[name]
+        assert first is not None, "a drive has a frame"
+        raise first
 
     def write(self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]]) -> None:
-        """The frames of these names, from the messages of these numbers."""
+        """The frames of these names, from the messages of these numbers.
+
+        Frames of which an image or a cloud cannot be read are left out and noted in `faults`.
+        """
         camera, lidar = self.topics.camera.name, self.topics.lidar.name
         names: dict[tuple[str, int], str] = {}
         for name, (image, sweep) in positions.items():
@@ -139,22 +183,45 @@ class _Frames:
             return
         messages = bag.messages({camera, lidar}, wanted=names)
         for message in track(messages, description="importing", total=len(names)):
-            name = names[message.topic, message.number]
-            if message.topic == camera:
-                self._write_image(name, message)
+            name = names.pop((message.topic, message.number))
+            read = self._image if message.topic == camera else self._cloud
+            try:
+                write_file = read(name, message)
+            except ValueError as error:
+                self.faults.setdefault(name, error)
             else:
-                self._write_cloud(name, message)
+                write_file()
+            if not names:
+                break
+        self._remove_halves()
 
-    def _write_image(self, name: str, message: Message) -> None:
+    def _remove_halves(self) -> None:
+        """Removes images whose cloud cannot be read, and clouds likewise: each would be a frame."""
+        for name in self.faults:
+            for folder in (IMAGES, POINTS):
+                for path in (self.out / folder).glob(f"{name}.*"):
+                    path.unlink()
+
+    def notes(self) -> tuple[str, ...]:
+        """Return lines on points and frames that were left out, with counts."""
+        if not self.faults:
+            return self.clouds.lines()
+        why = next(iter(self.faults.values()))
+        return (
+            *self.clouds.lines(),
+            f"warning: dropped {len(self.faults)} frames that cannot be read; of the first, {why}",
+        )
+
+    def _image(self, name: str, message: Message) -> Callable[[], None]:
+        """Reads an image; what is returned writes it."""
         topic = self.topics.camera
         if topic.kind == COMPRESSED_IMAGE:
             suffix, content, size = picture_file_of(message.content, topic.name)
             self._check_size(size, message)
-            atomic_write_bytes(self.out / IMAGES / f"{name}{suffix}", content)
-            return
+            return partial(atomic_write_bytes, self.out / IMAGES / f"{name}{suffix}", content)
         picture = picture_of(message.content, topic.name)
         self._check_size((picture.shape[0], picture.shape[1]), message)
-        write_rgb(self.out / IMAGES / f"{name}.png", picture)
+        return partial(write_rgb, self.out / IMAGES / f"{name}.png", picture)
 
     def _check_size(self, size: tuple[int, int], message: Message) -> None:
         expected = self.calibration.image_size
@@ -165,30 +232,51 @@ class _Frames:
                 "that was calibrated, or give its calibration by --calibration"
             )
 
-    def _write_cloud(self, name: str, message: Message) -> None:
-        points = cloud_of(message.content, message.topic)
-        points = checked_cloud(points, self.max_intensity, f"topic {message.topic}")
-        write_cloud(self.out, name, points, self.new_from_old)
+    def _cloud(self, name: str, message: Message) -> Callable[[], None]:
+        """Reads a cloud; what is returned writes it."""
+        source = f"topic {message.topic}"
+        read = cloud_of(message.content, message.topic)
+        points, tally = counted_cloud(name, read, self.max_intensity, source)
+        self.clouds += tally
+        return partial(write_cloud, self.out, name, moved(points, self.new_from_old))
 
 
 def _pair(bag: Bag, topics: ChosenTopics, max_gap_s: float, clock: Clock) -> _Pairs:
-    times_ns: dict[str, list[int]] = {topics.camera.name: [], topics.lidar.name: []}
-    for message in bag.messages(set(times_ns)):
+    names = (topics.camera.name, topics.lidar.name)
+    times_ns: dict[str, list[int]] = {name: [] for name in names}
+    numbers: dict[str, list[int]] = {name: [] for name in names}
+    for message in bag.messages(set(names)):
         is_stamped = clock == "header" and message.stamp_ns
         times_ns[message.topic].append(message.stamp_ns if is_stamped else message.received_ns)
-    camera, lidar = (np.array(each, dtype=np.int64) for each in times_ns.values())
+        numbers[message.topic].append(message.number)
+    unread = bag.undecodable_note(names)
+    for name in names:
+        if not times_ns[name]:
+            raise bag.nothing_readable(name)
+    camera, lidar = (np.array(times_ns[name], dtype=np.int64) for name in names)
     by_time = np.argsort(camera, kind="stable"), np.argsort(lidar, kind="stable")
     pairs = pair_nearest(camera[by_time[0]], lidar[by_time[1]], round(max_gap_s * 1e9))
     positions = np.stack([order[pairs[:, axis]] for axis, order in enumerate(by_time)], axis=1)
     if not len(positions):
         raise ValueError(_nothing_pairs(bag, topics, (camera, lidar), max_gap_s, clock))
     gaps_ms = np.abs(camera[positions[:, 0]] - lidar[positions[:, 1]]) / 1e6
-    return _Pairs(
-        positions=positions,
-        times_s=tuple((lidar[positions[:, 1]] / 1e9).tolist()),
-        note=f"paired {len(positions)} of {len(camera)} images and {len(lidar)} sweeps by {clock} "
+    notes = (
+        f"paired {len(positions)} of {len(camera)} images and {len(lidar)} sweeps by {clock} "
         f"time, {gaps_ms.max():.1f} ms apart at most; dropped {len(camera) - len(positions)} "
         f"images and {len(lidar) - len(positions)} sweeps",
+        *unread,
+    )
+    repeated = [len(each) - len(np.unique(each)) for each in (camera, lidar)]
+    if any(repeated):
+        notes += (
+            f"warning: {repeated[0]} images and {repeated[1]} sweeps have the {clock} time of "
+            "another one, of which the first counts",
+        )
+    columns = [np.array(numbers[name])[positions[:, axis]] for axis, name in enumerate(names)]
+    return _Pairs(
+        positions=np.stack(columns, axis=1),
+        times_s=tuple((lidar[positions[:, 1]] / 1e9).tolist()),
+        notes=notes,
     )
 
 
@@ -215,9 +303,10 @@ def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: _Pairs) -> float:
     lidar = topics.lidar.name
     chosen = np.linspace(0, len(pairs.positions) - 1, _GUESSED_FROM).round().astype(np.int64)
     wanted = {(lidar, int(number)) for number in pairs.positions[chosen, 1]}
-    clouds = [
-        echoes(cloud_of(message.content, lidar)) for message in bag.messages([lidar], wanted=wanted)
-    ]
+    clouds = []
+    for message in bag.messages([lidar], wanted=wanted):
+        with suppress(ValueError):  # told where frames are written
+            clouds.append(echoes(cloud_of(message.content, lidar)))
     return next(
         (
             scale

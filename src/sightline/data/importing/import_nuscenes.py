@@ -1,5 +1,6 @@
 """nuScenes' key frames of a camera and the LiDAR, written as a recording with labels."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -9,15 +10,21 @@ import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.atomic import atomic_link
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.calibration_checks import check_intrinsics
 from sightline.data.image_header import read_image_size
-from sightline.data.importing.nuscenes import Moment, Tables
-from sightline.data.importing.nuscenes_labels import kitti_from_annotations
+from sightline.data.importing.nuscenes import Moment, Moments, Tables
+from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
 from sightline.data.importing.writer import (
     RESULTS,
+    CloudTally,
     ImportReport,
+    check_not_into_source,
+    check_staged,
+    counted_cloud,
     describe_view,
+    moved,
     names_present,
+    staging_folder,
     turned,
     write_calibration,
     write_cloud,
@@ -26,23 +33,25 @@ from sightline.data.importing.writer import (
 from sightline.data.jobs import claim_folder, data_name
 from sightline.data.kitti_labels import write_objects
 from sightline.data.plain_file import read_bytes
-from sightline.data.point_files import checked_cloud
 from sightline.data.problem import FileError
 from sightline.data.progress import track
-from sightline.data.recording_calibration import RecordingCalibration
+from sightline.data.recording_calibration import RecordingCalibration, checked_matrices
 from sightline.data.recording_tree import CALIBRATIONS, IMAGES, LABELS, POINTS
 from sightline.geometry.mount import turn_ahead
 
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26
 _REMEDY: Final = "extract nuScenes' archive again"
+_TABLES_REMEDY: Final = "correct calibrated_sensor.json or extract nuScenes' metadata archive again"
 
 
 def import_nuscenes(
     tables: Tables, out: Path, *, camera: str, lidar: str, max_intensity: float
 ) -> ImportReport:
     """Imports key frames; arguments and errors as of `import_recording`."""
-    listed = list(tables.moments(camera, lidar))
+    check_not_into_source(tables.root, out)
+    found = tables.moments(camera, lidar)
+    listed = found.moments
     moments = [each for each in listed if each.image.is_file() and each.sweep.is_file()]
     if not moments:
         raise ValueError(
@@ -56,30 +65,51 @@ def import_nuscenes(
         "lidar": lidar,
         "max_intensity": max_intensity,
     }
+    for moment in moments:
+        _calibration(moment)
+    with staging_folder() as staged:
+        _Frames(staged, max_intensity).write(moments[0])
+        check_staged(staged, moments[0].image)
     claim_folder(out, settings, results=RESULTS)
     write_times(out, {moment.name: moment.time_s for moment in moments})
     present = names_present(out, CALIBRATIONS, IMAGES, LABELS, POINTS)
     pending = [moment for moment in moments if moment.name not in present]
     work = _Frames(out, max_intensity)
+    tally, clouds = LabelTally(), CloudTally()
     for moment in track(pending, description="importing"):
-        work.write(moment)
-    turns = {round(turn_ahead(moment.mount)[1]) for moment in moments} - {0}
-    notes = [f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}"]
-    if len(moments) < len(listed):
-        notes.append(
-            f"dropped {len(listed) - len(moments)} of {len(listed)} key frames, whose image or "
-            "sweep is not there"
-        )
-    notes += [
-        f"clouds are turned by {-turn} degrees, so that x points where {camera} looks"
-        for turn in sorted(turns)
-    ]
+        labels, cloud = work.write(moment)
+        tally, clouds = tally + labels, clouds + cloud
     return ImportReport(
         out=out,
         written=len(pending),
         skipped=len(moments) - len(pending),
-        notes=(*notes, *describe_view(out)),
+        notes=(
+            f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
+            *_dropped(found, len(listed) - len(moments)),
+            *_turns(moments, camera),
+            *(tally.lines() if pending else ()),
+            *clouds.lines(),
+            *describe_view(out),
+        ),
     )
+
+
+def _dropped(found: Moments, without_files: int) -> Iterator[str]:
+    """Yield what was left out of the tables' key frames, with counts."""
+    if without_files:
+        yield (
+            f"dropped {without_files} of {len(found.moments)} key frames, whose image or sweep is "
+            "not there"
+        )
+    if found.alone:
+        yield f"dropped {found.alone} samples that have a key frame of one of the two alone"
+    if found.repeated:
+        yield f"dropped {found.repeated} key frames beyond the first of their sample and channel"
+
+
+def _turns(moments: Sequence[Moment], camera: str) -> Iterator[str]:
+    for turn in sorted({round(turn_ahead(moment.mount)[1]) for moment in moments} - {0}):
+        yield f"clouds are turned by {-turn} degrees, so that x points where {camera} looks"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +119,7 @@ class _Frames:
     out: Path
     max_intensity: float
 
-    def write(self, moment: Moment) -> None:
+    def write(self, moment: Moment) -> tuple[LabelTally, CloudTally]:
         new_from_old, _ = turn_ahead(moment.mount)
         calibration = turned(_calibration(moment), new_from_old)
         size = read_image_size(moment.image)
@@ -100,30 +130,37 @@ class _Frames:
                 f"{moment.image_size[1]} as its table says",
                 _REMEDY,
             )
+        read = _read_sweep(moment.sweep)
+        echoes, clouds = counted_cloud(moment.name, read, self.max_intensity, moment.sweep)
+        points = moved(echoes, new_from_old)
         lidar_from_world = new_from_old @ np.linalg.inv(moment.world_from_lidar)
-        objects = kitti_from_annotations(
-            moment.annotations, calibration.matrices, lidar_from_world, size
+        objects, tally = kitti_from_annotations(
+            moment.annotations, calibration.matrices, lidar_from_world, size, points
         )
         write_calibration(self.out, calibration, moment.name)
         write_objects(self.out / LABELS / f"{moment.name}.txt", objects)
         suffix = moment.image.suffix
         atomic_link(self.out / IMAGES / f"{moment.name}{suffix}", moment.image)
-        points = _read_sweep(moment.sweep)
-        points = checked_cloud(points, self.max_intensity, moment.sweep)
-        write_cloud(self.out, moment.name, points, new_from_old)
+        write_cloud(self.out, moment.name, points)
+        return tally, clouds
 
 
 def _calibration(moment: Moment) -> RecordingCalibration:
-    camera = np.array(moment.camera_matrix)
-    if camera.shape != (3, 3):
-        raise ValueError(f"{moment.image} has no camera matrix of 3x3; name a camera's channel")
-    return RecordingCalibration(
-        matrices=CalibrationMatrices(
-            image_from_camera=np.pad(camera, ((0, 0), (0, 1))),
-            camera_from_lidar=moment.camera_from_lidar,
-        ),
-        lidar_height_m=moment.lidar_height_m,
-    )
+    """The calibration of a moment, as whoever reads the recording will take it.
+
+    Raises:
+        FileError: It is that of no camera and LiDAR.
+    """
+    camera = np.pad(np.array(moment.camera_matrix), ((0, 0), (0, 1)))
+    try:
+        matrices = checked_matrices(camera, moment.camera_from_lidar)
+    except ValueError as error:
+        raise FileError(moment.image, f"cannot be used: its {error}", _TABLES_REMEDY) from error
+    doubts = check_intrinsics(camera[:, :3], moment.image_size, moment.image)
+    if doubts:
+        problem = f"cannot be used: its calibration {doubts[0].problem}"
+        raise FileError(moment.image, problem, _TABLES_REMEDY)
+    return RecordingCalibration(matrices=matrices, lidar_height_m=moment.lidar_height_m)
 
 
 def _read_sweep(path: Path) -> Float32[np.ndarray, "num_points 4"]:

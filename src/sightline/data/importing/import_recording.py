@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from sightline.data.importing.bag import SUFFIXES, is_bag
+from sightline.data.importing.bag import is_bag
+from sightline.data.importing.bag_files import SUFFIXES
 from sightline.data.importing.import_bag import Clock, import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables

@@ -1,21 +1,21 @@
-"""nuScenes' tables (Caesar et al. 2020): JSON files of rows that point to each other by tokens."""
+"""nuScenes' key frames (Caesar et al. 2020), and those of others with its tables, such as Lyft."""
 
-import json
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from sightline.data.importing.frames import Rigid, rigid_from_quaternion
-from sightline.data.plain_file import read_bytes
-from sightline.data.problem import FileError
+from sightline.data.importing.frames import Rigid
+from sightline.data.importing.nuscenes_tables import Row, read_rows, read_table
+from sightline.data.plain_text import shortened
+from sightline.data.safe_names import checked_name, path_below
+from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 
-_MAX_BYTES: Final = 2**32  # sample_data.json of all of nuScenes has 1.1 GB
-_REMEDY: Final = "extract nuScenes' metadata archive again"
-
-Row = Mapping[str, Any]
+_CYCLE: Final = "cycle."
+_RIDDEN: Final = "cycle.with_rider"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -24,11 +24,12 @@ class Annotation:
 
     category: str
     """E.g. vehicle.car."""
-    attributes: frozenset[str]
-    """E.g. cycle.with_rider."""
+    is_ridden: bool | None
+    """True of a cycle with a rider; None where the data set's attributes do not speak of riders."""
     visibility: int
     """1 to 4: up to 40, 60, 80 and 100 percent are visible in the six cameras; 0 unknown."""
-    num_lidar_points: int
+    num_lidar_points: int | None
+    """None where the data set does not count them."""
     size_lwh: tuple[float, float, float]
     world_from_box: Rigid
 
@@ -49,10 +50,21 @@ class Moment:
     """Of the image's and the sweep's own times, between which the car has moved."""
     mount: Rigid
     """camera_from_lidar of a car at rest."""
-    lidar_height_m: float
-    """Above the road, on which the car's frame stands."""
+    lidar_height_m: float | None
+    """Above the road, on which the car's frame stands; None where it cannot stand there."""
     world_from_lidar: Rigid
     annotations: tuple[Annotation, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Moments:
+    """All moments of a data set, and what was dropped."""
+
+    moments: tuple[Moment, ...]
+    alone: int
+    """Samples that have one of the two channels alone."""
+    repeated: int
+    """Key frames beyond the first of a sample and a channel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,31 +76,25 @@ class Tables:
     folder: Path
     """That of the tables, e.g. v1.0-mini."""
 
-    def moments(self, camera: str, lidar: str) -> Iterator[Moment]:
-        """All moments with a key frame of both channels, scene after scene.
+    def moments(self, camera: str, lidar: str) -> Moments:
+        """Return all moments with a key frame of both channels, scene after scene.
 
         Raises:
-            ValueError: A table is missing or damaged, or there is no such channel.
+            ValueError: A table is missing or damaged, a name or path in it leads out of the data
+                set, or there is no such channel.
         """
-        try:
-            yield from _Reader(self).moments(camera, lidar)
-        except (KeyError, TypeError) as error:
-            raise FileError(
-                self.folder,
-                f"has a table without the row or entry {error} that another one needs",
-                _REMEDY,
-            ) from error
+        return _Reader(self).moments(camera, lidar)
 
 
 def find_tables(source: Path) -> Tables | None:
-    """The tables in a folder: those of the folder itself, or of v1.0-mini or the like in it.
+    """Find the tables in a folder: those of the folder itself, or of v1.0-mini or the like in it.
 
     Raises:
         ValueError: There are several versions.
     """
     if (source / "sample.json").is_file():
         return Tables(source.resolve().parent, source)
-    found = sorted(path.parent for path in source.glob("v*/sample.json"))
+    found = sorted(path.parent for path in source.glob("*/sample.json"))
     if len(found) > 1:
         names = ", ".join(path.name for path in found)
         raise ValueError(f"{source} holds several versions: {names}; name the folder of one")
@@ -98,112 +104,134 @@ def find_tables(source: Path) -> Tables | None:
 class _Reader:
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
-        names = ("calibrated_sensor", "ego_pose", "instance", "category")
-        self._by_token = {name: {row["token"]: row for row in self._rows(name)} for name in names}
-        self._attributes = {row["token"]: row["name"] for row in self._rows("attribute")}
-        self._channels = {row["token"]: row["channel"] for row in self._rows("sensor")}
+        names = ("calibrated_sensor", "ego_pose", "instance", "category", "attribute", "sensor")
+        self._tables_by_name = {name: read_table(self._path(name)) for name in names}
+        attributes = self._tables_by_name["attribute"].rows.values()
+        self._samples = read_table(self._path("sample"))
+        self._knows_riders = any(row.text("name").startswith(_CYCLE) for row in attributes)
 
-    def moments(self, camera: str, lidar: str) -> Iterator[Moment]:
-        by_sample: dict[str, dict[str, Row]] = {}
-        for row in self._rows("sample_data"):
-            channel = self._channel(row)
-            if row["is_key_frame"] and channel in (camera, lidar):
-                by_sample.setdefault(row["sample_token"], {})[channel] = row
+    def moments(self, camera: str, lidar: str) -> Moments:
+        by_sample, repeated = self._key_frames((camera, lidar))
         annotations: dict[str, list[Row]] = {}
-        for row in self._rows("sample_annotation"):
-            annotations.setdefault(row["sample_token"], []).append(row)
-        scenes = {row["token"]: row["name"] for row in self._rows("scene")}
-        samples = sorted(
-            self._rows("sample"), key=lambda row: (scenes[row["scene_token"]], row["timestamp"])
-        )
-        self._check_channels(by_sample, (camera, lidar))
-        if camera == lidar or not any(len(taken) == 2 for taken in by_sample.values()):
+        for row in read_rows(self._path("sample_annotation")):
+            token = self._samples.of(row, "sample_token").text("token")
+            annotations.setdefault(token, []).append(row)
+        both = sum(len(taken) == 2 for taken in by_sample.values())
+        if camera == lidar or not both:
             raise ValueError(
                 f"{self._tables.folder} has no sample with key frames of {camera} and {lidar}; "
                 "name a camera by --camera-topic and a LiDAR by --lidar-topic"
             )
-        counts = dict.fromkeys(scenes, 0)
-        for sample in samples:
-            number = counts[sample["scene_token"]]
-            counts[sample["scene_token"]] += 1
-            taken = by_sample.get(sample["token"], {})
-            if len(taken) == 2:
-                name = f"{scenes[sample['scene_token']]}-{number:03}"
-                labelled = annotations.get(sample["token"], [])
-                yield self._moment(name, taken[camera], taken[lidar], labelled)
+        moments = [
+            self._moment(name, by_sample[token][camera], by_sample[token][lidar], labelled)
+            for token, name in self._names()
+            if len(by_sample.get(token, {})) == 2
+            for labelled in [annotations.get(token, [])]
+        ]
+        return Moments(
+            moments=tuple(moments), alone=len(by_sample) - len(moments), repeated=repeated
+        )
 
-    def _moment(self, name: str, image: Row, sweep: Row, labelled: list[Row]) -> Moment:
-        ego_from_camera, ego_from_lidar = (self._sensor_pose(row) for row in (image, sweep))
-        world_from_camera = self._ego_pose(image) @ ego_from_camera
-        world_from_lidar = self._ego_pose(sweep) @ ego_from_lidar
-        camera = self._by_token["calibrated_sensor"][image["calibrated_sensor_token"]]
+    def _key_frames(self, wanted: tuple[str, str]) -> tuple[dict[str, dict[str, Row]], int]:
+        """Return the rows of the two channels by sample and channel, and how many are repeated."""
+        by_sample: dict[str, dict[str, Row]] = {}
+        repeated = 0
+        channels: set[str] = set()
+        for row in read_rows(self._path("sample_data")):
+            if not row.flag("is_key_frame"):
+                continue
+            channel = self._channel(row)
+            channels.add(channel)
+            if channel in wanted:
+                token = self._samples.of(row, "sample_token").text("token")
+                taken = by_sample.setdefault(token, {})
+                repeated += channel in taken
+                taken.setdefault(channel, row)
+        for channel, option in zip(wanted, ("--camera-topic", "--lidar-topic"), strict=True):
+            if channel not in channels:
+                raise ValueError(
+                    f"{self._tables.folder} has no key frame of the channel {channel}; name one of "
+                    f"{', '.join(sorted(map(shortened, channels)))} by {option}"
+                )
+        return by_sample, repeated
+
+    def _names(self) -> Iterator[tuple[str, str]]:
+        """Yield the tokens of all samples, scene after scene, and the names of their frames."""
+        scenes = read_table(self._path("scene"))
+        names: dict[str, Row] = {}
+        for row in scenes.rows.values():
+            name = checked_name(row.get("name"), row.path, f"row {row.number}: the name")
+            if name in names:
+                raise row.fault(f"has the name {name!r} of row {names[name].number}, too")
+            names[name] = row
+        keyed = [
+            (scenes.of(row, "scene_token").text("name"), row.time_us("timestamp"), token)
+            for token, row in self._samples.rows.items()
+        ]
+        counts: Counter[str] = Counter()
+        for scene, _, token in sorted(keyed, key=lambda each: each[:2]):
+            yield token, f"{scene}-{counts[scene]:03}"
+            counts[scene] += 1
+
+    def _moment(self, name: str, image: Row, sweep: Row, labelled: Sequence[Row]) -> Moment:
+        ego_from_camera, ego_from_lidar = (
+            self._to(row, "calibrated_sensor").pose() for row in (image, sweep)
+        )
+        height_m = float(ego_from_lidar[2, 3])
+        world_from_camera = self._to(image, "ego_pose").pose() @ ego_from_camera
+        world_from_lidar = self._to(sweep, "ego_pose").pose() @ ego_from_lidar
+        camera = self._to(image, "calibrated_sensor")
         return Moment(
             name=name,
-            time_s=sweep["timestamp"] / 1e6,
-            image=self._tables.root / image["filename"],
-            sweep=self._tables.root / sweep["filename"],
-            image_size=(int(image["height"]), int(image["width"])),
-            camera_matrix=tuple(tuple(map(float, row)) for row in camera["camera_intrinsic"]),
+            time_s=sweep.time_us("timestamp") / 1e6,
+            image=self._file(image),
+            sweep=self._file(sweep),
+            image_size=(image.whole("height", least=1), image.whole("width", least=1)),
+            camera_matrix=tuple(map(tuple, camera.numbers("camera_intrinsic", 3, 3).tolist())),
             camera_from_lidar=np.linalg.inv(world_from_camera) @ world_from_lidar,
             mount=np.linalg.inv(ego_from_camera) @ ego_from_lidar,
-            lidar_height_m=float(ego_from_lidar[2, 3]),
+            lidar_height_m=(
+                height_m if MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M else None
+            ),
             world_from_lidar=world_from_lidar,
             annotations=tuple(map(self._annotation, labelled)),
         )
 
     def _annotation(self, row: Row) -> Annotation:
-        instance = self._by_token["instance"][row["instance_token"]]
-        width, length, height = row["size"]
-        visibility = str(row.get("visibility_token", ""))
+        category = self._to(self._to(row, "instance"), "category")
+        tokens = row.texts("attribute_tokens") if row.entries.get("attribute_tokens") else []
+        known = self._tables_by_name["attribute"]
+        attributes = {known.of(row, "attribute_tokens", token).text("name") for token in tokens}
+        width, length, height = row.numbers("size", 3).tolist()
+        if min(width, length, height) <= 0:
+            raise row.fault(f"has the size {[width, length, height]}, expected lengths above 0")
+        visibility = str(row.entries.get("visibility_token", ""))
         return Annotation(
-            category=self._by_token["category"][instance["category_token"]]["name"],
-            attributes=frozenset(self._attributes[token] for token in row["attribute_tokens"]),
-            visibility=int(visibility) if visibility.isdecimal() else 0,
-            num_lidar_points=int(row["num_lidar_pts"]),
-            size_lwh=(float(length), float(width), float(height)),
-            world_from_box=_pose(row),
+            category=category.text("name"),
+            is_ridden=_RIDDEN in attributes if self._knows_riders else None,
+            visibility=int(visibility) if visibility in ("1", "2", "3", "4") else 0,
+            num_lidar_points=_num_points(row),
+            size_lwh=(length, width, height),
+            world_from_box=row.pose(),
         )
 
-    def _sensor_pose(self, row: Row) -> Rigid:
-        return _pose(self._by_token["calibrated_sensor"][row["calibrated_sensor_token"]])
-
-    def _ego_pose(self, row: Row) -> Rigid:
-        return _pose(self._by_token["ego_pose"][row["ego_pose_token"]])
+    def _to(self, row: Row, name: str) -> Row:
+        return self._tables_by_name[name].of(row, f"{name}_token")
 
     def _channel(self, row: Row) -> str:
-        calibrated = self._by_token["calibrated_sensor"][row["calibrated_sensor_token"]]
-        return str(self._channels[calibrated["sensor_token"]])
+        return self._to(self._to(row, "calibrated_sensor"), "sensor").text("channel")
 
-    def _check_channels(
-        self, by_sample: Mapping[str, Mapping[str, Row]], wanted: tuple[str, str]
-    ) -> None:
-        taken = {channel for each in by_sample.values() for channel in each}
-        for channel, option in zip(wanted, ("--camera-topic", "--lidar-topic"), strict=True):
-            if channel not in taken:
-                known = ", ".join(sorted(set(self._channels.values())))
-                raise ValueError(
-                    f"{self._tables.folder} has no key frame of the channel {channel}; name one of "
-                    f"{known} by {option}"
-                )
+    def _file(self, row: Row) -> Path:
+        place = f"row {row.number}: the filename"
+        return path_below(self._tables.root, row.get("filename"), row.path, place)
 
-    def _rows(self, name: str) -> list[Row]:
-        path = self._tables.folder / f"{name}.json"
-        try:
-            rows = json.loads(read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY))
-        except FileError:
-            raise
-        except (ValueError, RecursionError) as error:
-            raise FileError(path, "is no JSON", _REMEDY) from error
-        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-            raise FileError(path, "is no table: expected a list of rows", _REMEDY)
-        return rows
+    def _path(self, name: str) -> Path:
+        return self._tables.folder / f"{name}.json"
 
 
-def _pose(row: Row) -> Rigid:
-    w, x, y, z = row["rotation"]
-    try:
-        return rigid_from_quaternion(
-            np.array((x, y, z, w), dtype=np.float64), np.array(row["translation"], dtype=np.float64)
-        )
-    except ValueError as error:
-        raise ValueError(f"nuScenes' row {row['token']} {error}") from error
+def _num_points(row: Row) -> int | None:
+    """Return how many points a data set has counted in a box; Lyft's says -1, null or nothing."""
+    value = row.entries.get("num_lidar_pts")
+    if value is None or (type(value) in (int, float) and value < 0):
+        return None
+    return row.whole("num_lidar_pts")

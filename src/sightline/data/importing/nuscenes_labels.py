@@ -1,11 +1,13 @@
 """nuScenes' annotations as KITTI labels one camera's image."""
 
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.importing.frames import Rigid
@@ -19,9 +21,11 @@ from sightline.data.kitti_labels import (
     UNKNOWN,
     KittiObjects,
 )
+from sightline.data.plain_text import shortened
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 
 _CLASSES: Final = {
+    # nuScenes
     "vehicle.car": "Car",
     "vehicle.emergency.police": "Car",
     "vehicle.emergency.ambulance": "Van",
@@ -32,11 +36,84 @@ _CLASSES: Final = {
     "human.pedestrian": "Pedestrian",
     "vehicle.bicycle": "Cyclist",
     "vehicle.motorcycle": "Cyclist",
+    # Lyft
+    "car": "Car",
+    "truck": "Truck",
+    "bus": "Truck",
+    "other_vehicle": "Misc",
+    "emergency_vehicle": "Van",
+    "pedestrian": "Pedestrian",
+    "bicycle": "Cyclist",
+    "motorcycle": "Cyclist",
+    # Argoverse, Waymo and others
+    "vehicle": "Car",
+    "regular_vehicle": "Car",
+    "van": "Van",
+    "large_vehicle": "Truck",
+    "box_truck": "Truck",
+    "truck_cab": "Truck",
+    "trailer": "Truck",
+    "vehicular_trailer": "Truck",
+    "construction_vehicle": "Truck",
+    "school_bus": "Truck",
+    "articulated_bus": "Truck",
+    "person": "Pedestrian",
+    "human": "Pedestrian",
+    "cyclist": "Cyclist",
+    "bicyclist": "Cyclist",
+    "motorcyclist": "Cyclist",
 }
-"""KITTI's class of each category, or of those that begin so; others are left out."""
-_RIDDEN: Final = "cycle.with_rider"
+"""KITTI's class of each category, or of those that begin with it and a dot; others are left out."""
+_LEFT_OUT: Final = ("vehicle.ego",)
+_RIDER_UNNAMED: Final = ("bicycle", "motorcycle")
+"""Last words of categories of cycles with and without a rider."""
 _OCCLUSIONS: Final = {4: 0.0, 3: 1.0, 2: 1.0, 1: 2.0}  # by visibility; else unknown, 3
 _DONT_CARE: Final = "DontCare"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LabelTally:
+    """Numbers of annotations by what became of them; sums of several frames by `+`."""
+
+    annotations: int = 0
+    classes: Counter[str] = field(default_factory=Counter)
+    """Labels of each class, DontCare among them."""
+    categories_left_out: Counter[str] = field(default_factory=Counter)
+    """Annotations of categories that are none of KITTI's classes."""
+    outside: int = 0
+    """Annotations of known categories that the image does not show."""
+
+    def __add__(self, other: "LabelTally") -> "LabelTally":
+        """Return the sums."""
+        return LabelTally(
+            annotations=self.annotations + other.annotations,
+            classes=self.classes + other.classes,
+            categories_left_out=self.categories_left_out + other.categories_left_out,
+            outside=self.outside + other.outside,
+        )
+
+    def lines(self) -> tuple[str, ...]:
+        """Return what people are told: the counts, and a warning where no label is left."""
+        if not self.annotations:
+            return ("warning: the tables hold no annotation of these frames: labels are empty",)
+        labels = sum(self.classes.values()) - self.classes[_DONT_CARE]
+        said = [
+            f"labels: {self.annotations} annotations became {labels} labels "
+            f"({_counted(self.classes - Counter({_DONT_CARE: self.classes[_DONT_CARE]}))}) and "
+            f"{self.classes[_DONT_CARE]} DontCare regions; {self.outside} are outside the image"
+        ]
+        if self.categories_left_out:
+            number = sum(self.categories_left_out.values())
+            said.append(
+                f"left out {number} annotations of categories that are none of KITTI's classes: "
+                f"{_counted(self.categories_left_out)}"
+            )
+        if not labels:
+            said.append(
+                "warning: no annotation became a label; see the counts above, and name another "
+                "camera by --camera-topic if its image shows other objects"
+            )
+        return tuple(said)
 
 
 def kitti_from_annotations(
@@ -44,8 +121,9 @@ def kitti_from_annotations(
     matrices: CalibrationMatrices,
     lidar_from_world: Rigid,
     image_size: tuple[int, int],
-) -> KittiObjects:
-    """The objects that the image shows, in their order.
+    points: Float32[np.ndarray, "num_points 4"],
+) -> tuple[KittiObjects, LabelTally]:
+    """The objects that the image shows, in their order, and how many were left out.
 
     2D boxes are those of the 3D box's edges within the image, as KITTI has them. Buses and trailers
     are trucks, motorcycles are cycles; a cycle without a rider is Misc. What no LiDAR point fell
@@ -56,6 +134,7 @@ def kitti_from_annotations(
         matrices: Of the frame.
         lidar_from_world: Where its sweep was taken.
         image_size: Height, width [px].
+        points: The frame's sweep, which is looked at where a data set does not count points.
     """
     known = [(each, name) for each in annotations if (name := _class_of(each)) is not None]
     boxes = np.array([_box_in_lidar(each, lidar_from_world) for each, _ in known]).reshape(-1, 7)
@@ -74,16 +153,17 @@ def kitti_from_annotations(
         for index in range(len(known))
     ]
     kept = [index for index, each in enumerate(seen) if _is_shown(each)]
-    cared = np.array([known[index][0].num_lidar_points > 0 for index in kept], dtype=bool)
+    cared = np.array([_has_points(known[index][0], boxes[index], points) for index in kept], bool)
     bearing = np.arctan2(locations[kept, 0], locations[kept, 2])
     alpha = (rotations[kept] - bearing + np.pi) % (2 * np.pi) - np.pi
     occlusion = [_OCCLUSIONS.get(known[index][0].visibility, 3.0) for index in kept]
     truncation = np.array([seen[index].truncation for index in kept], dtype=np.float64)
-    return KittiObjects(
-        class_names=tuple(
-            known[index][1] if is_cared else _DONT_CARE
-            for index, is_cared in zip(kept, cared.tolist(), strict=True)
-        ),
+    class_names = tuple(
+        known[index][1] if is_cared else _DONT_CARE
+        for index, is_cared in zip(kept, cared.tolist(), strict=True)
+    )
+    objects = KittiObjects(
+        class_names=class_names,
         truncation=np.where(cared, truncation, UNKNOWN),
         occlusion=np.where(cared, np.array(occlusion, dtype=np.float64), UNKNOWN),
         alpha=np.where(cared, alpha, NO_ALPHA),
@@ -92,14 +172,51 @@ def kitti_from_annotations(
         locations=np.where(cared[:, None], locations[kept], NO_LOCATION),
         rotation_y=np.where(cared, rotations[kept], NO_ROTATION),
     )
+    return objects, _tally(annotations, class_names, outside=len(known) - len(kept))
+
+
+def _tally(
+    annotations: Sequence[Annotation], class_names: Sequence[str], *, outside: int
+) -> LabelTally:
+    return LabelTally(
+        annotations=len(annotations),
+        classes=Counter(class_names),
+        categories_left_out=Counter(
+            each.category for each in annotations if _class_of(each) is None
+        ),
+        outside=outside,
+    )
 
 
 def _class_of(annotation: Annotation) -> str | None:
-    name = next(
-        (name for begin, name in _CLASSES.items() if annotation.category.startswith(begin)), None
-    )
-    is_parked_cycle = name == "Cyclist" and _RIDDEN not in annotation.attributes
-    return "Misc" if is_parked_cycle else name
+    """Return KITTI's class of a category, whatever its case; None where there is none."""
+    category = annotation.category.strip().lower().replace("-", "_").replace(" ", "_")
+    words = category.split(".")
+    begins = [".".join(words[:count]) for count in range(len(words), 0, -1)]
+    if any(begin in _LEFT_OUT for begin in begins):
+        return None
+    found = next((begin for begin in begins if begin in _CLASSES), None)
+    if found is None or (len(begins) > 1 and found == "vehicle"):
+        return None  # vehicle.spaceship: some kind of nuScenes' that is none of the above
+    may_be_parked = found.rpartition(".")[2] in _RIDER_UNNAMED
+    return "Misc" if may_be_parked and annotation.is_ridden is False else _CLASSES[found]
+
+
+def _has_points(
+    annotation: Annotation,
+    box: Float64[np.ndarray, "7"],
+    points: Float32[np.ndarray, "num_points 4"],
+) -> bool:
+    """Return whether an echo came from the object, by the tables' count or else by the sweep."""
+    if annotation.num_lidar_points is not None:
+        return annotation.num_lidar_points > 0
+    places = torch.from_numpy(points[:, :3].astype(np.float64))
+    return bool(Boxes3D(torch.from_numpy(box[None])).contain(places).any())
+
+
+def _counted(counts: Counter[str]) -> str:
+    """Return the names with their counts, the most frequent first; names as terminals show them."""
+    return ", ".join(f"{count} {shortened(name)}" for name, count in counts.most_common()) or "none"
 
 
 def _box_in_lidar(annotation: Annotation, lidar_from_world: Rigid) -> Float64[np.ndarray, "7"]:

@@ -1,16 +1,30 @@
 """Writes what is imported as a recording, frame by frame."""
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.atomic import atomic_write_text
+from sightline.data.calibration_checks import check_intrinsics
 from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
-from sightline.data.recording_calibration import RecordingCalibration, recording_calibration_text
+from sightline.data.jobs import check_apart
+from sightline.data.point_files import checked_cloud
+from sightline.data.problem import FileError
+from sightline.data.recording_calibration import (
+    RecordingCalibration,
+    read_recording_calibration,
+    recording_calibration_text,
+)
 from sightline.data.recording_checks import (
+    check_recording_frame,
     describe_recording,
     first_whole,
     view_of_recording,
@@ -24,6 +38,7 @@ from sightline.data.recording_tree import (
     list_recording,
 )
 from sightline.data.velodyne import write_sweep
+from sightline.geometry.tilt import Tilt
 
 RESULTS = (f"{IMAGES}/*", f"{POINTS}/*", f"{LABELS}/*", f"{CALIBRATIONS}*", TIMES_NAME)
 """Patterns of what an import writes."""
@@ -46,23 +61,172 @@ class ImportReport:
         return "\n".join((*self.notes, f"{self.out}: {self.written} frames written, {there}"))
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CloudTally:
+    """Points that were dropped from clouds; sums of several by `+`."""
+
+    clouds: int = 0
+    points: int = 0
+    not_finite: int = 0
+    """Points whose x, y or z is not."""
+    no_echo: int = 0
+    """Points at the LiDAR's own place."""
+    dark: int = 0
+    """Points that are kept, whose intensity is not finite."""
+    empty: tuple[str, ...] = ()
+    """Frames of whose cloud no point is left."""
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        read: Float32[np.ndarray, "num_points 4"],
+        kept: Float32[np.ndarray, "num_echoes 4"],
+    ) -> "CloudTally":
+        """Count a frame's points before and after those without an echo were left out."""
+        lost = len(read) - len(kept)
+        not_finite = int((~np.isfinite(read[:, :3]).all(axis=1)).sum()) if lost else 0
+        is_dark = np.isfinite(read[:, :3]).all(axis=1) & ~np.isfinite(read[:, 3])
+        return cls(
+            clouds=1,
+            points=len(read),
+            not_finite=not_finite,
+            no_echo=lost - not_finite,
+            dark=int(is_dark.sum()),
+            empty=() if len(kept) else (name,),
+        )
+
+    def __add__(self, other: "CloudTally") -> "CloudTally":
+        """Return the sums."""
+        return CloudTally(
+            clouds=self.clouds + other.clouds,
+            points=self.points + other.points,
+            not_finite=self.not_finite + other.not_finite,
+            no_echo=self.no_echo + other.no_echo,
+            dark=self.dark + other.dark,
+            empty=self.empty + other.empty,
+        )
+
+    def lines(self) -> tuple[str, ...]:
+        """Return what people are told; nothing where nothing was dropped."""
+        said = []
+        if self.not_finite or self.no_echo:
+            said.append(
+                f"dropped {self.not_finite + self.no_echo} of {self.points} points: "
+                f"{self.not_finite} that are not finite, {self.no_echo} at the LiDAR's own place"
+            )
+        if self.dark:
+            said.append(f"{self.dark} points have an intensity that is not finite: 0 is taken")
+        if self.empty:
+            said.append(
+                f"warning: {len(self.empty)} of {self.clouds} sweeps have no point left, that of "
+                f"frame {self.empty[0]} for one"
+                + (": the recording has images alone" if len(self.empty) == self.clouds else "")
+            )
+        return tuple(said)
+
+
+def counted_cloud(
+    name: str, read: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
+) -> tuple[Float32[np.ndarray, "num_echoes 4"], CloudTally]:
+    """A frame's points that an echo made, with reflectances in [0, 1], and what was dropped.
+
+    Raises:
+        FileError: As `checked_cloud`.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of losses, which are counted
+        points = checked_cloud(read.copy(), max_intensity, source)
+    return points, CloudTally.of(name, read, points)
+
+
+def check_not_into_source(source: Path, out: Path) -> None:
+    """Refuses an output folder in the source, and one that holds the source.
+
+    Raises:
+        ValueError: They are not apart.
+    """
+    check_apart(source, [out])
+    if source.resolve().is_relative_to(out.resolve()):
+        raise ValueError(
+            f"{out} holds the source {source}, with whose files the recording's would mix; name an "
+            "output folder beside it"
+        )
+
+
+@contextmanager
+def collected_warnings(notes: list[str]) -> Iterator[None]:
+    """Adds each thing that is warned of within to notes, once."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        yield
+    for each in caught:
+        said = f"warning: {each.message}"
+        if said not in notes:
+            notes.append(said)
+
+
+@contextmanager
+def staging_folder() -> Iterator[Path]:
+    """A folder for a first frame, which is judged before anything is written for good."""
+    with TemporaryDirectory(prefix="sightline-import-") as folder:
+        yield Path(folder)
+
+
+def check_staged(folder: Path, source: Path | str) -> None:
+    """Judges the frame in a folder as whoever reads the recording will.
+
+    Args:
+        folder: A recording of one frame.
+        source: Whatever it was made from, which errors name in place of the frame's files.
+
+    Raises:
+        FileError: It cannot be read, or its calibration is that of no camera.
+    """
+    (frame,) = list_recording(folder).frames
+    assert frame.calibration is not None, "it was written"
+    try:
+        said = read_recording_calibration(frame.calibration)
+        size = said.image_size if frame.image is None else read_image_size(frame.image)
+        intrinsics = said.matrices.image_from_camera[:, :3]
+        doubts = check_intrinsics(intrinsics, size, frame.calibration)
+        doubts = doubts or [
+            each
+            for each in check_recording_frame(frame, reference=None)
+            if each.path != frame.calibration  # how it fits is told when all is written
+        ]
+    except FileError as error:
+        doubts = [error.problem]
+    if doubts:
+        problem, remedy = doubts[0].problem, doubts[0].remedy
+        raise FileError(source, f"gives a recording that cannot be used: it {problem}", remedy)
+
+
 def turned(calibration: RecordingCalibration, new_from_old: Rigid) -> RecordingCalibration:
     """The calibration of clouds that are moved by `new_from_old`."""
     matrices = CalibrationMatrices(
         image_from_camera=calibration.matrices.image_from_camera,
         camera_from_lidar=calibration.matrices.camera_from_lidar @ np.linalg.inv(new_from_old),
     )
-    return replace(calibration, matrices=matrices)
+    tilt = calibration.lidar_tilt
+    if tilt is not None:
+        tilt = Tilt.of_up(new_from_old[:3, :3] @ tilt.up)
+    return replace(calibration, matrices=matrices, lidar_tilt=tilt)
 
 
-def write_cloud(
-    out: Path, name: str, points: Float32[np.ndarray, "num_points 4"], new_from_old: Rigid
-) -> None:
-    """Writes a frame's cloud, moved by `new_from_old`."""
-    moved = points.copy()
+def moved(
+    points: Float32[np.ndarray, "num_points 4"], new_from_old: Rigid
+) -> Float32[np.ndarray, "num_points 4"]:
+    """A cloud, moved by `new_from_old`."""
+    new_points = points.copy()
     places = points[:, :3].astype(np.float64) @ new_from_old[:3, :3].T + new_from_old[:3, 3]
-    moved[:, :3] = places
-    write_sweep(out / POINTS / f"{name}.bin", moved)
+    new_points[:, :3] = places
+    return new_points
+
+
+def write_cloud(out: Path, name: str, points: Float32[np.ndarray, "num_points 4"]) -> None:
+    """Writes a frame's cloud."""
+    write_sweep(out / POINTS / f"{name}.bin", points)
 
 
 def write_calibration(

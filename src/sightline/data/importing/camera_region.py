@@ -1,0 +1,68 @@
+"""Part of a sensor that a camera reads out: binning and region of interest of CameraInfo."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ImageRegion:
+    """A camera's matrix for the images as they are published."""
+
+    matrix: Float64[np.ndarray, "3 4"]
+    size: tuple[int, int] | None
+    """Height, width [px] for which it holds; None where it is not known."""
+    notes: tuple[str, ...] = ()
+
+
+def region_of_image(
+    info: Any,  # noqa: ANN401 - a message
+    full_matrix: Float64[np.ndarray, "3 4"],
+    image_size: tuple[int, int] | None,
+) -> ImageRegion:
+    """Cut a full-resolution matrix to a camera's region of interest and divide it by its binning.
+
+    sensor_msgs/CameraInfo defines K and P for the full resolution, its size likewise. Some drivers
+    publish full images all the same, or write the images' own size beside the full matrix: there
+    the principal point, which is near the images' middle, says which the matrix is for.
+
+    Args:
+        info: A CameraInfo message.
+        full_matrix: Its K or P.
+        image_size: Height, width [px] of the images; None where none could be read.
+    """
+    # Makeshift publishers fill in the matrix alone.
+    full = (int(info.height), int(info.width)) if info.height and info.width else None
+    binning = max(int(info.binning_x), 1), max(int(info.binning_y), 1)
+    roi = info.roi
+    offset = int(roi.x_offset), int(roi.y_offset)
+    cut = (int(roi.height), int(roi.width)) if roi.height and roi.width else full
+    if binning == (1, 1) and offset == (0, 0) and cut == full:
+        return ImageRegion(matrix=full_matrix, size=full)
+    matrix = full_matrix.copy()
+    matrix[:2] -= np.outer(offset, full_matrix[2])
+    matrix[:2] /= np.array(binning)[:, None]
+    size = None if cut is None else (cut[0] // binning[1], cut[1] // binning[0])
+    if (
+        size is not None
+        and image_size is not None
+        and np.abs(np.subtract(size, image_size)).max() < 2
+    ):
+        size = image_size  # an odd number of rows may be halved either way
+    said = (
+        f"CameraInfo has binning {binning[0]}x{binning[1]} and a region that begins at "
+        f"{offset[0]}, {offset[1]}"
+    )
+    applied = ImageRegion(
+        matrix=matrix, size=size, notes=(f"{said}: the camera's matrix is converted",)
+    )
+    if image_size is None or size == image_size or full != image_size:
+        return applied
+    middle = np.array(image_size[::-1]) / 2
+    distances = [np.linalg.norm(each[:2, 2] - middle) for each in (matrix, full_matrix)]
+    if distances[0] < distances[1]:
+        return ImageRegion(matrix=matrix, size=image_size, notes=applied.notes)
+    note = f"{said}, but images have the full size: the camera's matrix is taken as it is"
+    return ImageRegion(matrix=full_matrix, size=full, notes=(note,))

@@ -1,0 +1,186 @@
+"""Rows of nuScenes' tables (JSON), read so that a damaged one is named by file and row."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.importing.frames import Rigid, rigid_from_quaternion
+from sightline.data.plain_file import read_bytes
+from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError
+
+REMEDY: Final = "extract nuScenes' metadata archive again"
+
+_MAX_BYTES: Final = 2**32  # sample_data.json of all of nuScenes has 1.1 GB
+_LARGEST: Final = 1e9  # of a number: metres in the map's frame, pixels, counts
+_LARGEST_TIME: Final = 2**62  # microseconds
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A row of a table."""
+
+    path: Path
+    number: int
+    """Place in the table, from 1."""
+    entries: Mapping[str, Any]
+
+    def fault(self, problem: str) -> FileError:
+        """Return the error that names the row's file and number."""
+        return FileError(self.path, f"row {self.number} {problem}", REMEDY)
+
+    def get(self, name: str) -> object:
+        """Return an entry as JSON has it.
+
+        Raises:
+            FileError: The row lacks it.
+        """
+        if name not in self.entries:
+            raise self.fault(f"lacks {name!r}")
+        return self.entries[name]
+
+    def text(self, name: str) -> str:
+        """Return an entry that must be a text."""
+        value = self.get(name)
+        if not isinstance(value, str):
+            raise self.fault(f"has the {name} {_shown(value)}, expected a text")
+        return value
+
+    def texts(self, name: str) -> list[str]:
+        """Return an entry that must be a list of texts."""
+        value = self.get(name)
+        if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+            raise self.fault(f"has the {name} {_shown(value)}, expected a list of texts")
+        return value
+
+    def flag(self, name: str) -> bool:
+        """Return an entry that must be true or false."""
+        value = self.get(name)
+        if not isinstance(value, bool):
+            raise self.fault(f"has the {name} {_shown(value)}, expected true or false")
+        return value
+
+    def whole(self, name: str, *, least: int = 0, most: int = _LARGEST_TIME) -> int:
+        """Return an entry that must be a whole number, also written as 1.0."""
+        value = self.get(name)
+        number = _number(value, most)
+        if number is None or number != int(number) or number < least:
+            raise self.fault(
+                f"has the {name} {_shown(value)}, expected a whole number from {least} on"
+            )
+        return int(number)
+
+    def time_us(self, name: str) -> float:
+        """Return an entry that must be a time [us], perhaps with decimals as Lyft's have."""
+        value = self.get(name)
+        number = _number(value, _LARGEST_TIME)
+        if number is None or number < 0:
+            raise self.fault(f"has the {name} {_shown(value)}, expected microseconds")
+        return number
+
+    def numbers(self, name: str, *shape: int) -> Float64[np.ndarray, "..."]:
+        """Return an entry that must be numbers in (nested) lists of this shape."""
+        value = self.get(name)
+        expected = "x".join(map(str, shape))
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            array = np.empty(0)
+        # numpy takes text, truth values and, as NaN, null for numbers
+        is_plain = all(type(each) in (int, float) for each in _leaves(value))
+        if array.shape != shape or not is_plain or not (np.abs(array) < _LARGEST).all():
+            raise self.fault(
+                f"has the {name} {_shown(value)}, expected {expected} finite numbers of magnitude "
+                f"up to {_LARGEST:g}"
+            )
+        return array
+
+    def pose(self) -> Rigid:
+        """Return the transform of the row's quaternion (w first) and translation."""
+        w, x, y, z = self.numbers("rotation", 4)
+        try:
+            return rigid_from_quaternion(np.array((x, y, z, w)), self.numbers("translation", 3))
+        except ValueError as error:
+            raise self.fault(str(error)) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table whose rows others name by their tokens."""
+
+    path: Path
+    rows: Mapping[str, Row]
+
+    def of(self, row: Row, name: str, token: str | None = None) -> Row:
+        """Return the row to which another one's entry, or one token of it, leads.
+
+        Raises:
+            FileError: It leads nowhere; names the row that holds it.
+        """
+        token = row.text(name) if token is None else token
+        if token not in self.rows:
+            raise row.fault(f"has the {name} {_shown(token)}, which {self.path.name} lacks")
+        return self.rows[token]
+
+
+def read_rows(path: Path) -> Iterator[Row]:
+    """Read the rows of a table.
+
+    Raises:
+        FileError: It cannot be read, is no JSON or no list of rows.
+    """
+    try:
+        rows = json.loads(read_bytes(path, max_bytes=_MAX_BYTES, remedy=REMEDY))
+    except FileError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise FileError(path, "is no JSON", REMEDY) from error
+    if not isinstance(rows, list):
+        raise FileError(path, "is no table: expected a list of rows", REMEDY)
+    for number, entries in enumerate(rows, start=1):
+        if not isinstance(entries, dict):
+            problem = f"row {number} is {_shown(entries)}, expected names with values"
+            raise FileError(path, problem, REMEDY)
+        yield Row(path, number, entries)
+
+
+def read_table(path: Path) -> Table:
+    """Read a table by its rows' tokens.
+
+    Raises:
+        FileError: As `read_rows`, or a row has no token, or one of another row.
+    """
+    rows: dict[str, Row] = {}
+    for row in read_rows(path):
+        token = row.text("token")
+        if token in rows:
+            raise row.fault(f"has the token {_shown(token)} of row {rows[token].number}, too")
+        rows[token] = row
+    return Table(path, rows)
+
+
+def _number(value: object, most: float) -> int | float | None:
+    """Return a finite number of plausible size as it is; None for anything else."""
+    if type(value) is int:  # True is an int, too
+        return value if abs(value) <= most else None
+    if isinstance(value, float) and math.isfinite(value) and abs(value) <= most:
+        return value
+    return None
+
+
+def _leaves(value: object) -> Iterator[object]:
+    if isinstance(value, list):
+        for each in value:
+            yield from _leaves(each)
+    else:
+        yield value
+
+
+def _shown(value: object) -> str:
+    return shortened(ascii(value), 40)

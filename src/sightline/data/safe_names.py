@@ -1,0 +1,108 @@
+"""Names that come out of data, checked before they become part of a path.
+
+A scene's name, a table's `filename` or a line of a list may hold `../`, an absolute path or control
+characters; none of them may lead out of the folder that is read or written.
+"""
+
+import os
+from pathlib import Path
+from typing import Final
+
+from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError
+
+MAX_NAME_BYTES: Final = 200
+"""Longest name in UTF-8: file systems allow 255, of which endings and numbers need some."""
+
+_MAX_PART_BYTES: Final = 255
+_REMEDY: Final = "get the data from a source that you trust"
+
+
+def checked_name(
+    name: object, source: Path | str, place: str, *, max_bytes: int = MAX_NAME_BYTES
+) -> str:
+    """Check a name that is to be one file's or folder's, and return it.
+
+    Args:
+        name: As the data hold it.
+        source: The file that holds it, for errors.
+        place: Its place in the file, for errors: "row 3: the name".
+        max_bytes: Longest name.
+
+    Raises:
+        FileError: It is no text, empty or too long, holds a separator or a control character,
+            begins with a dot or a space, or ends with a space.
+    """
+    fault = _name_fault(name, max_bytes)
+    if fault is None:
+        assert isinstance(name, str), "anything else is a fault"
+        return name
+    shown = shortened(ascii(name) if not isinstance(name, str) else repr(name))
+    raise FileError(source, f"{place} {shown} {fault}, expected a plain file name", _REMEDY)
+
+
+def path_below(root: Path, relative: object, source: Path | str, place: str) -> Path:
+    """Resolve a path that data give within a folder.
+
+    Folders on the way may be links, which whoever keeps data on several disks has set. A file that
+    is itself a link must lead into the data set or into the folder in which it lies.
+
+    Args:
+        root: The data set's folder.
+        relative: The path as the data hold it, with `/` between its parts.
+        source: The file that holds it, for errors.
+        place: Its place in the file, for errors: "row 3: the filename".
+
+    Raises:
+        FileError: It is no text or absolute, a part of it is no plain name (`..` for one), or it is
+            a link that leads out of the data set.
+    """
+    path = root.joinpath(*relative_parts(relative, source, place))
+    if path.is_symlink():
+        _check_link(path, root, source, place)
+    return path
+
+
+def relative_parts(relative: object, source: Path | str, place: str) -> list[str]:
+    """Check a path that data give, and return its parts; arguments and errors as `path_below`."""
+    parts = relative.split("/") if isinstance(relative, str) else [""]
+    if any(_name_fault(part, _MAX_PART_BYTES) is not None or _is_drive(part) for part in parts):
+        raise FileError(
+            source,
+            f"{place} is {shortened(ascii(relative))}, expected a relative path of plain names, "
+            "without '..', hidden or empty parts",
+            _REMEDY,
+        )
+    return parts
+
+
+def _check_link(path: Path, root: Path, source: Path | str, place: str) -> None:
+    real = Path(os.path.realpath(path))
+    if not any(real.is_relative_to(os.path.realpath(folder)) for folder in (root, path.parent)):
+        raise FileError(
+            source,
+            f"{place} names {path}, a link that leads out of the data set, to {real}",
+            "put the file itself there, or link its whole folder",
+        )
+
+
+def _name_fault(name: object, max_bytes: int) -> str | None:
+    """Return what forbids a name, as the rest of a sentence; None where nothing does."""
+    if not isinstance(name, str):
+        return "is no text"
+    if not name:
+        return "is empty"
+    if "/" in name or "\\" in name:
+        return "holds a separator"
+    if not name.isprintable():  # nor can lone surrogates be, which no file system takes
+        return "holds a control character"
+    if name[0] in ". " or name[-1] == " ":
+        return "begins with a dot or a space, or ends with a space"
+    if len(name.encode()) > max_bytes:
+        return f"has more than {max_bytes} bytes"
+    return None
+
+
+def _is_drive(part: str) -> bool:
+    """Return whether a part is a disk's letter, such as C:."""
+    return len(part) > 1 and part[1] == ":" and part[0].isalpha()

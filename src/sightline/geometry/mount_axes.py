@@ -1,0 +1,57 @@
+"""Clouds of other axis conventions than x forward, y left, z up, recognised by their road.
+
+Without PyTorch.
+"""
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from sightline.geometry.mount import mount_doubt
+from sightline.geometry.road_height import upright_turn
+
+_NAMES = ("x", "y", "z")
+
+
+def axes_doubt(
+    points: Float[np.ndarray, "num_points fields"], camera_from_lidar: Float64[np.ndarray, "4 4"]
+) -> tuple[str, str] | None:
+    """Fault of a cloud whose z axis does not point up, and what to convert: it alone, or both.
+
+    Mirrored clouds (y right with z up) look like any other, and are not recognised.
+
+    Args:
+        points: x, y, z first [m].
+        camera_from_lidar: As it is given for them.
+
+    Returns:
+        The problem, as the rest of a sentence, and the remedy; None where the road lies below, or
+        none is seen.
+    """
+    turn = upright_turn(points)
+    if turn is None:
+        return None
+    up = _axis(turn[2])
+    problem = (
+        f"has its road in the direction {_axis(-turn[2])}, so that {up} points up: expected x "
+        "forward, y left, z up"
+    )
+    converted = f"points x, y, z become {', '.join(map(_axis, turn))}"
+    rigid = np.eye(4)
+    rigid[:3, :3] = turn
+    is_of_cloud = mount_doubt(camera_from_lidar @ rigid.T) is None
+    if not is_of_cloud and mount_doubt(camera_from_lidar) is None:
+        return problem, (
+            f"convert the points alone ({converted}): camera_from_lidar is for z up already"
+        )
+    rows = np.round(rigid.T).astype(int).tolist()
+    return problem, (
+        f"convert both, points and camera_from_lidar: {converted}, and camera_from_lidar is "
+        f"multiplied by the inverse, camera_from_lidar @ {rows}; one alone would turn the scene "
+        "over"
+    )
+
+
+def _axis(row: Float64[np.ndarray, "3"]) -> str:
+    """The axis that a row of a rotation of axes takes, with its sign."""
+    place = int(np.abs(row).argmax())
+    return f"{'-' if row[place] < 0 else ''}{_NAMES[place]}"

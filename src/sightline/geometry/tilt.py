@@ -1,0 +1,87 @@
+"""A LiDAR's tilt against the road, and the level frame that detectors work in. Without PyTorch."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.geometry.mount import turn_ahead
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tilt:
+    """Roll and pitch of a LiDAR against the road: the first two of a URDF's roll, pitch, yaw.
+
+    The level LiDAR rolls about x, then pitches about y: a positive pitch lowers its front (x), a
+    positive roll its right side.
+
+    Examples:
+        >>> from sightline.geometry.tilt import Tilt
+        >>> nose_down = Tilt(roll_deg=0.0, pitch_deg=12.0)
+        >>> nose_down.level_from_lidar[:3, 0].round(2).tolist()  # where x points
+        [0.98, 0.0, -0.21]
+    """
+
+    roll_deg: float
+    pitch_deg: float
+
+    @classmethod
+    def of_up(cls, up: Float64[np.ndarray, "3"]) -> "Tilt":
+        """The tilt of a LiDAR in whose frame the vector `up`, of any length, points up."""
+        x, y, z = (up / np.linalg.norm(up)).tolist()
+        return cls(
+            roll_deg=math.degrees(math.atan2(y, z)),
+            pitch_deg=math.degrees(math.asin(min(max(-x, -1.0), 1.0))),
+        )
+
+    @property
+    def level_from_lidar(self) -> Float64[np.ndarray, "4 4"]:
+        """The rotation into a level frame whose x axis lies right above or below the LiDAR's."""
+        roll, pitch = math.radians(self.roll_deg), math.radians(self.pitch_deg)
+        rolled, pitched = np.eye(4), np.eye(4)
+        cos, sin = math.cos(roll), math.sin(roll)
+        rolled[1:3, 1:3] = [[cos, -sin], [sin, cos]]
+        cos, sin = math.cos(pitch), math.sin(pitch)
+        pitched[:3, :3] = [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]
+        return pitched @ rolled
+
+    @property
+    def up(self) -> Float64[np.ndarray, "3"]:
+        """The unit vector that points up, in the LiDAR's frame."""
+        vertical: Float64[np.ndarray, "3"] = self.level_from_lidar[2, :3]
+        return vertical
+
+    @property
+    def angle_deg(self) -> float:
+        """Between the LiDAR's z axis and up."""
+        return math.degrees(math.acos(min(max(float(self.up[2]), -1.0), 1.0)))
+
+    def __str__(self) -> str:
+        """Both angles in words."""
+        nose = "down" if self.pitch_deg > 0 else "up"
+        side = "right" if self.roll_deg > 0 else "left"
+        return (
+            f"{abs(self.pitch_deg):.1f} degrees nose {nose} (pitch) and {abs(self.roll_deg):.1f} "
+            f"degrees to the {side} (roll)"
+        )
+
+
+def level_ahead(
+    camera_from_lidar: Float64[np.ndarray, "4 4"], tilt: Tilt | None
+) -> Float64[np.ndarray, "4 4"] | None:
+    """level_from_lidar: the rotation into the frame that detectors expect, z up, x along the view.
+
+    Args:
+        camera_from_lidar: Of the LiDAR as it is mounted.
+        tilt: Of the LiDAR. None: it is level.
+
+    Returns:
+        None where the LiDAR's own frame will do: see `turn_ahead`.
+    """
+    level_from_lidar = np.eye(4) if tilt is None else tilt.level_from_lidar
+    ahead_from_level, angle_deg = turn_ahead(camera_from_lidar @ level_from_lidar.T)
+    if tilt is None and not angle_deg:
+        return None
+    rigid: Float64[np.ndarray, "4 4"] = ahead_from_level @ level_from_lidar
+    return rigid

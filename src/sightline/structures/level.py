@@ -1,0 +1,84 @@
+"""Samples and boxes of LiDARs that are tilted or turned, in the level frame of detectors.
+
+A sample and all that is found in it are in the LiDAR's own frame. `level_from_lidar` of the sample
+leads to the level one: x along the camera's view, z up.
+"""
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.transforms import rigid_inverse, transform_points
+from sightline.structures.labels import ObjectLabels
+from sightline.structures.predictions import Detections3D, Perception
+from sightline.structures.sample import CameraLidarSample
+
+
+def level_sample(sample: CameraLidarSample) -> CameraLidarSample:
+    """The sample in its level frame; the sample itself where the LiDAR's own frame is level."""
+    level_from_lidar = sample.level_from_lidar
+    if level_from_lidar is None:
+        return sample
+    lidar_from_level = rigid_inverse(level_from_lidar)
+    points, objects, pose = sample.points, sample.objects, sample.world_from_lidar
+    if points is not None:
+        places = transform_points(level_from_lidar, points[:, :3])
+        points = torch.cat((places, points[:, 3:]), dim=1)
+    if objects is not None:
+        levelled = objects.boxes3d.to_level(level_from_lidar)
+        objects = replace(objects, boxes3d=levelled.where(objects.has_box3d, objects.boxes3d))
+    return replace(
+        sample,
+        points=points,
+        objects=objects,
+        calibration=level_calibration(sample.calibration, level_from_lidar),
+        world_from_lidar=None if pose is None else pose @ lidar_from_level,
+        level_from_lidar=None,
+    )
+
+
+def level_calibration(
+    calibration: Calibration, level_from_lidar: Float64[Tensor, "4 4"] | None
+) -> Calibration:
+    """The calibration of a LiDAR whose frame is the level one."""
+    if level_from_lidar is None:
+        return calibration
+    return Calibration(
+        image_from_camera=calibration.image_from_camera,
+        camera_from_lidar=calibration.camera_from_lidar @ rigid_inverse(level_from_lidar),
+    )
+
+
+def level_detections(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
+    """Detections in a sample, from the LiDAR's own frame to the level one."""
+    if sample.level_from_lidar is None:
+        return found
+    return replace(found, boxes=found.boxes.to_level(sample.level_from_lidar))
+
+
+def mounted_detections(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
+    """Detections in a sample, from its level frame to the LiDAR's own."""
+    if sample.level_from_lidar is None:
+        return found
+    return replace(found, boxes=found.boxes.from_level(sample.level_from_lidar))
+
+
+def mounted_labels(
+    objects: ObjectLabels, level_from_lidar: Float64[Tensor, "4 4"] | None
+) -> ObjectLabels:
+    """Labels of the level frame in the LiDAR's own."""
+    if level_from_lidar is None:
+        return objects
+    mounted = objects.boxes3d.from_level(level_from_lidar)
+    return replace(objects, boxes3d=mounted.where(objects.has_box3d, objects.boxes3d))
+
+
+def level_view(sample: CameraLidarSample, told: Perception) -> tuple[CameraLidarSample, Perception]:
+    """A sample and what is known of it in the level frame, to be drawn."""
+    found = told.detections3d
+    if found is not None:
+        told = replace(told, detections3d=level_detections(found, sample))
+    return level_sample(sample), told

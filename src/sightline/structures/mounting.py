@@ -1,0 +1,93 @@
+"""How the LiDAR of a sweep is mounted, by its user and by the road in its points."""
+
+import warnings
+from collections.abc import Sequence
+from typing import SupportsFloat
+
+from jaxtyping import Float32
+from torch import Tensor
+
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.mount_axes import axes_doubt
+from sightline.geometry.road_height import (
+    MAX_LIDAR_HEIGHT_M,
+    MAX_TILT_DEG,
+    MIN_LIDAR_HEIGHT_M,
+    LidarPose,
+    lidar_pose,
+)
+from sightline.geometry.tilt import Tilt
+from sightline.structures.arrays import plain_number
+
+
+def plain_height(lidar_height_m: SupportsFloat) -> float:
+    """A LiDAR's height [m] above the road, of any type of number.
+
+    Raises:
+        ValueError: It is none, or no LiDAR sits so high.
+    """
+    height_m = plain_number("lidar_height_m", lidar_height_m)
+    if not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M:
+        raise ValueError(
+            f"lidar_height_m is {height_m:g}, expected {MIN_LIDAR_HEIGHT_M:g} to "
+            f"{MAX_LIDAR_HEIGHT_M:g}; give the LiDAR's height above the road in metres"
+        )
+    return height_m
+
+
+def plain_tilt(lidar_tilt_deg: Sequence[SupportsFloat]) -> Tilt:
+    """A LiDAR's roll and pitch [degrees] against the road, of any type of numbers.
+
+    Raises:
+        ValueError: They are not two numbers, or no LiDAR is tilted so far.
+    """
+    try:
+        angles = [plain_number("lidar_tilt_deg", angle) for angle in lidar_tilt_deg]
+    except TypeError:
+        angles = []
+    if len(angles) != 2 or not all(abs(angle) <= MAX_TILT_DEG for angle in angles):
+        said = " ".join(str(lidar_tilt_deg).split())[:60]
+        raise ValueError(
+            f"lidar_tilt_deg is {said}, expected roll and pitch, each from {-MAX_TILT_DEG:g} to "
+            f"{MAX_TILT_DEG:g}; give two angles in degrees"
+        )
+    return Tilt(roll_deg=angles[0], pitch_deg=angles[1])
+
+
+def pose_of_sweep(
+    sweep: Float32[Tensor, "num_points 4"], height_m: float | None, tilt: Tilt | None
+) -> LidarPose:
+    """Height and tilt of a sweep's LiDAR: what is given, the rest by the road in its points.
+
+    Warns where a tilt is found, and where a height has to be assumed.
+    """
+    if height_m is not None and tilt is not None:
+        return LidarPose(height_m=height_m, tilt=tilt)
+    pose = lidar_pose([sweep.numpy()], tilt)
+    if tilt is None and pose.tilt is not None:
+        warnings.warn(
+            f"by the road in its points the LiDAR is tilted, {pose.tilt}: detectors see the cloud "
+            "levelled, and answers stay in the LiDAR's own frame; give lidar_tilt_deg=(roll, "
+            "pitch), (0, 0) where it is level",
+            stacklevel=3,
+        )
+    if height_m is not None:
+        return LidarPose(height_m=height_m, tilt=pose.tilt)
+    if pose.height_m is None and len(sweep):
+        warnings.warn(
+            f"too little of the road is seen in the {len(sweep)} points to find the LiDAR's height "
+            f"above it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m",
+            stacklevel=3,
+        )
+    return pose
+
+
+def warn_of_axes(sweep: Float32[Tensor, "num_points 4"], calibration: Calibration) -> bool:
+    """Warns of a sweep whose z axis does not point up, with what to convert; whether it does so."""
+    doubt = axes_doubt(sweep.numpy(), calibration.camera_from_lidar.numpy())
+    if doubt is None:
+        return False
+    problem, remedy = doubt
+    warnings.warn(f"the cloud {problem}; {remedy}", stacklevel=3)
+    return True
