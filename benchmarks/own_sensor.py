@@ -33,7 +33,7 @@ from sightline.evaluation.held_out_frame import dense_truth_in_reach
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import Metric
 from sightline.export.names import EngineName
-from sightline.perception.perceive import LINES_NAME, perceive
+from sightline.perception.perceive import TIMINGS_NAME, perceive
 from sightline.perception.perceiver import Perceiver
 from sightline.simulation.settings import KITTI_FOCAL_PX
 
@@ -177,10 +177,9 @@ def score_depth(recording: Path, answers: Path) -> DepthScore:
 
 
 def _median_ms(answers: Path) -> dict[str, float]:
-    tasks = [json.loads(line)["tasks"] for line in (answers / LINES_NAME).read_text().splitlines()]
-    return {
-        name: statistics.median(each[name]["milliseconds"] for each in tasks) for name in tasks[0]
-    }
+    lines = (answers / TIMINGS_NAME).read_text().splitlines()
+    times = [json.loads(line)["milliseconds"] for line in lines]
+    return {name: statistics.median(each[name] for each in times) for name in times[0]}
 
 
 def _table(results: Sequence[RigScores]) -> Iterator[str]:

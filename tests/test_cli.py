@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from sightline.cli import main as cli
+from sightline.data.problem import memory_fault
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.training import command
 from tests.depth_completion.networks import write_tiny_weights
@@ -271,6 +272,7 @@ def test_help_lists_the_training_commands(capsys):
     ("error", "status", "said"),
     [
         (ValueError("no such\nrecipe"), 2, "sightline: no such recipe\n"),
+        (RuntimeError("std::bad_alloc"), 2, f"sightline: {memory_fault(MemoryError())}\n"),
         (KeyboardInterrupt("interrupted; add --x"), 130, "sightline: interrupted; add --x\n"),
         (
             KeyboardInterrupt(),

@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from io import TextIOWrapper
 
 
 def run() -> int:
@@ -10,13 +11,15 @@ def run() -> int:
     Ctrl-C, or SIGTERM to a training, ends it in one line while it is being imported, too.
     """
     try:
-        from sightline.cli.interrupts import postpone_interrupts_while_importing
+        from sightline.cli.interrupts import keep_interrupts
 
-        postpone_interrupts_while_importing(sys.argv[1:])
+        keep_interrupts(sys.argv[1:])
         from sightline.cli.main import main
-        from sightline.cli.parser import format_warning
+        from sightline.cli.output import format_warning
 
         warnings.formatwarning = format_warning
+        if isinstance(sys.stdout, TextIOWrapper):  # a name need not fit the terminal's encoding
+            sys.stdout.reconfigure(errors="backslashreplace")
         return main()
     except KeyboardInterrupt as error:
         print("sightline: interrupted", file=sys.stderr)

@@ -11,8 +11,8 @@ print("imported")
 """
 _PROGRAM = """
 import sys, time
-from sightline.cli.interrupts import postpone_interrupts_while_importing
-postpone_interrupts_while_importing(sys.argv[1:])
+from sightline.cli.interrupts import keep_interrupts
+keep_interrupts(sys.argv[1:])
 try:
     import imported
     time.sleep(60)
@@ -44,3 +44,34 @@ def test_sigterm_to_another_command_is_left_to_the_system():
     script = _PROGRAM.replace("import imported", "import signal; signal.raise_signal(15)")
     done = run(script, "predict")
     assert (done.returncode, done.stdout) == (-signal.SIGTERM, "")
+
+
+@pytest.mark.parametrize("hook", ["before", "after_in_parent"])
+def test_ctrl_c_in_a_hook_of_fork_ends_the_program_a_moment_later(hook):
+    script = f"""
+import os, signal, subprocess, sys, time
+from sightline.cli.interrupts import keep_interrupts
+keep_interrupts(["predict"])
+os.register_at_fork({hook}=lambda: signal.raise_signal(signal.SIGINT))
+try:
+    if os.fork() == 0:
+        os._exit(0)
+    time.sleep(60)
+    print("not interrupted")
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    done = run(script)
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
+def test_what_else_python_drops_is_reported_as_before():
+    script = """
+from sightline.cli.interrupts import keep_interrupts
+keep_interrupts([])
+class Broken:
+    def __del__(self):
+        raise ZeroDivisionError("by chance")
+Broken()
+"""
+    assert "by chance" in run(script).stderr

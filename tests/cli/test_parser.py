@@ -1,8 +1,9 @@
+from pathlib import Path
+
 import jsonargparse
 import pytest
 
-from sightline.cli.main import main
-from sightline.cli.parser import OneLineParser, fail, format_warning
+from sightline.cli.parser import OneLineParser
 
 _seen = []
 
@@ -17,6 +18,10 @@ def framed(*, image_size: tuple[int, int] | None = None):
 
 def chosen(*, cases: tuple[str, ...] | None = None):
     _seen.append(cases)
+
+
+def placed(data: Path, *, out: Path | None = None):
+    _seen.append((data, out))
 
 
 def run(function, *arguments):
@@ -73,15 +78,6 @@ def test_what_are_no_numbers_is_refused_in_one_line_that_says_how(capsys, words,
     assert "argument --image-size: expected 2 numbers, got 3" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [["check"], ["predict", "detection2d"]])
-def test_a_name_of_another_encoding_is_called_so(capsys, command):
-    assert main([*command, "d\udce9p\udcf4t/KITTI", "out"][: len(command) + 2]) == 2
-    told = capsys.readouterr().err
-    assert "the name d\\udce9p\\udcf4t/KITTI is not UTF-8" in told
-    assert told.count("\n") == 1
-
-
-def test_messages_reach_the_terminal_without_control_characters(capsys):
-    fail("bad \x1b[2Jname\nno problems", 2)
-    assert capsys.readouterr().err == "sightline: bad \\x1b[2Jname no problems\n"
-    assert format_warning("bad \x1b[2Jname", UserWarning, "", 0).strip().isprintable()
+@pytest.mark.parametrize("name", ["donn\udce9es/KITTI", "a\x1b[2J", "a\nb", "été"])
+def test_a_path_is_taken_whatever_bytes_its_name_has(name):
+    assert run(placed, name, "--out", name) == (Path(name), Path(name))

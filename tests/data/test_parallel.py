@@ -9,7 +9,8 @@ import pytest
 import torch
 from threadpoolctl import threadpool_info
 
-from sightline.data.parallel import run_pieces
+from sightline.data import parallel
+from sightline.data.parallel import holding_signals, run_pieces
 
 
 def later_first(position: int) -> str:
@@ -36,6 +37,25 @@ def who_and_with_how_many_threads(position: int) -> str:  # noqa: ARG001
 
 def blas_threads() -> int:
     return max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+
+class PanicError(BaseException):
+    """As compiled libraries raise it."""
+
+
+def one_piece_panics(position: int) -> str:
+    if position == 1:
+        raise PanicError("overflow in a library")
+    return ""
+
+
+def hangs(position: int) -> str:
+    time.sleep(60)
+    return f"{position}"
+
+
+def hundred_megabytes(position: int) -> str:
+    return str(position) * 100_000_000
 
 
 def ends_soon(position: int) -> str:  # noqa: ARG001
@@ -92,7 +112,7 @@ def test_a_job_that_is_not_finished_leaves_no_process():
 @pytest.mark.parametrize(("ending", "to_all"), [(signal.SIGINT, True), (signal.SIGKILL, False)])
 def test_workers_end_with_the_program_and_say_nothing(ending: signal.Signals, to_all: bool):
     program = (
-        "from sightline.data.parallel import run_pieces\n"
+        "from sightline.data.parallel import holding_signals, run_pieces\n"
         "from tests.data.test_parallel import ends_soon\n"
         "try:\n"
         "    list(run_pieces(ends_soon, 2, 2))\n"
@@ -110,3 +130,69 @@ def test_workers_end_with_the_program_and_say_nothing(ending: signal.Signals, to
             process.send_signal(ending)
         # The pipe ends when the last of the workers has.
         assert process.communicate(timeout=60)[1] == b""
+
+
+def test_what_is_no_exception_of_pythons_own_comes_back_with_its_traceback():
+    with pytest.raises(RuntimeError, match=r"piece 1 (.|\n)*overflow in a library"):
+        list(run_pieces(one_piece_panics, 4, 2))
+
+
+def test_a_result_of_any_length_comes_back():
+    assert [len(result) for result in run_pieces(hundred_megabytes, 2, 2)] == [100_000_000] * 2
+
+
+def test_workers_that_hang_end_the_job_with_an_error_that_names_the_pieces(monkeypatch):
+    monkeypatch.setattr(parallel, "_LONGEST_PIECE_S", 0.2)
+    monkeypatch.setattr(parallel, "_LOOK_EVERY_S", 0.1)
+    monkeypatch.setattr(parallel, "_PATIENCE_S", 0.1)
+    with pytest.raises(ChildProcessError, match=r"no worker .*at pieces 0, 1\); use 1 worker"):
+        list(run_pieces(hangs, 4, 2))
+
+
+def test_workers_that_cannot_be_started_end_the_job_with_an_error(monkeypatch):
+    def refuse(*_, **__):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(parallel.multiprocessing, "Process", refuse)
+    with pytest.raises(ChildProcessError, match=r"cannot be started: resource .*use fewer workers"):
+        list(run_pieces(later_first, 4, 2))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_held_until_the_block_ends_whoever_handles_it(number):
+    came = []
+    previous = signal.signal(number, lambda number, _: came.append(number))
+    try:
+        with holding_signals():
+            signal.raise_signal(number)
+            assert came == []
+        assert came == [number]
+    finally:
+        signal.signal(number, previous)
+
+
+def test_ctrl_c_ends_a_job_at_whichever_of_twenty_moments_of_its_start_it_comes():
+    def calls_until_the_first_result(struck: int | None) -> int:
+        """Strikes Ctrl-C at a call of a function, counted over the job's start."""
+        count = 0
+
+        def strike(*_):
+            nonlocal count
+            count += 1
+            if count == struck and os.getpid() == process:
+                sys.setprofile(None)
+                signal.raise_signal(signal.SIGINT)
+
+        pieces, process = run_pieces(later_first, 4, 2), os.getpid()
+        sys.setprofile(strike)
+        try:
+            next(pieces)
+        finally:
+            sys.setprofile(None)
+            pieces.close()
+        return count
+
+    total = calls_until_the_first_result(None)
+    for moment in range(20):
+        with pytest.raises(KeyboardInterrupt):
+            calls_until_the_first_result(1 + moment * (total // 2) // 20)

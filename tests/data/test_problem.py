@@ -1,7 +1,9 @@
 import pickle
 from pathlib import Path
 
-from sightline.data.problem import FileError, Problem
+import pytest
+
+from sightline.data.problem import FileError, Problem, escaped, memory_fault, plain_line
 
 
 def test_an_error_of_a_file_holds_path_problem_and_remedy_and_reads_as_one_line():
@@ -24,3 +26,26 @@ def test_names_out_of_data_cannot_write_to_the_terminal():
     error = FileError("a\x1b[31mb\udce9.bin", "is 'x\x1b]0;y\x07'\nno problems", "rename it")
     assert str(error).isprintable()
     assert "\\x1b[31mb\\udce9.bin" in str(error)
+
+
+def test_a_line_for_people_holds_nothing_that_steers_a_screen():
+    assert plain_line("a\n b\t\x1b[2J \u202e\udce9 é") == r"a b \x1b[2J \u202e\udce9 é"
+    assert escaped("  a\nb") == r"  a\nb"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried"),
+        RuntimeError("std::bad_alloc"),
+        ImportError("libtorch.so: failed to map segment from shared object"),
+        RuntimeError("(-4:Insufficient memory) Failed to allocate 99 bytes"),
+    ],
+)
+def test_want_of_memory_is_known_by_whichever_error_a_library_raises(error):
+    assert "memory ran out; use fewer workers" in memory_fault(error)
+
+
+def test_other_errors_are_no_want_of_memory():
+    assert memory_fault(RuntimeError("shapes do not match")) is None

@@ -1,5 +1,10 @@
+import os
+import threading
+
 import pytest
 
+from sightline.data import plain_file, plain_text
+from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
 
 
@@ -36,3 +41,34 @@ def test_an_empty_list_and_a_frame_named_twice_are_refused_by_name(tmp_path):
     path.write_text("0\n1\n2\n1\n")
     with pytest.raises(ValueError, match=r"mine\.txt names frame '1' twice"):
         read_sample_list(path, tmp_path)
+
+
+def test_a_list_may_come_through_a_pipe():
+    source, sink = os.pipe()
+    with os.fdopen(source, "rb"), os.fdopen(sink, "wb") as file:
+        file.write(b"000003\n000001\n")
+        file.flush()
+        reader = threading.Timer(0.1, file.close)
+        reader.start()
+        assert read_sample_list(f"/dev/fd/{source}", "elsewhere") == ("000003", "000001")
+        reader.join()
+
+
+def test_a_pipe_that_nobody_writes_to_is_not_waited_for_without_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(plain_file, "_PATIENCE_S", 0.01)
+    os.mkfifo(tmp_path / "names")
+    with pytest.raises(FileError, match=r"names: gives nothing for 0\.01 s; name a file"):
+        read_sample_list(tmp_path / "names", tmp_path)
+
+
+def test_a_pipe_that_gives_nothing_or_no_end_is_refused(monkeypatch):
+    source, sink = os.pipe()
+    with os.fdopen(source, "rb"), os.fdopen(sink, "wb") as file:
+        monkeypatch.setattr(plain_file, "_PATIENCE_S", 0.01)
+        with pytest.raises(FileError, match=r"gives nothing for 0\.01 s; name a file"):
+            read_sample_list(f"/dev/fd/{source}", "elsewhere")
+        monkeypatch.setattr(plain_text, "_MAX_BYTES", 10)
+        file.write(b"000001\n" * 3)
+        file.flush()
+        with pytest.raises(FileError, match="holds more than 10 bytes"):
+            read_sample_list(f"/dev/fd/{source}", "elsewhere")

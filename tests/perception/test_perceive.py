@@ -5,7 +5,6 @@ import json
 import pytest
 import torch
 
-from sightline.data.image_file import read_rgb
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.inference.predict import predict
 from sightline.perception import perceive as perceive_module
@@ -34,13 +33,10 @@ def lines_of(out):
     return {line["frame"]: line for line in map(json.loads, lines)}
 
 
-def without_times(out):
-    """All files of the results by folder, and the lines but for what differs from run to run."""
-    lines = lines_of(out)
-    for line in lines.values():
-        for task in line["tasks"].values():
-            task.pop("milliseconds", None)
-    return {name: contents_of(out / name) for name in FOLDERS}, lines
+def results_of(out):
+    """All files of the results by folder, and the lines, to the byte."""
+    folders = {name: contents_of(out / name) for name in FOLDERS}
+    return folders, (out / "perception.jsonl").read_bytes()
 
 
 def test_its_files_are_those_that_predict_writes_manifest_and_all(data, out, tmp_path):
@@ -87,8 +83,10 @@ def test_a_line_says_what_was_found(data, out):
     perceive(data, out, perceiver=perceiver())
     line = lines_of(out)["000002"]
     depth = line.pop("depth")
-    times = [task.pop("milliseconds") for task in line["tasks"].values()]
-    assert all(time >= 0 for time in times)
+    timed = [json.loads(each) for each in (out / "timings.jsonl").read_text().splitlines()]
+    assert [each["frame"] for each in timed] == ["000000", "000001", "000002", "000003"]
+    assert timed[2]["milliseconds"].keys() == {"depth-completion", "detection2d"}
+    assert all(time >= 0 for each in timed for time in each["milliseconds"].values())
     assert line == {
         "frame": "000002",
         "timestamp_s": None,
@@ -134,13 +132,13 @@ def test_a_job_that_is_stopped_goes_on_where_it_was(data, out, tmp_path):
     done = perceive(data, out, perceiver=perceiver())
     assert (done.written, done.skipped) == (2, 2)
     perceive(data, tmp_path / "whole", perceiver=perceiver())
-    assert without_times(out) == without_times(tmp_path / "whole")
+    assert results_of(out) == results_of(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("lost", ["lines/000001.json", "detection2d/000001.txt"])
 def test_what_is_lost_or_damaged_is_made_anew(data, out, lost):
     perceive(data, out, perceiver=perceiver())
-    before = without_times(out)
+    before = results_of(out)
     if lost.endswith(".json"):
         whole = (out / lost).read_text()
         (out / lost).write_text(whole[: len(whole) // 2])
@@ -148,8 +146,17 @@ def test_what_is_lost_or_damaged_is_made_anew(data, out, lost):
         (out / lost).unlink()
     done = perceive(data, out, perceiver=perceiver())
     assert (done.written, done.skipped) == (1, 3)
-    assert without_times(out) == before
+    assert results_of(out) == before
     assert perceive(data, out, perceiver=perceiver(), overwrite=True).written == 4
+
+
+@pytest.mark.parametrize("forged", ["1", "[]", '{"tasks": 1}', '{"tasks": {"detection2d": 1}}'])
+def test_a_line_that_is_none_of_ours_is_made_anew(data, out, forged):
+    perceive(data, out, perceiver=perceiver())
+    before = results_of(out)
+    (out / "lines" / "000001.json").write_text(forged)
+    assert perceive(data, out, perceiver=perceiver()).written == 1
+    assert results_of(out) == before
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
@@ -175,7 +182,7 @@ def test_workers_and_shards_change_nothing(data, out, tmp_path):
         for i in (0, 1, 2)
     ]
     assert [part.written for part in parts] == [2, 1, 1]
-    assert without_times(out) == without_times(tmp_path / "parts")
+    assert results_of(out) == results_of(tmp_path / "parts")
 
 
 def test_frames_of_an_earlier_list_stay_in_the_lines(data, out):
@@ -293,4 +300,3 @@ def test_the_answers_of_a_blank_frame_are_lines_without_depths(data, out):
         "farthest_m": None,
         "median_expected_error_m": None,
     }
-    assert not read_rgb(data / "training" / "image_2" / "000000.png").any()

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import re
 from html.parser import HTMLParser
 
@@ -17,6 +18,7 @@ from sightline.robustness.charts import heat_color, kept_share, nice_top
 from sightline.robustness.compare import compare_runs
 from sightline.robustness.record import read_record
 from sightline.robustness.report import RobustnessReport
+from sightline.robustness.texts import TextTable
 from tests.robustness.runs import AP, RMSE, record_of
 
 TABLE = {"camera_fog": {1: 70.0, 3: 40.0}, "lidar_rain": {2: 77.0}}
@@ -193,3 +195,34 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
             status = exit_.code
         assert status == 2
         assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"figures": []},
+        {"frames": -1},
+        {"seed": 10**400},
+        {"method": ["a", "list"]},
+        {"cases": {}},
+        {"scores": {"clean": {"ap": math.inf}}},
+        {"scores": {"clean": {"ap": 1e308}}},
+    ],
+)
+def test_a_forged_record_is_refused_in_one_line(tmp_path, change):
+    content = record_of(AP, 50.0, {}).to_json() | change
+    (tmp_path / "robustness.json").write_text(json.dumps(content))
+    with pytest.raises(
+        FileError, match=r"robustness\.json: is no record of a robustness run"
+    ) as it:
+        read_record(tmp_path / "robustness.json")
+    assert str(it.value).isprintable()
+
+
+def test_text_of_a_record_holds_nothing_that_steers_a_screen_or_a_page(tmp_path):
+    content = record_of(AP, 50.0, {}).to_json() | {"method": "a\x1b[2J\n| <script>"}
+    (tmp_path / "robustness.json").write_text(json.dumps(content))
+    record = read_record(tmp_path / "robustness.json")
+    assert record.method == r"a\x1b[2J | <script>"
+    table = TextTable(title="", header=("method",), rows=((record.method,),))
+    assert r"| a\x1b[2J \| &lt;script> |" in table.markdown()

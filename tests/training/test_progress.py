@@ -17,7 +17,7 @@ def clock(monkeypatch):
 
 
 def test_lines_tell_rate_and_time_left_now_and_again(clock, capsys):
-    lines = progress._Lines()
+    lines = progress.ProgressLines()
     for done in range(101):
         clock.s = 0.5 * done
         lines.show("training", done, 200, f"loss {done}")
@@ -29,7 +29,7 @@ def test_lines_tell_rate_and_time_left_now_and_again(clock, capsys):
 
 
 def test_a_resumed_run_counts_its_rate_from_where_it_went_on(clock, capsys):
-    lines = progress._Lines()
+    lines = progress.ProgressLines()
     lines.show("training", 90, 100)
     clock.s = 10.0
     lines.show("training", 95, 100)
@@ -37,7 +37,7 @@ def test_a_resumed_run_counts_its_rate_from_where_it_went_on(clock, capsys):
 
 
 def test_a_job_that_comes_again_begins_anew_and_an_endless_one_has_no_end(clock, capsys):
-    lines = progress._Lines()
+    lines = progress.ProgressLines()
     lines.show("validation", 0, 3)
     lines.end("validation")
     lines.show("validation", 0, None)

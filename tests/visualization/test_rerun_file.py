@@ -1,5 +1,6 @@
 """Files of the Rerun viewer, opened by its own reader."""
 
+import errno
 from dataclasses import replace
 
 import numpy as np
@@ -132,3 +133,29 @@ def test_without_the_library_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(rerun_file, "import_module", missing)
     with pytest.raises(ValueError, match=r'pip install "sightline\[viz\]"'):
         write_rerun(tmp_path / "scene.rrd", [])
+
+
+def test_a_full_disk_is_named_at_once_and_leaves_nothing(sample, tmp_path, monkeypatch):
+    pytest.importorskip("rerun")
+
+    def fail(source, file):
+        file.write(source.read(1000))
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(rerun_file.shutil, "copyfileobj", fail)
+    frames = [(sample, Perception())] * 3
+    with pytest.raises(ValueError, match=r"scene\.rrd cannot be written: no space left on device"):
+        write_rerun(tmp_path / "scene.rrd", frames)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_of_a_frame_leaves_nothing(sample, tmp_path):
+    pytest.importorskip("rerun")
+
+    def frames():
+        yield sample, Perception()
+        raise ValueError("frame 2 is damaged")
+
+    with pytest.raises(ValueError, match="frame 2 is damaged"):
+        write_rerun(tmp_path / "scene.rrd", frames())
+    assert not list(tmp_path.iterdir())

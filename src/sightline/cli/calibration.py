@@ -3,7 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from sightline.cli.output import say
 from sightline.cli.report import check_places, check_writable_folder, deliver
+from sightline.data.jobs import check_outputs
 
 if TYPE_CHECKING:
     from sightline.evaluation.calibration_report import CalibrationReport
@@ -53,9 +55,12 @@ def evaluate_calibration(
         picture: PNG for the reliability diagrams.
         json: File for the whole report.
     """
-    folders = (results, labels, *(each for each in (fit_results, fit_labels) if each is not None))
-    check_places({"--json": json}, scored=folders)
-    check_places({"--json": json, "--picture": picture}, scored=())  # may be drawn anew beside them
+    check_outputs({"--out": out}, data=(labels, fit_labels), results=(results, fit_results))
+    check_places(
+        {"--json": json, "--picture": picture},
+        data=(labels, fit_labels),
+        results=(results, fit_results),
+    )
     check_writable_folder(out)
     if out is not None and (fit_results is None or calibrator == "all"):
         raise ValueError("--out needs --fit-results and one --calibrator, whose scores are written")
@@ -95,7 +100,7 @@ def evaluate_calibration(
         progress=True,
     )
     if out is not None and calibrator != "all":
-        print(f"{out}: {write_calibrated(measured, out, report, calibrator)} files")
+        say(f"{out}: {write_calibrated(measured, out, report, calibrator)} files")
     if picture is not None:
         _write_picture(picture, report)
     deliver(report, json)
@@ -116,4 +121,4 @@ def _write_picture(path: Path, report: "CalibrationReport") -> None:
     if not rows:
         raise ValueError("the results hold nothing to draw: leave --picture out")
     write_rgb(path, draw_reliability_sheet(rows))
-    print(path)
+    say(path)

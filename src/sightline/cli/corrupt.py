@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from sightline.cli.output import say
 from sightline.data.object_tree import Velodyne
 
 
@@ -56,4 +57,4 @@ def corrupt(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    print(f"{out}: frames of suite {suite}: {result}")
+    say(f"{out}: frames of suite {suite}: {result}")

@@ -1,8 +1,8 @@
 """What the commands that run networks tell of the engine."""
 
 import os
-import sys
 
+from sightline.cli.output import warn
 from sightline.export.choice import VARIABLE, has_openvino
 from sightline.export.names import EngineChoice
 
@@ -20,4 +20,4 @@ def tell_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
     hint = "--engine torch for PyTorch" if taken != "torch" else ""
     if taken == "torch" and not has_openvino():
         hint = 'for openvino, mostly two to three times as fast: pip install "sightline[export]"'
-    print(f"sightline: engine {taken}{f' ({hint})' if hint else ''}", file=sys.stderr)
+    warn(f"engine {taken}{f' ({hint})' if hint else ''}")

@@ -9,8 +9,10 @@ from typing import Literal
 
 from sightline.cli.engine import tell_engine
 from sightline.cli.object_plots import write_object_plots
+from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import check_places, check_writable, check_writable_folder, deliver
+from sightline.cli.report import check_places, check_writable_folder, deliver, weights_file
+from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineChoice
@@ -51,7 +53,8 @@ def objects_command(
             with a curve for each difficulty.
     """
     places = {"--json": json, "--csv": csv, "--markdown": markdown}
-    check_places(places, scored=(results, labels))
+    check_outputs(places | {"--plots": plots}, data=[labels], results=[results])
+    check_places(places)
     check_writable_folder(plots)
     from sightline.evaluation.kitti_object import evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
@@ -71,7 +74,7 @@ def objects_command(
     deliver(report, json)
     write_object_rows(report, csv=csv, markdown=markdown)
     if plots is not None:
-        print(f"{plots}: {write_object_plots(report, plots)} pictures")
+        say(f"{plots}: {write_object_plots(report, plots)} pictures")
 
 
 def proposals_command(
@@ -94,7 +97,7 @@ def proposals_command(
         max_proposals: Only so many of a frame, those of the highest score.
         json: File for the whole report.
     """
-    check_places({"--json": json}, scored=(results, labels))
+    check_places({"--json": json}, data=[labels], results=[results])
     from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 
     report = evaluate_proposals(
@@ -119,7 +122,7 @@ def depth_command(
         workers: Threads that read and score.
         json: File for the whole report.
     """
-    check_places({"--json": json}, scored=(predictions, truth))
+    check_places({"--json": json}, data=[truth], results=[predictions])
     from sightline.evaluation.depth import evaluate_depth
 
     deliver(evaluate_depth(predictions, truth, workers=workers), json)
@@ -158,7 +161,7 @@ def held_out_command(
             velodyne_reduced.
         json: File for the whole report.
     """
-    check_writable(json)
+    check_places({"--json": json}, data=[data, weights_file(weights)])
     from sightline.data.open import open_dataset
     from sightline.depth_completion.predictor import choose_completer
     from sightline.evaluation.held_out import evaluate_held_out
@@ -184,7 +187,7 @@ def realism_command(
             REAL.
         json: File for the whole table.
     """
-    check_writable(json)
+    check_places({"--json": json}, data=[simulated, real, labels])
     from sightline.evaluation.realism import evaluate_realism
 
     deliver(evaluate_realism(simulated, real, real_labels=labels), json)

@@ -3,7 +3,8 @@
 import warnings
 from pathlib import Path
 
-from sightline.cli.report import check_places, check_writable, deliver
+from sightline.cli.output import say
+from sightline.cli.report import check_places, deliver
 from sightline.data.object_tree import Part, Velodyne
 
 
@@ -34,7 +35,7 @@ def health(
         picture: PNG for the time line and for where sensors were bad.
         json: File for all scores, the worst checks, alarms and regions.
     """
-    check_places({"--json": json, "--picture": picture}, scored=())
+    check_places({"--json": json, "--picture": picture}, data=[data, limits])
     from sightline.data.image_file import write_rgb
     from sightline.data.open import open_dataset
     from sightline.data.progress import track
@@ -54,7 +55,7 @@ def health(
     report = HealthReport(frames=tuple(monitor(sample) for sample in shown))
     if picture is not None:
         write_rgb(picture, draw_health(report.frames))
-        print(picture)
+        say(picture)
     deliver(report, json)
     if limits is None and report.is_short_of_rings:
         warnings.warn(
@@ -95,7 +96,7 @@ def health_limits(
         transfer: Widens the limits so that they serve sensors of other makes, too, as those that
             come with Sightline.
     """
-    check_writable(out)
+    check_places({"OUT": out}, data=[data])
     from sightline.health.fitting import fit_on_dataset
     from sightline.health.limits import write_limits
 
@@ -108,4 +109,4 @@ def health_limits(
         transfer=transfer,
     )
     write_limits(out, limits)
-    print(f"{out}: limits of {limits.provenance['frames']} frames")
+    say(f"{out}: limits of {limits.provenance['frames']} frames")

@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import Literal
 
+from sightline.cli.output import say
+from sightline.data.jobs import check_outputs
+
 
 def import_command(
     source: Path,
@@ -36,6 +39,11 @@ def import_command(
         max_intensity: What stands for a reflectance of 1. Default: 1, 255 or 65535, by some
             sweeps.
     """
+    check_outputs({"OUT": out}, data=[source])
+    if calibration is not None and calibration.resolve().is_relative_to(out.resolve()):
+        raise ValueError(
+            f"--calibration {calibration} lies in {out}, whose files are written; name a copy of it"
+        )
     from sightline.data.importing.import_recording import import_recording
 
     report = import_recording(
@@ -50,4 +58,4 @@ def import_command(
         undistort=undistort,
         max_intensity=max_intensity,
     )
-    print(report)
+    say(*str(report).split("\n"))

@@ -23,16 +23,18 @@ from sightline.cli.evaluate import (
 )
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
-from sightline.cli.parser import REFUSED, OneLineParser, fail, refuse_other_encodings
+from sightline.cli.output import fail, say
+from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
-from sightline.cli.report import deliver
+from sightline.cli.report import check_places, deliver, weights_file
 from sightline.cli.reproduce import reproduce_dgfn, reproduce_shiftconv
 from sightline.cli.robustness import robustness
 from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
+from sightline.data.problem import memory_fault
 from sightline.export.names import Format
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
@@ -56,12 +58,12 @@ def check(data: Path, *, workers: int = 2) -> int:
     if not data.is_dir():
         raise ValueError(f"{data} is no folder; give the folder of a data set")
     for summary in summarize_tree(data):
-        print(summary)
+        say(summary)
     num_problems = 0
     for problem in check_tree(data, num_workers=workers):
-        print(problem)
+        say(problem)
         num_problems += 1
-    print(f"{num_problems or 'no'} problem{'' if num_problems == 1 else 's'}")
+    say(f"{num_problems or 'no'} problem{'' if num_problems == 1 else 's'}")
     return int(num_problems > 0)
 
 
@@ -83,12 +85,13 @@ def export(
     from sightline.export.write import export_graphs
     from sightline.inference.network import load_network
 
+    check_places({"OUT": out}, data=[weights_file(weights)])
     task = choose_task(None, find_weights(weights))
-    print(f"{task.name} by {weights}")
+    say(f"{task.name} by {weights}")
     reports = export_graphs(task.graphs(load_network(task, weights)), out, format)
     for path, report in reports.items():
         deliver(report, None)
-        print(path)
+        say(path)
 
 
 def submission(results: Path, out: Path, *, sample_list: str | None = None) -> None:
@@ -103,7 +106,9 @@ def submission(results: Path, out: Path, *, sample_list: str | None = None) -> N
     """
     from sightline.data.submission import write_submission
 
-    print(f"{out}: {write_submission(results, out, sample_list=sample_list)} frames")
+    check_places({"OUT": out}, results=[results])
+
+    say(f"{out}: {write_submission(results, out, sample_list=sample_list)} frames")
 
 
 def demo(out: Path = Path("demo")) -> None:
@@ -114,7 +119,7 @@ def demo(out: Path = Path("demo")) -> None:
     """
     from sightline.inference.demo import run_demo
 
-    print(run_demo(out, [find_task(name).demo for name in task_names()]))
+    say(*run_demo(out, [find_task(name).demo for name in task_names()]).split("\n"))
 
 
 _TRAINING = {
@@ -173,10 +178,13 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(how, error.exit_status if isinstance(error, Interruption) else _INTERRUPTED)
     except (ValueError, OSError) as error:
         return fail(str(error), REFUSED)
+    except Exception as error:
+        if (fault := memory_fault(error)) is None:
+            raise
+        return fail(fault, REFUSED)
 
 
 def _run(arguments: list[str]) -> int:
-    refuse_other_encodings(arguments)
     match arguments:
         case ["fit" | "validate" | "test" as training, *rest]:
             # As they are: Lightning makes the parser, of what the recipe names.

@@ -2,14 +2,13 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
 from typing import Any, Literal, NoReturn
 
 import jsonargparse
+import yaml
 
+from sightline.cli.output import fail
 from sightline.cli.refusal import plain_refusal
-from sightline.data.plain_text import shortened
-from sightline.data.problem import one_line
 
 Device = Literal["cpu", "cuda"]
 
@@ -33,6 +32,21 @@ _MAY_BE_LEFT_OUT = ("--out-folder",)
 _SEVERAL = ("frames",)
 """Arguments without dashes of which there may be several, one at least."""
 _SHORT = {"--page": "-o"}
+
+
+_load_yaml = jsonargparse.get_loader("yaml")
+
+
+def _load_value(value: str) -> Any:  # noqa: ANN401 - as YAML has it
+    """Read an argument as YAML, but for a name whose bytes are not UTF-8: that is text."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return value
+    return _load_yaml(value)
+
+
+jsonargparse.set_loader("yaml", _load_value, (yaml.YAMLError,))
 
 
 class OneLineParser(jsonargparse.ArgumentParser):
@@ -98,37 +112,3 @@ class _ValueList(argparse.Action):
             what = "names" if value_type is str else "numbers"
             raise argparse.ArgumentError(self, f"expected {count} {what}, got {len(parsed)}")
         setattr(namespace, self.dest, parsed)
-
-
-def refuse_other_encodings(arguments: Sequence[str]) -> None:
-    """Refuse arguments that are not UTF-8, as names of another encoding's file systems are.
-
-    Raises:
-        ValueError: One is not.
-    """
-    for argument in arguments:
-        try:
-            argument.encode()
-        except UnicodeEncodeError:
-            raise ValueError(
-                f"the name {shortened(argument, 200)} is not UTF-8, perhaps Latin-1; rename it, or "
-                "give a link to it of another name"
-            ) from None
-
-
-def format_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    line: str | None = None,
-) -> str:
-    """A warning as one line for whoever gave the command; as `warnings.formatwarning`."""
-    del category, filename, lineno, line
-    return f"sightline: warning: {one_line(str(message))}\n"
-
-
-def fail(message: str, status: int) -> int:
-    """Writes a message in one line to standard error; gives the exit status back."""
-    print(f"sightline: {one_line(message)}", file=sys.stderr)
-    return status

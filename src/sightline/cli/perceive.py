@@ -6,7 +6,9 @@ from typing import Any
 
 from sightline.cli.declared import declare
 from sightline.cli.engine import tell_engine
+from sightline.cli.output import say
 from sightline.cli.parser import Device
+from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.tasks import find_task, task_names, weights_of
@@ -98,6 +100,8 @@ def _run(
     device: Device,
     **job: Any,  # noqa: ANN401 - the options of `perceive`
 ) -> None:
+    places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
+    check_outputs(places, data=[data])  # before networks are loaded
     from sightline.perception.perceive import LINES_NAME, perceive
     from sightline.perception.perceiver import Perceiver
 
@@ -107,4 +111,4 @@ def _run(
     tell_engine(engine, next(iter(taken), None), device)
     result = perceive(data, out, perceiver=perceiver, **job)
     answers = ", ".join(f"{task} {count}" for task, count in result.answered.items())
-    print(f"{out / LINES_NAME}: frames: {result}; answers to them: {answers}")
+    say(f"{out / LINES_NAME}: frames: {result}; answers to them: {answers}")

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from sightline.cli.declared import declare
 from sightline.cli.engine import tell_engine
+from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.data.object_tree import Velodyne
 from sightline.export.names import EngineChoice
@@ -125,4 +126,4 @@ def _run(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    print(f"{out}: {task.outputs[0].name} of frames: {result}")
+    say(f"{out}: {task.outputs[0].name} of frames: {result}")

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.data.object_tree import Velodyne
 
@@ -52,4 +53,4 @@ def proposals(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    print(f"{out}: proposals of frames: {result}")
+    say(f"{out}: proposals of frames: {result}")

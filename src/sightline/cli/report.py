@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from sightline.cli.output import show_table
 from sightline.data.atomic import atomic_write_text, check_replaceable
+from sightline.data.jobs import check_outputs
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
-
-_SCORED_SUFFIXES = (".txt", ".png")
-_FILE_WIDTH = 160  # columns of a table that goes to no terminal
 
 
 @runtime_checkable
@@ -47,31 +46,25 @@ def check_writable(path: Path | None) -> None:
         ) from error
 
 
-def check_places(places: Mapping[str, Path | None], *, scored: Sequence[Path]) -> None:
-    """Refuses places of several files before the work for them is done.
-
-    Args:
-        places: By the option that names each; None: not wanted.
-        scored: Files, or folders of them, that are about to be read.
+def check_places(
+    places: Mapping[str, Path | None],
+    *,
+    data: Sequence[Path | None] = (),
+    results: Sequence[Path | None] = (),
+) -> None:
+    """Refuses places of files before the work for them is done; arguments as `check_outputs`.
 
     Raises:
-        ValueError: No file can be written there, two are the same, or it is one of those read.
+        ValueError: No file can be written there, two are the same, or it is among what is read.
     """
-    taken: dict[Path, str] = {}
-    for option, path in places.items():
-        if path is None:
-            continue
+    check_outputs(places, data=data, results=results)
+    for path in places.values():
         check_writable(path)
-        place = path.resolve()
-        other = taken.setdefault(place, option)
-        if other != option:
-            raise ValueError(f"{other} and {option} both name {path}; name a file for each")
-        is_kind_read = place.exists() and place.suffix in _SCORED_SUFFIXES
-        if is_kind_read and any(place.is_relative_to(each.resolve()) for each in scored):
-            raise ValueError(
-                f"{option} {path} is one of the files that are to be scored, which it would "
-                "replace; name another file"
-            )
+
+
+def weights_file(weights: str | None) -> Path | None:
+    """The file that weights are read from, where they are named by one."""
+    return Path(weights) if weights and Path(weights).is_file() else None
 
 
 def check_writable_folder(path: Path | None) -> None:
@@ -90,13 +83,8 @@ def check_writable_folder(path: Path | None) -> None:
 
 def deliver(report: Report, path: Path | None) -> None:
     """Prints a report and writes it to a JSON file, where there is a path for one."""
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_FILE_WIDTH)
     try:
-        console.print(report.table())
+        show_table(report.table())
     finally:  # even where the reader of the table, `head` say, has seen enough
         if path is not None:
             atomic_write_text(path, json.dumps(report.to_json(), indent=2) + "\n")

@@ -4,8 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.engine import tell_engine
+from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import check_writable, deliver
+from sightline.cli.report import check_places, deliver, weights_file
+from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
@@ -45,7 +47,9 @@ def reproduce_shiftconv(
     """
     if data is None:
         raise ValueError("reproduce shiftconv measures on data; name a data set with --data")
-    check_writable(json)
+    check_places(
+        {"--json": json}, data=[data, weights_file(weights), weights_file(weights_without)]
+    )
     from sightline.depth_completion.reproduce import reproduce_shiftconv as reproduce
 
     report = reproduce(
@@ -121,7 +125,9 @@ def reproduce_dgfn(
     """
     if data is None:
         raise ValueError("reproduce dgfn measures on data; name a data set with --data")
-    check_writable(json)
+    files = [weights_file(each) for each in (gated, ones, early, late, camera, lidar)]
+    check_outputs({"--json": json, "--out": out, "--figures": figures}, data=[data, *files])
+    check_places({"--json": json})
     from sightline.detection2d.gate_figures import GATE_MAPS, GATE_MEANS
     from sightline.detection2d.reproduce import reproduce_dgfn as reproduce
 
@@ -154,4 +160,4 @@ def reproduce_dgfn(
     tell_engine(engine, choose_engine(engine, device), device)
     deliver(report, json)
     if figures is not None:
-        print(figures / GATE_MEANS, figures / GATE_MAPS, sep="\n")
+        say(figures / GATE_MEANS, figures / GATE_MAPS)

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from sightline.cli.engine import tell_engine
+from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import check_writable, deliver
+from sightline.cli.report import check_places, deliver
 from sightline.data.object_tree import Velodyne
 from sightline.export.names import EngineChoice
 
@@ -124,18 +125,18 @@ def robustness(
             )
         report = score_results(chosen, data, Path(results[0]), out_folder, settings)
     deliver(report, None)
-    print(*(out_folder / name for name in report.files), sep="\n")
+    say(*(out_folder / name for name in report.files))
 
 
 def _compare(paths: tuple[str, ...], page: Path | None) -> None:
     from sightline.robustness.compare import compare_runs
 
-    check_writable(page)
+    check_places({"--page": page}, data=[Path(path) for path in paths])
     comparison = compare_runs([Path(path) for path in paths])
     deliver(comparison, None)
     if page is not None:
         comparison.write(page)
-        print(page)
+        say(page)
 
 
 def _by_sensor(given: tuple[str, ...]) -> "dict[Sensor, Path]":

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from sightline.cli.output import say
+from sightline.cli.report import check_places, weights_file
 from sightline.data.object_tree import Velodyne
 from sightline.tasks import choose_task
 
@@ -38,18 +40,18 @@ def show(
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
     """
+    name = frames[0] if len(frames) == 1 else f"{frames[0]}-{frames[-1]}"
+    path = out or Path(f"{name}.png")
+    folders = [Path(folder) for folder in results]
+    check_places({"--out": path}, data=[data, weights_file(weights)], results=folders)
     from sightline.perception.show import Answers, Results, write_frames_picture
 
     if results and (task or method or weights):
         raise ValueError("results are drawn as they are; leave out task, method and weights")
     tell: Answers | Results
     if results:
-        tell = Results([Path(folder) for folder in results], data)
+        tell = Results(folders, data)
     else:
         chosen = choose_task(task, weights)
         tell = Answers(chosen, chosen.predictor(method=method, weights=weights))
-    name = frames[0] if len(frames) == 1 else f"{frames[0]}-{frames[-1]}"
-    path = out or Path(f"{name}.png")
-    print(
-        write_frames_picture(data, frames, path, tell=tell, min_score=min_score, velodyne=velodyne)
-    )
+    say(write_frames_picture(data, frames, path, tell=tell, min_score=min_score, velodyne=velodyne))

@@ -9,6 +9,7 @@ from typing import Any, get_type_hints
 from docstring_parser import parse_from_object
 
 from sightline.cli.declared import declare
+from sightline.cli.output import say
 from sightline.simulation.presets import PresetName, SimulatedSet, choose_set
 from sightline.simulation.settings import SimulationConfig
 
@@ -80,4 +81,4 @@ def _run(
         shard_index=shard_index,
         num_shards=num_shards,
     )
-    print(f"{out}: frames: {result}")
+    say(f"{out}: frames: {result}")

@@ -3,6 +3,7 @@
 from importlib.util import find_spec
 from typing import get_args
 
+from sightline.cli.output import say
 from sightline.export.names import EngineName
 from sightline.tasks import find_task, recipes_of, task_names, weights_of
 
@@ -13,7 +14,7 @@ def list_tasks() -> None:
         task = find_task(name)
         default = task.default_weights
         weights = [f"{each} (default)" if each == default else each for each in weights_of(task)]
-        print(f"{name}: {task.summary}")
+        say(f"{name}: {task.summary}")
         _print_row("weights", weights)
         _print_row("methods", task.methods)
         _print_row("outputs", [output.name for output in task.outputs])
@@ -22,8 +23,8 @@ def list_tasks() -> None:
         engine if find_spec(engine) else f'{engine} (missing: pip install "sightline[export]")'
         for engine in get_args(EngineName)
     ]
-    print(f"engines: {', '.join(engines)}")
+    say(f"engines: {', '.join(engines)}")
 
 
 def _print_row(what: str, names: "list[str] | tuple[str, ...]") -> None:
-    print(f"  {what}: {', '.join(names) or 'none'}")
+    say(f"  {what}: {', '.join(names) or 'none'}")

@@ -97,8 +97,12 @@ def atomic_write_bytes(path: Path | str, content: bytes) -> None:
 
 
 def atomic_write_text(path: Path | str, text: str) -> None:
-    """Writes a whole text file (UTF-8, line ends as given) or none, as `atomic_path` does."""
-    atomic_write_bytes(path, text.encode())
+    """Writes a whole text file or none, as `atomic_path` does.
+
+    UTF-8, line ends as given. Bytes of another encoding, which a folder's name may hold, are
+    written as escapes.
+    """
+    atomic_write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def atomic_link(path: Path | str, source: Path | str) -> None:

@@ -9,11 +9,12 @@ from typing import Final, TypeVar
 from sightline.data.depth_tree import DepthFrame
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
-from sightline.data.object_tree import ObjectFrame, Part
+from sightline.data.object_tree import OBJECT_SPLITS, ObjectFrame, Part
 from sightline.data.problem import FileError, Problem
 from sightline.data.unread_files import PartFolder, find_unread
 
 _DRAWN: Final = 3  # frames: the first, and others spread over the rest
+_CORRUPTED: Final = "corruption"  # folder of what was done to each frame of a tree
 _STACK: Final = 4  # from here to who opens the data set
 
 Item = TypeVar("Item")
@@ -108,7 +109,12 @@ def _grouped(problems: Sequence[Problem]) -> list[tuple[Problem, int]]:
 
 
 def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Findings]) -> None:
-    """Warn where every frame that was looked at lacks what its sensor should have seen."""
+    """Warn where every frame that was looked at lacks what its sensor should have seen.
+
+    Corrupted data sets lack it on purpose.
+    """
+    if any((root / split / _CORRUPTED).is_dir() for split in ("", *OBJECT_SPLITS)):
+        return
     images = [
         found.has_dark_image
         for frame, found in zip(drawn, findings, strict=True)

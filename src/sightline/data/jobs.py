@@ -12,10 +12,14 @@ from sightline.data.atomic import atomic_create_text
 from sightline.data.object_tree import OBJECT_SPLITS
 from sightline.data.parallel import run_pieces
 from sightline.data.plain_text import shortened
+from sightline.data.problem import escaped, memory_fault
 from sightline.data.progress import track
 
 MANIFEST_NAME: Final = "sightline.json"
 """File in an output folder that says what made the others."""
+
+RESULT_SUFFIXES: Final = (".txt", ".png")
+"""Endings of result files."""
 
 _LONGEST_VALUE = 60  # characters of a setting that an error shows
 
@@ -176,28 +180,91 @@ def _manifest(settings: Mapping[str, object]) -> str:
     return json.dumps(dict(settings), indent=2) + "\n"
 
 
-def check_apart(data: Path, folders: Iterable[Path]) -> None:
-    """Refuses output folders in a data set, whose files would be taken for parts of it.
+def check_outputs(
+    outputs: Mapping[str, Path | None],
+    *,
+    data: Iterable[Path | None],
+    results: Iterable[Path | None] = (),
+) -> None:
+    """Refuses, before any work, outputs that would change what is read, or each other.
 
-    Links are followed, those of the splits of an object tree as well.
+    Args:
+        outputs: Files and folders by the option that names each; None: not wanted.
+        data: Data sets, folders in them or files that are only read: see `check_apart`.
+        results: Folders of result files, or such a file: a report may stand beside them, and
+            must not take the place of one.
 
     Raises:
-        ValueError: A folder is the data set's or lies in it.
+        ValueError: An output is in the data, is one of the results or is named twice.
     """
-    root = data.absolute()
-    root = root.parent if root.name in OBJECT_SPLITS else root
-    sources = {root, root.resolve(), *((root / split).resolve() for split in OBJECT_SPLITS)}
-    for folder in folders:
-        written = Path(os.path.normpath(folder.absolute())), folder.resolve()
+    taken: dict[Path, str] = {}
+    places = {option: path for option, path in outputs.items() if path is not None}
+    for option, path in places.items():
+        other = taken.setdefault(path.resolve(), option)
+        if other != option:
+            raise ValueError(f"{other} and {option} both name {path}; name another place for one")
+    for each in data:
+        if each is not None:
+            check_apart(each, places.values())
+    for folder in filter(None, results):
+        for option, path in places.items():
+            place = path.resolve()
+            is_read = place == folder.resolve() or place.suffix in RESULT_SUFFIXES
+            if is_read and place.exists() and place.is_relative_to(folder.resolve()):
+                raise ValueError(
+                    f"{option} {path} is among the results that are to be read, which it would "
+                    "replace; name another place"
+                )
+
+
+def check_apart(data: Path, outputs: Iterable[Path]) -> None:
+    """Refuses files and folders in a data set, where they would replace or become parts of it.
+
+    Links are followed, those in the data set as well.
+
+    Args:
+        data: The data set, one of its splits or of their folders; or a file that is read.
+        outputs: What is to be written.
+
+    Raises:
+        ValueError: One is the data set or file, or lies in the data set.
+    """
+    roots = {_root_of(data.absolute()), _root_of(data.resolve())}
+    folders = {folder for root in roots for folder in (root, *(root / s for s in OBJECT_SPLITS))}
+    sources = roots | {path for folder in folders for path in _targets(folder)}
+    for output in outputs:
+        written = Path(os.path.normpath(output.absolute())), output.resolve()
         if any(path.is_relative_to(source) for path in written for source in sources):
-            raise change_of_data(data, folder)
+            raise change_of_data(data, output)
+        if output.is_file() and any(_links_to(root, output.resolve()) for root in roots):
+            raise change_of_data(data, output)
 
 
-def change_of_data(data: Path, folder: Path) -> ValueError:
-    """What is said of an output folder that would change the input."""
+def _root_of(data: Path) -> Path:
+    """The data set of an object tree's split, or of a folder of one."""
+    split = next((each for each in (data, data.parent) if each.name in OBJECT_SPLITS), None)
+    return data if split is None else split.parent
+
+
+def _targets(folder: Path) -> Iterator[Path]:
+    """Where a folder and the links in it lead to."""
+    yield folder.resolve()
+    with suppress(OSError), os.scandir(folder) as entries:
+        yield from (Path(entry.path).resolve() for entry in entries if entry.is_symlink())
+
+
+def _links_to(root: Path, file: Path) -> bool:
+    """Whether a file of a data set is a link to this one."""
+    paths = (Path(folder, name) for folder, _, names in os.walk(root) for name in names)
+    return any(path.is_symlink() and path.resolve() == file for path in paths)
+
+
+def change_of_data(data: Path, output: Path) -> ValueError:
+    """What is said of an output that would change the input."""
+    what = "file" if data.is_file() else "data set"
     return ValueError(
-        f"{folder} cannot be written to, as that would change the data set {data}, which is only "
-        "read; name an output folder beside it"
+        f"{output} cannot be written to, as that would change the {what} {data}, which is only "
+        "read; name a place beside it"
     )
 
 
@@ -216,7 +283,7 @@ def data_name(data: Path) -> str:
     So trees of one name, such as a case of two corrupted data sets, are told apart, while the same
     data may be mounted elsewhere on another machine.
     """
-    return "/".join(data.resolve().parts[-2:])
+    return escaped("/".join(data.resolve().parts[-2:]))
 
 
 def _refusal(folder: Path, held: str, manifest_name: str) -> str:
@@ -265,4 +332,8 @@ class _Attempt:
             work.run()
         except (ValueError, OSError) as error:
             return f"{work}: {error}"
+        except Exception as error:
+            if (fault := memory_fault(error)) is None:
+                raise
+            return f"{work}: {fault}"
         return ""

@@ -4,13 +4,16 @@ import contextlib
 import multiprocessing
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Final, NamedTuple
+from types import FrameType
+from typing import Any, Final, NamedTuple
 
 import cv2
 from threadpoolctl import threadpool_limits
@@ -24,6 +27,47 @@ small to share, and waiting helpers take the cores from the other workers."""
 
 _PATIENCE_S: Final = 5.0
 """What workers may take for the pieces that they are at when the job is stopped."""
+_LONGEST_PIECE_S: Final = 3600.0
+"""Time without any result after which workers count as hanging."""
+_LOOK_EVERY_S: Final = 5.0
+_HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+
+
+@contextmanager
+def holding_signals() -> Iterator[None]:
+    """Delay Ctrl-C, SIGTERM and SIGALRM until the block ends, for the start of processes.
+
+    Python drops an exception that a signal's handler raises within `os.fork`, where libraries have
+    hooks: the job would run on. A child starts with handlers that do nothing; see
+    `ignore_interrupts`. Outside the main thread, which alone gets signals, this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    noted: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        del frame
+        noted.append(number)
+
+    previous: dict[int, Any] = {}
+    try:
+        for number in _HELD_SIGNALS:
+            if signal.getsignal(number) is not None:  # None: not Python's, so it raises nothing
+                previous[number] = signal.signal(number, note)
+        yield
+    finally:
+        for held, handler in previous.items():
+            signal.signal(held, handler)
+        for came in dict.fromkeys(noted):
+            signal.raise_signal(came)
+
+
+def ignore_interrupts() -> None:
+    """Leave Ctrl-C, which a terminal sends to every process, to the parent of this worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGALRM):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
@@ -39,14 +83,16 @@ def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
         workers: Processes that work; 1 is this process alone.
 
     Raises:
-        ChildProcessError: A worker was ended from outside, for want of memory for one.
+        ChildProcessError: A worker was ended from outside, for want of memory for one, none
+            could be started, or for an hour none has given a result.
     """
     if workers == 1:
         with one_blas_thread():
             yield from map(piece, range(count))
         return
-    pool = _Pool(piece, min(workers, count))
+    pool = _Pool(piece)
     try:
+        pool.start(min(workers, count))
         yield from pool.run(count)
     finally:
         pool.close()
@@ -68,15 +114,29 @@ class _Pool:
     worker, and not every job needs it.
     """
 
-    def __init__(self, piece: Piece, workers: int) -> None:
+    def __init__(self, piece: Piece) -> None:
+        self._piece = piece
         self._processes: dict[Connection, BaseProcess] = {}
         self._doing: dict[Connection, int] = {}
+
+    def start(self, workers: int) -> None:
+        """Start the processes."""
         for _ in range(workers):
-            ours, theirs = multiprocessing.Pipe()
-            process = multiprocessing.Process(target=_work, args=(piece, theirs), daemon=True)
-            process.start()
-            theirs.close()
-            self._processes[ours] = process
+            try:
+                with holding_signals():
+                    self._start_one()
+            except OSError as error:
+                raise ChildProcessError(
+                    f"a worker process cannot be started: {(error.strerror or str(error)).lower()}"
+                    "; use fewer workers"
+                ) from error
+
+    def _start_one(self) -> None:
+        ours, theirs = multiprocessing.Pipe()
+        process = multiprocessing.Process(target=_work, args=(self._piece, theirs), daemon=True)
+        process.start()
+        theirs.close()
+        self._processes[ours] = process
 
     def run(self, count: int) -> Iterator[str]:
         """Does the pieces and gives what they return, in order."""
@@ -86,14 +146,27 @@ class _Pool:
             self._hand_out(channel, waiting)
         for position in range(count):
             while position not in done:
-                ready = set(wait(self._doing))
+                ready = self._ready()
                 for channel in [channel for channel in self._doing if channel in ready]:
                     done[self._doing[channel]] = self._take_back(channel)
                     self._hand_out(channel, waiting)
             yield done.pop(position)
 
+    def _ready(self) -> set[object]:
+        """The channels of workers that have a result or have ended."""
+        # Counted in short waits: a job that the user suspends does not age meanwhile.
+        for _ in range(int(_LONGEST_PIECE_S / _LOOK_EVERY_S)):
+            ready: set[object] = set(wait(self._doing, timeout=_LOOK_EVERY_S))
+            if ready:
+                return ready
+        pieces = ", ".join(map(str, sorted(self._doing.values())))
+        raise ChildProcessError(
+            f"no worker process has given a result for {_LONGEST_PIECE_S:g} s (at pieces {pieces})"
+            "; use 1 worker"
+        )
+
     def close(self) -> None:
-        """Lets every worker finish its piece and ends it."""
+        """Lets every worker finish its piece and ends it, by force where it does not."""
         for channel in self._processes:
             with contextlib.suppress(OSError):  # it has ended already
                 channel.send(None)
@@ -101,6 +174,9 @@ class _Pool:
         for process in self._processes.values():
             process.join(max(deadline_s - time.monotonic(), 0))
             process.terminate()
+            process.join(_LOOK_EVERY_S)
+            if process.is_alive():
+                process.kill()
 
     def _hand_out(self, channel: Connection, waiting: Iterator[int]) -> None:
         self._doing.pop(channel, None)
@@ -125,11 +201,10 @@ class _Pool:
 def _work(piece: Piece, channel: Connection) -> None:
     """Does the pieces whose numbers come through the channel, until None comes or nobody is left.
 
-    Ctrl-C, which a terminal sends to every process, is left to the parent, which ends its workers
-    between two pieces. The workers are the parallelism: threads on top would make all of them wait
-    for each other.
+    The parent ends its workers between two pieces. The workers are the parallelism: threads on top
+    would make all of them wait for each other.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ignore_interrupts()
     with contextlib.suppress(EOFError, OSError):  # the parent tells the user
         cv2.setNumThreads(0)
         one_blas_thread()
@@ -147,5 +222,5 @@ def _work(piece: Piece, channel: Connection) -> None:
 def _outcome(piece: Piece, position: int) -> _Outcome:
     try:
         return _Outcome(piece(position), "")
-    except Exception:  # noqa: BLE001 - the parent raises it
+    except BaseException:  # noqa: BLE001 - the parent raises it; some libraries' are no Exception
         return _Outcome("", traceback.format_exc())

@@ -1,11 +1,16 @@
 """Whole files, read so that nothing in a folder can take all memory or wait for ever."""
 
+import os
+import select
 import stat
 from pathlib import Path
+from typing import Final
 
 from sightline.data.problem import FileError
 
 _GROWN_BYTES = 2**16  # more than its length a file may hold: the system's own say 0
+_PATIENCE_S: Final = 60.0
+_BLOCK_BYTES: Final = 2**16
 
 
 def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
@@ -16,6 +21,31 @@ def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
             return file.read(min(size + _GROWN_BYTES, max_bytes))  # so much is allotted first
     except OSError as error:
         raise _unreadable(path, error, remedy) from error
+
+
+def read_pipe(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
+    """Read what a pipe holds until its writers have closed it, as `<(sort names.txt)` in a shell.
+
+    Raises:
+        FileError: It cannot be read, holds more bytes, or nothing comes for a minute.
+    """
+    content = b""
+    try:
+        # Else a named pipe that nobody writes to would be waited for without an end.
+        pipe = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        try:
+            while len(content) <= max_bytes:
+                if not select.select([pipe], [], [], _PATIENCE_S)[0]:
+                    raise FileError(path, f"gives nothing for {_PATIENCE_S:g} s", remedy)
+                block = os.read(pipe, _BLOCK_BYTES)
+                if not block:
+                    return content
+                content += block
+        finally:
+            os.close(pipe)
+    except OSError as error:
+        raise _unreadable(path, error, remedy) from error
+    raise FileError(path, f"holds more than {max_bytes} bytes", remedy)
 
 
 def check_regular(path: Path | str, *, max_bytes: int, remedy: str) -> int:

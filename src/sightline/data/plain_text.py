@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from sightline.data.plain_file import read_bytes
+from sightline.data.plain_file import read_bytes, read_pipe
 from sightline.data.problem import FileError
 
 _MAX_BYTES = 2**26
@@ -24,7 +24,20 @@ def read_text(path: Path | str, *, max_bytes: int = _MAX_BYTES) -> str:
         FileError: It cannot be read, is not UTF-8, or larger than any calibration, pose or split
             file.
     """
-    content = without_marks(read_bytes(path, max_bytes=max_bytes, remedy=REMEDY), path)
+    return _decoded(path, read_bytes(path, max_bytes=max_bytes, remedy=REMEDY))
+
+
+def read_piped_text(path: Path | str) -> str:
+    """Read the text of a pipe in the same way.
+
+    Raises:
+        FileError: As `read_text`, or nothing comes.
+    """
+    return _decoded(path, read_pipe(path, max_bytes=_MAX_BYTES, remedy="name a file"))
+
+
+def _decoded(path: Path | str, content: bytes) -> str:
+    content = without_marks(content, path)
     try:
         text = content.decode()
     except UnicodeDecodeError as error:

@@ -4,13 +4,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 
-def one_line(text: str) -> str:
-    """Text in one line without control characters: names out of data may hold any.
+def escaped(text: str) -> str:
+    """Show what no screen shows as an escape: control characters, line ends, foreign bytes.
 
-    Bytes of another encoding, which no terminal and no log file takes, are written in hexadecimal.
+    Marks that turn the order of letters count among them.
     """
-    line = " ".join(text.split())
-    return line if line.isprintable() else ascii(line)[1:-1]
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+def plain_line(text: str) -> str:
+    """Turn any text into one line that a terminal, a log and a page can show."""
+    return escaped(" ".join(text.split()))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -25,7 +31,7 @@ class Problem:
 
     def __str__(self) -> str:
         """The file, what is wrong with it and what to do, in characters that any screen shows."""
-        return one_line(f"{self.path}: {self.problem}; {self.remedy}")
+        return plain_line(f"{self.path}: {self.problem}; {self.remedy}")
 
 
 class FileError(ValueError):
@@ -44,3 +50,31 @@ class FileError(ValueError):
     def __str__(self) -> str:
         """The problem's line."""
         return str(self.problem)
+
+
+_OUT_OF_MEMORY = (
+    "can't allocate memory",  # PyTorch
+    "not enough memory",
+    "out of memory",  # CUDA
+    "bad_alloc",  # C++
+    "bad allocation",
+    "Insufficient memory",  # OpenCV
+    "Failed to allocate",
+    "Cannot allocate memory",
+    "failed to map segment",  # a library that is being loaded
+    "can't start new thread",
+)
+
+
+def memory_fault(error: BaseException) -> str | None:
+    """Say in one line that memory ran out, where that is what an error means; else None.
+
+    Libraries raise errors of many types for it.
+    """
+    text = str(error)
+    if not isinstance(error, MemoryError) and not any(each in text for each in _OUT_OF_MEMORY):
+        return None
+    return (
+        "memory ran out; use fewer workers, smaller batches or frames, or a machine (a limit) with "
+        "more memory"
+    )

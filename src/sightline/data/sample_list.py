@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from sightline.data.plain_text import read_text, shortened
+from sightline.data.plain_text import read_piped_text, read_text, shortened
 from sightline.data.safe_names import relative_parts
 
 _PACKAGED = Path(__file__).with_name("sample_lists")
@@ -16,8 +16,8 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
     Args:
         sample_list: The frames themselves; or the name of a list that comes with the package
             ("kitti-object-train": 3712 frames, "kitti-object-val": 3769, as commonly published) or
-            that stands in `root`/ImageSets, without ".txt"; or the path of a file of one frame a
-            line.
+            that stands in `root`/ImageSets, without ".txt"; or the path of a file or a pipe of one
+            frame a line.
         root: The data set's folder.
 
     Raises:
@@ -26,7 +26,8 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
     """
     if isinstance(sample_list, str | Path):
         path = _find(sample_list, Path(root))
-        lines = (line.strip() for line in read_text(path).split("\n"))
+        text = read_piped_text(path) if path.is_fifo() else read_text(path)
+        lines = (line.strip() for line in text.split("\n"))
         frames, source = tuple(line for line in lines if line), str(path)
     else:
         frames, source = tuple(sample_list), "the list of frames"
@@ -54,7 +55,7 @@ def _find(sample_list: str | Path, root: Path) -> Path:
         root / "ImageSets" / f"{sample_list}.txt",
     )
     for candidate in candidates:
-        if candidate.is_file():
+        if candidate.is_file() or candidate.is_fifo():
             return candidate
     known = sorted(path.stem for path in _PACKAGED.glob("*.txt"))
     known += sorted(path.stem for path in (root / "ImageSets").glob("*.txt"))

@@ -33,7 +33,7 @@ from sightline.data.object_tree import (
 )
 from sightline.data.other_layouts import refuse_other_layouts
 from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError, Problem, one_line
+from sightline.data.problem import FileError, Problem, plain_line
 from sightline.data.recording_checks import (
     check_recording_calibration,
     describe_recording,
@@ -104,7 +104,7 @@ class TreeSummary:
         """The folder, its number of frames and of the files of each part."""
         parts = ", ".join(f"{part.name} {part.num_files}" for part in self.parts)
         note = f"; {self.note}" if self.note else ""
-        return one_line(f"{self.folder}: {self.num_frames} {self.kind} ({parts}){note}")
+        return plain_line(f"{self.folder}: {self.num_frames} {self.kind} ({parts}){note}")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

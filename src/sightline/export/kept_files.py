@@ -1,8 +1,7 @@
 """Networks that were exported before, kept for the next time: the export takes ten seconds.
 
-The files lie in the user's cache folder ($XDG_CACHE_HOME/sightline, by default
-~/.cache/sightline), which may be deleted at any time. A file is known by all that it is made from:
-weights, settings, Sightline's own code and the exporter's version.
+The files lie in the user's `cache_folder`, which may be deleted at any time. A file is known by all
+that it is made from: weights, settings, Sightline's own code and the exporter's version.
 """
 
 import hashlib
@@ -21,6 +20,7 @@ from sightline.data.atomic import atomic_write_bytes
 from sightline.data.progress import waiting
 from sightline.export.graph import ExportGraph
 from sightline.export.onnx import OPSET, export_onnx
+from sightline.ops.cache_folder import cache_folder
 
 _MOST_FILES: Final = 24
 _DIGEST_BYTES: Final = 32
@@ -41,14 +41,6 @@ def onnx_file_of(graph: ExportGraph) -> bytes:
         ValueError: As `export_onnx`.
     """
     return _kept(graph, lambda: _export(graph)) if _is_known(graph) else _export(graph)
-
-
-def cache_folder() -> Path | None:
-    """Where the files lie; None where the user has no home."""
-    with suppress(RuntimeError):
-        base = os.environ.get("XDG_CACHE_HOME")
-        return (Path(base) if base else Path.home() / ".cache") / "sightline"
-    return None
 
 
 def _export(graph: ExportGraph) -> bytes:

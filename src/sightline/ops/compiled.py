@@ -1,16 +1,28 @@
 """How numba compiles the kernels of this project."""
 
 import inspect
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.caching import FunctionCache
+
+from sightline.ops.cache_folder import cache_folder
+
+_numba_settings: Any = numba.config  # its attributes are made at run time
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def compiled(kernel: Kernel) -> Kernel:
     """Compiles a function of numbers and numpy arrays to machine code, kept on disk between runs.
+
+    It is kept where NUMBA_CACHE_DIR says, or else in the package's own __pycache__, or in
+    `cache_folder` where that cannot be written to. Where there is no such place either, or no room,
+    each process compiles anew.
 
     The global interpreter lock is released while it runs. A division by zero gives infinity or NaN
     as numpy's does: to raise an error instead, each division would need a branch, which keeps
@@ -20,6 +32,38 @@ def compiled(kernel: Kernel) -> Kernel:
     which numba cannot compile: the check is taken off first, so shapes are checked in the function
     that calls the kernel.
     """
-    return cast(
-        "Kernel", numba.njit(cache=True, nogil=True, error_model="numpy")(inspect.unwrap(kernel))
-    )
+    function = inspect.unwrap(kernel)
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    place = _place(Path(inspect.getfile(function)).parent)
+    if place is not None:
+        given, _numba_settings.CACHE_DIR = _numba_settings.CACHE_DIR, place
+        try:
+            cache = _Cache(function)  # type: ignore[no-untyped-call] # numba's
+            dispatcher._cache = cache  # noqa: SLF001 - as its enable_caching does
+        except (RuntimeError, OSError):  # numba finds no place, or no source text
+            pass
+        finally:
+            _numba_settings.CACHE_DIR = given
+    return cast("Kernel", dispatcher)
+
+
+def _place(package: Path) -> str | None:
+    """What numba is to take for its folder: empty for the package's own; None for no folder."""
+    if _numba_settings.CACHE_DIR:
+        return str(_numba_settings.CACHE_DIR)
+    own = package / "__pycache__"
+    if os.access(own if own.exists() else package, os.W_OK | os.X_OK):
+        return ""
+    kept = cache_folder()
+    return None if kept is None else str(kept / "kernels")
+
+
+class _Cache(FunctionCache):
+    """Does without the files on disk where they are damaged or cannot be written."""
+
+    @contextmanager
+    def _guard_against_spurious_io_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception:  # noqa: BLE001 - of the disk, or whatever a damaged pickle raises
+            self.disable()  # type: ignore[no-untyped-call] # numba's

@@ -1,4 +1,7 @@
-"""One line of JSON a frame: what all tasks found; docs/perception.md tells what stands in it."""
+"""Lines of JSON for each frame: what all tasks found, and the time that each took.
+
+docs/perception.md tells what stands in them.
+"""
 
 import json
 from collections.abc import Mapping
@@ -29,8 +32,6 @@ def frame_line(
         tasks[name] = {"by": maker}
         if name in answered.lacks:
             tasks[name]["lacks"] = list(answered.lacks[name])
-        else:
-            tasks[name]["milliseconds"] = round(answered.milliseconds[name], _MS)
     line = {
         "frame": sample.sample_id,
         "timestamp_s": sample.timestamp_s,
@@ -43,6 +44,12 @@ def frame_line(
         "depth": None if told.depth is None else _depth_summary(told.depth),
     }
     return json.dumps(line, allow_nan=False)
+
+
+def timing_line(sample: CameraLidarSample, answered: FrameAnswers) -> str:
+    """Write how long each task took, apart from `frame_line`, which is the same in every run."""
+    milliseconds = {name: round(each, _MS) for name, each in answered.milliseconds.items()}
+    return json.dumps({"frame": sample.sample_id, "milliseconds": milliseconds})
 
 
 def _objects_2d(found: Detections2D) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from sightline.data.atomic import atomic_write_text
 from sightline.data.jobs import (
     Claim,
     JobResult,
-    check_apart,
+    check_outputs,
     check_workers,
     claim_folders,
     data_name,
@@ -28,7 +28,7 @@ from sightline.inference.predict import (
     output_places,
     write_answer,
 )
-from sightline.perception.lines import frame_line
+from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import Perceiver
 from sightline.perception.pictures import PictureFiles
 from sightline.perception.results import JOB_NAME
@@ -37,7 +37,11 @@ from sightline.tasks import find_task
 LINES_NAME: Final = "perception.jsonl"
 """File in the output folder with a line for each frame, by name."""
 
+TIMINGS_NAME: Final = "timings.jsonl"
+"""File beside it with the time of each answer: the only bytes that differ from run to run."""
+
 _LINES_FOLDER = "lines"
+_TIMINGS_FOLDER = "timings"
 
 _Lines = dict[str, tuple[str, dict[str, object]]]  # by frame: its line as text, what it says
 
@@ -70,8 +74,8 @@ def perceive(
     """Asks all tasks about every frame of a data set, each of which is loaded once.
 
     `out` then holds a folder of result files for each task, the same as `sightline predict`
-    writes, and perception.jsonl: docs/perception.md tells what stands in a line. A frame without
-    a sensor is answered by the tasks that can do without it.
+    writes, perception.jsonl: docs/perception.md tells what stands in a line, and timings.jsonl. A
+    frame without a sensor is answered by the tasks that can do without it.
 
     A file appears whole or not at all, and frames that are done are skipped, so a job that was
     stopped goes on where it was: run it again.
@@ -115,7 +119,14 @@ def perceive(
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     data, out = Path(data), Path(out)
-    check_apart(data, [out])
+    check_outputs(
+        {
+            "out": out,
+            "video": None if video is None else Path(video),
+            "rerun": None if rerun is None else Path(rerun),
+        },
+        data=[data],
+    )
     perceiver = perceiver or Perceiver.load(threads=1)
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
@@ -127,12 +138,13 @@ def perceive(
     _claim(perceiver, places, data, out, sweeps_folder(dataset))
     done = set() if overwrite else _done_frames(out / _LINES_FOLDER, places)
     works = [
-        _FrameWork(dataset, index, name, perceiver, places, made_by, out / _LINES_FOLDER)
+        _FrameWork(dataset, index, name, perceiver, places, made_by, out)
         for index, name in zip(indices, names, strict=True)
         if name not in done
     ]
     run_job(works, workers, description=JOB_NAME)
     lines = _join_lines(out)
+    _join_timings(out)
     if pictures:
         pictures.write(dataset, out)
     return PerceiveResult(
@@ -154,7 +166,7 @@ class _FrameWork:
     perceiver: Perceiver
     places: Mapping[str, Places]
     made_by: Mapping[str, str]
-    lines: Path
+    out: Path
 
     def __str__(self) -> str:
         return f"sample {self.name}"
@@ -164,8 +176,11 @@ class _FrameWork:
         answered = self.perceiver.answer(sample)
         for task, answer in answered.answers.items():
             write_answer(self.places[task], sample, answer)
-        line = frame_line(sample, answered, self.made_by)
-        atomic_write_text(self.lines / f"{self.name}.json", f"{line}\n")
+        for folder, line in (
+            (_TIMINGS_FOLDER, timing_line(sample, answered)),
+            (_LINES_FOLDER, frame_line(sample, answered, self.made_by)),
+        ):
+            atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
 
 
 def _places(perceiver: Perceiver, out: Path, *, all_outputs: bool) -> dict[str, Places]:
@@ -225,6 +240,18 @@ def _join_lines(out: Path) -> _Lines:
             return lines
 
 
+def _join_timings(out: Path) -> None:
+    """Writes the times of all frames into one file, as `_join_lines` does the lines."""
+    texts: list[str] | None = None
+    while texts != (texts := _read_timings(out)):
+        atomic_write_text(out / TIMINGS_NAME, "".join(f"{text}\n" for text in texts))
+
+
+def _read_timings(out: Path) -> list[str]:
+    files = sorted((out / _TIMINGS_FOLDER).glob("*.json"))
+    return [path.read_text(errors="replace").strip() for path in files]
+
+
 def _read_lines(folder: Path) -> _Lines:
     """The lines that are there, by frame in order: as text, and what it says; damaged ones not."""
     lines: _Lines = {}
@@ -232,7 +259,8 @@ def _read_lines(folder: Path) -> _Lines:
         text = path.read_text(errors="replace").strip()
         with suppress(ValueError, RecursionError):
             told = json.loads(text)
-            if isinstance(told, dict) and isinstance(told.get("tasks"), dict):
+            tasks = told.get("tasks") if isinstance(told, dict) else None
+            if isinstance(tasks, dict) and all(isinstance(each, dict) for each in tasks.values()):
                 lines[path.stem] = (text, told)
     return lines
 

@@ -5,18 +5,19 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case
 from sightline.data.plain_text import read_text, shortened
-from sightline.data.problem import FileError
+from sightline.data.problem import FileError, plain_line
 from sightline.robustness.measures import ByKind
 from sightline.robustness.scoring import Figure, Scores
 
 RECORD_NAME: Final = "robustness.json"
 """File of a run's folder."""
 
+_LARGEST = 10**12  # of a number that is believed
 _REMEDY = f"give the {RECORD_NAME} of a run of `sightline robustness`"
 
 
@@ -162,44 +163,67 @@ def read_record(path: Path) -> Record:
 
 def _parse(content: dict[str, Any]) -> Record:
     setting = Setting(
-        task=str(content["task"]),
-        scoring=str(content["scoring"]),
-        data=str(content["data"]),
-        velodyne=str(content["velodyne"]),
-        frames=int(content["frames"]),
-        frames_sha256=str(content["frames_sha256"]),
+        task=_text(content["task"]),
+        scoring=_text(content["scoring"]),
+        data=_text(content["data"]),
+        velodyne=_text(content["velodyne"]),
+        frames=_count(content["frames"]),
+        frames_sha256=_text(content["frames_sha256"]),
         figures=tuple(map(_parse_figure, content["figures"])),
-        suite=str(content["suite"]),
-        seed=int(content["seed"]),
+        suite=_text(content["suite"]),
+        seed=_count(content["seed"]),
     )
+    cases = {_text(name): _parse_case(case) for name, case in content["cases"].items()}
+    if not setting.figures or CLEAN not in cases:
+        raise ValueError(f"no figures or no case {CLEAN}")
     return Record(
-        method=str(content["method"]),
-        made_by=dict(content["made_by"]),
+        method=_text(content["method"]),
+        made_by={_text(name): _text(value) for name, value in content["made_by"].items()},
         setting=setting,
-        cases={name: _parse_case(case) for name, case in content["cases"].items()},
+        cases=cases,
         scores={
-            case: {name: None if score is None else float(score) for name, score in row.items()}
+            _text(case): {_text(name): _number_or_none(score) for name, score in row.items()}
             for case, row in content["scores"].items()
         },
     )
 
 
 def _parse_figure(content: dict[str, Any]) -> Figure:
-    highest = content["highest"]
     return Figure(
-        name=str(content["name"]),
-        title=str(content["title"]),
-        unit=str(content["unit"]),
-        highest=None if highest is None else float(highest),
+        name=_text(content["name"]),
+        title=_text(content["title"]),
+        unit=_text(content["unit"]),
+        highest=_number_or_none(content["highest"]),
     )
 
 
 def _parse_case(content: dict[str, Any]) -> CaseInfo:
     severity = content["severity"]
     return CaseInfo(
-        title=str(content["title"]),
-        kind=str(content["kind"]),
-        severity=None if severity is None else int(severity),
-        sensors=tuple(content["sensors"]),
+        title=_text(content["title"]),
+        kind=_text(content["kind"]),
+        severity=None if severity is None else _count(severity),
+        sensors=tuple(each for each in get_args(Sensor) if each in content["sensors"]),
         parameters=dict(content["parameters"]),
     )
+
+
+def _text(value: object) -> str:
+    """Text as any screen and page can show it."""
+    if not isinstance(value, str):
+        raise TypeError(f"expected text, got {value!r}")
+    return plain_line(value)
+
+
+def _count(value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _LARGEST:
+        raise TypeError(f"expected a whole number, got {value!r}")
+    return value
+
+
+def _number_or_none(value: object) -> float | None:
+    if value is None:
+        return None
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= _LARGEST:
+        raise TypeError(f"expected a number, got {value!r}")
+    return float(value)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from sightline.corruptions.suites import CLEAN
+from sightline.data.problem import plain_line
 from sightline.robustness.measured import Measures
 from sightline.robustness.record import CaseInfo, Record
 from sightline.robustness.scoring import Figure
@@ -23,11 +24,17 @@ class TextTable:
     def markdown(self) -> str:
         """As Markdown has it, under its title."""
         lines = [
-            f"| {' | '.join(self.header)} |",
+            _markdown_row(self.header),
             f"|{'---|' * len(self.header)}",
-            *(f"| {' | '.join(row)} |" for row in self.rows),
+            *map(_markdown_row, self.rows),
         ]
         return f"**{self.title}**\n\n" + "\n".join(lines) + "\n"
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    """A row, in which what a method or a file is named ends no cell and begins no tag."""
+    shown = (plain_line(cell).replace("|", "\\|").replace("<", "&lt;") for cell in cells)
+    return f"| {' | '.join(shown)} |"
 
 
 def score_text(value: float | None, figure: Figure, *, signed: bool = False) -> str:

@@ -6,21 +6,18 @@ processes nor on interruptions.
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import lightning
 import numpy as np
-import torch
 from torch.utils.data import DataLoader, Dataset
 
 from sightline.data.object_tree import Part
 from sightline.data.open import SampleDataset
-from sightline.data.parallel import one_blas_thread
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
-from sightline.training.interruption import leave_interruption_to_the_parent
+from sightline.training.loader import BatchLoader, ResumableLoader, Unusable
 from sightline.training.sampling import (
     EpochPosition,
     SampleKey,
@@ -138,76 +135,6 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
             return Unusable(str(error))
 
 
-@dataclass(frozen=True)
-class Unusable:
-    """Comes in place of a batch that cannot be made."""
-
-    reason: str
-
-
-class BatchLoader(DataLoader[Any]):
-    """A loader that says in one sentence what is wrong with a sample, with workers or without."""
-
-    def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
-        """The batches.
-
-        Raises:
-            ValueError: A sample cannot be read or prepared.
-            ChildProcessError: A worker was ended from outside.
-        """
-        batches = super().__iter__()
-        while True:
-            try:
-                batch = next(batches)
-            except StopIteration:
-                return
-            except RuntimeError as error:
-                if "DataLoader worker" not in str(error):
-                    raise
-                raise ChildProcessError(
-                    "a worker process was ended from outside; where memory ran out, set fewer "
-                    "data.workers"
-                ) from error
-            if isinstance(batch, Unusable):
-                raise ValueError(batch.reason)
-            yield batch
-
-
-class ResumableLoader(BatchLoader):
-    """A loader of training batches that starts at the training's current position.
-
-    Lightning's own way, `load_state_dict`, comes too late or not at all: a schedule that asks for
-    the number of steps has the loader's iterator made before any state is restored. So the
-    position is asked for when the first batch is; the two methods are there because Lightning takes
-    a loader without them for one that cannot resume.
-    """
-
-    def __init__(
-        self,
-        dataset: PreparedSamples,
-        batches: TrainingBatches,
-        position: EpochPosition,
-        **settings: Any,  # noqa: ANN401 - as DataLoader
-    ) -> None:
-        """Takes what to load, in which order, and who knows how far the training is."""
-        super().__init__(dataset, batch_sampler=batches, **settings)
-        self._batches = batches
-        self._position = position
-
-    def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
-        """The rest of the epoch that the training is in."""
-        self._batches.start_at(*self._position())
-        yield from super().__iter__()
-
-    def state_dict(self) -> dict[str, int]:
-        """Epoch and batch that come next; for people, nothing is read from it."""
-        epoch, batch = self._position()
-        return {"epoch": epoch, "batch": batch}
-
-    def load_state_dict(self, state: dict[str, int]) -> None:
-        """Does nothing: the Trainer's own progress tells the position."""
-
-
 class CameraLidarData(lightning.LightningDataModule):
     """Batches out of camera-LiDAR data, for any task.
 
@@ -288,7 +215,7 @@ class CameraLidarData(lightning.LightningDataModule):
             world=world,
         )
         position = EpochPosition(self.trainer, len(batches))
-        return ResumableLoader(samples, batches, position, **self._loader_settings())
+        return ResumableLoader(samples, batches, position, workers=self.workers, seed=self.seed)
 
     def val_dataloader(self) -> DataLoader[Any]:
         """All validation samples in order."""
@@ -302,7 +229,7 @@ class CameraLidarData(lightning.LightningDataModule):
         samples = self._open(name, training=False)
         rank, world = self._rank_and_world()
         batches = ScoringBatches(len(samples), self.validation_batch_size, rank=rank, world=world)
-        return BatchLoader(samples, batch_sampler=batches, **self._loader_settings())
+        return BatchLoader(samples, batches, workers=self.workers, seed=self.seed)
 
     def _open(self, name: str, *, training: bool) -> PreparedSamples:
         sources = self.sources[name]
@@ -332,25 +259,3 @@ class CameraLidarData(lightning.LightningDataModule):
         if self.trainer is None:
             return 0, 1
         return self.trainer.global_rank, self.trainer.world_size
-
-    def _loader_settings(self) -> dict[str, Any]:
-        return {
-            "collate_fn": _as_it_is,
-            "num_workers": self.workers,
-            "persistent_workers": self.workers > 0,
-            "pin_memory": torch.cuda.is_available(),
-            "worker_init_fn": _set_up_worker,
-            # Else each epoch's start would draw from the global generator.
-            "generator": torch.Generator().manual_seed(self.seed),
-        }
-
-
-def _as_it_is(batch: Batch | Unusable | None) -> Batch | Unusable | None:
-    return batch
-
-
-def _set_up_worker(worker: int) -> None:
-    """Leaves signals to the Trainer, and the cores to the other workers."""
-    del worker
-    leave_interruption_to_the_parent()
-    one_blas_thread()

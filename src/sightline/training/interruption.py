@@ -4,7 +4,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, Final
 
 
 class Interruption(KeyboardInterrupt):
@@ -23,6 +23,10 @@ class Interruption(KeyboardInterrupt):
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """What ends a run."""
+
+
+_LONGEST_STEP_S: Final = 25.0
+"""What a step may still take when the run is to end; batch systems kill after 30 s."""
 
 
 def interrupt(number: int, frame: FrameType | None = None) -> None:
@@ -44,7 +48,11 @@ def ending_like_ctrl_c() -> Iterator[None]:
 
 
 class InterruptionNote:
-    """Notes the first of the signals, so that a step can end; a second one ends it at once."""
+    """Notes the first of the signals, so that a step can end; a second one ends it at once.
+
+    A step that goes on for longer than batch systems wait before they kill, as it hangs say, is
+    ended, too.
+    """
 
     def __init__(self) -> None:
         """Has noted nothing, and is not listening yet."""
@@ -62,12 +70,18 @@ class InterruptionNote:
             signal.signal(number, handler)
         self._previous = {}
 
+    def stop_waiting(self) -> None:
+        """Lets what follows the step, the writing of a checkpoint, take its time."""
+        if self.number is not None:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+
     def raise_noted(self) -> None:
         """Ends the current work if a signal has been noted.
 
         Raises:
             Interruption: One has.
         """
+        self.stop_waiting()
         if self.number is not None:
             interrupt(self.number)
 
@@ -75,6 +89,8 @@ class InterruptionNote:
         del frame
         self.number = number
         self.give_back()
+        signal.signal(signal.SIGALRM, lambda *_: interrupt(number))
+        signal.setitimer(signal.ITIMER_REAL, _LONGEST_STEP_S)
 
 
 def leave_interruption_to_the_parent() -> None:

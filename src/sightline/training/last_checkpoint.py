@@ -19,7 +19,8 @@ class LastCheckpoint(Checkpoint):
     A checkpoint of a step that is validated afterwards owes that validation: a run that resumes
     from it validates first. So a run that is ended at any moment finds the same best weights later.
 
-    Ctrl-C and SIGTERM end the training after the step that they come in, a second one at once. On
+    Ctrl-C and SIGTERM end the training after the step that they come in, a second one at once, as
+    does a step that takes long. On
     several devices the latest written checkpoint stands: the ranks would not stop in the same step.
     """
 
@@ -88,6 +89,7 @@ class LastCheckpoint(Checkpoint):
         if trainer.global_step == self._step:
             return  # gradients are being accumulated; no checkpoint holds those
         self._step = trainer.global_step
+        self._note.stop_waiting()
         epoch_loop, fetcher = trainer.fit_loop.epoch_loop, trainer.fit_loop._data_fetcher  # noqa: SLF001
         assert fetcher is not None, "a batch came from it"
         self._owes = epoch_loop._should_check_val_fx(fetcher)  # noqa: SLF001 - the Trainer's own word

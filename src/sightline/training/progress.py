@@ -1,9 +1,7 @@
 """How far a run is: bars on a terminal, lines in a file."""
 
 import math
-import sys
 import time
-from datetime import timedelta
 from typing import Protocol, runtime_checkable
 
 from lightning import LightningModule, Trainer
@@ -11,10 +9,9 @@ from lightning.pytorch.callbacks import ProgressBar
 from rich.console import Console
 from rich.progress import TaskID
 
-from sightline.data.progress import progress_bars
+from sightline.data.progress import ProgressLines, progress_bars
 from sightline.training.module import TrainingModule
 
-_FIRST_LINE_S, _LINE_EVERY_S = 5.0, 30.0
 _LOOK_EVERY_S = 0.5  # at the loss: an accelerator has to be waited for
 
 
@@ -58,39 +55,6 @@ class _Bars:
 
     def close(self) -> None:
         self._progress.stop()
-
-
-class _Lines:
-    """A line at a job's start, a few seconds later, then now and again."""
-
-    def __init__(self) -> None:
-        self._begun: dict[str, tuple[float, int]] = {}
-        self._next: dict[str, float] = {}
-
-    def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
-        now = time.monotonic()
-        if now < self._next.get(name, now):
-            return
-        is_new = name not in self._begun
-        begun_s, first = self._begun.setdefault(name, (now, done))
-        self._next[name] = now + (_FIRST_LINE_S if is_new else _LINE_EVERY_S)
-        parts = [f"{name}: {done} of {'?' if total is None else total}", *([note] if note else [])]
-        if done > first:
-            rate = (done - first) / max(now - begun_s, 1e-9)
-            parts.append(f"{rate:.2f}/s")
-            if total is not None:
-                parts.append(f"{timedelta(seconds=round((total - done) / rate))} left")
-        self.say(", ".join(parts))
-
-    def end(self, name: str) -> None:
-        self._begun.pop(name, None)
-        self._next.pop(name, None)
-
-    def say(self, text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
-    def close(self) -> None:
-        """Leaves the lines where they are."""
 
 
 class RunProgress(ProgressBar):
@@ -215,7 +179,7 @@ class RunProgress(ProgressBar):
         """Where to show; None in a process that does not."""
         if self._is_enabled and self._display is None:
             console = Console(stderr=True)
-            self._display = _Bars(console) if console.is_terminal else _Lines()
+            self._display = _Bars(console) if console.is_terminal else ProgressLines()
         return self._display if self._is_enabled else None
 
     def _close(self) -> None:

@@ -1,7 +1,11 @@
 """Frames and what was found in them as a file of the Rerun viewer, on a time line."""
 
 import itertools
-from collections.abc import Iterable
+import os
+import shutil
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -36,6 +40,8 @@ TIME_TIMELINE: Final = "time"
 """Time lines: the number of the frame, and seconds where the data set tells them."""
 
 _JPEG_QUALITY = 85
+_LONGEST_FLUSH_S: Final = 600.0
+_BLOCK_BYTES: Final = 2**20
 _SHOWN_DEPTH_M = (0.0, 80.0)
 
 
@@ -61,26 +67,71 @@ def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception
         frames: In their order, one at a time.
 
     Raises:
-        ValueError: The name ends otherwise, or rerun-sdk is not installed.
+        ValueError: The name ends otherwise, rerun-sdk is not installed, or the disk is full.
     """
     check_rerun(path)
     rr = _library()
     count = 0
-    with atomic_path(path) as temporary:
-        recording = rr.RecordingStream("sightline")
-        recording.set_log_time_enabled(False)  # when it was written is nobody's time line
-        recording.save(temporary, default_blueprint=_blueprint())
+    with atomic_path(path) as temporary, _recording_to(temporary) as (recording, copier):
         recording.log("lidar", rr.ViewCoordinates.FLU, static=True)
         for sample, told in itertools.starmap(level_view, frames):
+            copier.check()
             recording.reset_time()  # a frame without a time has not that of the one before
             recording.set_time(FRAME_TIMELINE, sequence=count)
             if sample.timestamp_s is not None:
                 recording.set_time(TIME_TIMELINE, duration=sample.timestamp_s)
             _log_frame(recording, sample, told)
             count += 1
-        recording.flush()
-        recording.disconnect()
     return count
+
+
+class _Copier(threading.Thread):
+    """Writes to a file what comes through a pipe.
+
+    The library is given the pipe: where its own writing to a file fails, it waits for ever.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(daemon=True)
+        self._path = path
+        self._fault: OSError | None = None
+        self._source, self.sink = os.pipe()
+
+    def run(self) -> None:
+        with os.fdopen(self._source, "rb") as pipe:
+            try:
+                with self._path.open("wb") as file:
+                    shutil.copyfileobj(pipe, file)
+            except OSError as error:
+                self._fault = error
+                while pipe.read(_BLOCK_BYTES):  # or the library would wait for a reader
+                    pass
+
+    def check(self) -> None:
+        """Raises the error of the disk, where there was one."""
+        if self._fault is not None:
+            raise self._fault
+
+
+@contextmanager
+def _recording_to(path: Path) -> Iterator[tuple["rerun.RecordingStream", _Copier]]:
+    """A recording that is written to a file, whole when the block has ended well."""
+    rr = _library()
+    recording = rr.RecordingStream("sightline")
+    recording.set_log_time_enabled(False)  # when it was written is nobody's time line
+    copier = _Copier(path)
+    copier.start()
+    try:
+        try:
+            recording.save(f"/dev/fd/{copier.sink}", default_blueprint=_blueprint())
+        finally:
+            os.close(copier.sink)  # the library has opened it once more
+        yield recording, copier
+        recording.flush(timeout_sec=_LONGEST_FLUSH_S)
+    finally:
+        recording.disconnect()
+        copier.join(_LONGEST_FLUSH_S)
+    copier.check()
 
 
 def _library() -> ModuleType:

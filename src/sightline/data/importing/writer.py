@@ -17,15 +17,15 @@ from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
 from sightline.data.jobs import check_apart
 from sightline.data.point_files import checked_cloud
-from sightline.data.problem import FileError
+from sightline.data.problem import FileError, plain_line
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     recording_calibration_text,
 )
 from sightline.data.recording_checks import (
-    check_recording_frame,
     describe_recording,
+    examine_recording_frame,
     first_whole,
     view_of_recording,
 )
@@ -58,7 +58,9 @@ class ImportReport:
     def __str__(self) -> str:
         """The notes, then the numbers."""
         there = f"{self.skipped} were there already"
-        return "\n".join((*self.notes, f"{self.out}: {self.written} frames written, {there}"))
+        return "\n".join(
+            (*map(plain_line, self.notes), f"{self.out}: {self.written} frames written, {there}")
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -192,7 +194,7 @@ def check_staged(folder: Path, source: Path | str) -> None:
         doubts = check_intrinsics(intrinsics, size, frame.calibration)
         doubts = doubts or [
             each
-            for each in check_recording_frame(frame, reference=None)
+            for each in examine_recording_frame(frame, reference=None).all()
             if each.path != frame.calibration  # how it fits is told when all is written
         ]
     except FileError as error:

@@ -1,0 +1,69 @@
+"""Lines that the commands print: what a file or a folder is named never reaches a terminal raw."""
+
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from sightline.data.problem import escaped, plain_line
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderableType
+    from rich.segment import Segment
+
+_FILE_WIDTH = 160  # columns of a table that goes to no terminal
+
+
+def say(*lines: object) -> None:
+    """Print each as one line to standard output; control characters are shown, not sent."""
+    for line in lines:
+        print(escaped(str(line)))
+
+
+def show_table(table: "RenderableType") -> None:
+    """Print a table in the colours and the width of the terminal, where there is one."""
+    from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=_FILE_WIDTH)
+    console.print(_Plain(table))
+
+
+def warn(message: str) -> None:
+    """Print a message as one line to standard error."""
+    print(f"sightline: {plain_line(message)}", file=sys.stderr)
+
+
+def fail(message: str, status: int) -> int:
+    """Prints a message in one line to standard error; gives the exit status back."""
+    warn(message)
+    return status
+
+
+def format_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    line: str | None = None,
+) -> str:
+    """A warning as one line for whoever gave the command; as `warnings.formatwarning`."""
+    del category, filename, lineno, line
+    return f"sightline: warning: {plain_line(str(message))}\n"
+
+
+class _Plain:
+    """Something that rich draws, without the control characters of what it shows."""
+
+    def __init__(self, shown: "RenderableType") -> None:
+        self._shown = shown
+
+    def __rich_console__(
+        self, console: "Console", options: "ConsoleOptions"
+    ) -> "Iterator[Segment]":
+        from rich.segment import Segment
+
+        for text, style, control in console.render(self._shown, options):
+            is_own = control is not None or text.isprintable() or not text.strip("\n")
+            shown = text if is_own else "\n".join(map(escaped, text.split("\n")))
+            yield Segment(shown, style, control)

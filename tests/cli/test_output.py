@@ -1,0 +1,54 @@
+import ast
+from pathlib import Path
+
+import pytest
+from rich.table import Table
+
+import sightline.cli
+from sightline.cli.output import fail, format_warning, say, show_table
+
+FORGED = "000001\x1b[2J\x1b]0;owned\x07\nno problems\u202e\udce9"
+
+
+def lines_of(text):
+    assert all(each.isprintable() for each in text.split("\n"))
+    return text.splitlines()
+
+
+def test_a_printed_line_stays_one_line_and_shows_control_characters(capsys):
+    say(f"  {FORGED}", "next")
+    first, second = lines_of(capsys.readouterr().out)
+    assert first == r"  000001\x1b[2J\x1b]0;owned\x07\nno problems\u202e\udce9"
+    assert second == "next"
+
+
+def test_errors_and_warnings_are_one_line_each(capsys):
+    assert fail(FORGED, 2) == 2
+    (said,) = lines_of(capsys.readouterr().err)
+    assert said == r"sightline: 000001\x1b[2J\x1b]0;owned\x07 no problems\u202e\udce9"
+    (warned,) = lines_of(format_warning(FORGED, UserWarning, "file.py", 1))
+    assert warned == said.replace("sightline:", "sightline: warning:")
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_table_shows_control_characters_of_its_cells(capsys, monkeypatch, terminal):
+    table = Table("name")
+    table.add_row("A\x1b]0;owned\x07", style="red")
+    if terminal:
+        monkeypatch.setenv("FORCE_COLOR", "1")
+    show_table(table)
+    shown = capsys.readouterr().out
+    assert r"A\x1b]0;owned" in shown
+    assert "\x1b]" not in shown
+    assert ("\x1b[31m" in shown) == terminal
+
+
+def test_every_printed_line_of_the_commands_goes_this_way():
+    folder = Path(sightline.cli.__file__).parent
+    calls = {
+        path.name
+        for path in folder.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print"
+    }
+    assert calls == {"output.py"}

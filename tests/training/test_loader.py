@@ -1,0 +1,102 @@
+"""Workers that cannot hand their batches on, hang or die never let a training wait for ever."""
+
+import errno
+import os
+import signal
+import time
+
+import pytest
+import torch
+from torch import Tensor
+from torch.utils.data import BatchSampler, Dataset, SequentialSampler
+
+from sightline.training import interruption, loader
+from sightline.training.interruption import Interruption, InterruptionNote
+from sightline.training.loader import BatchLoader
+
+
+class Batches(Dataset[Tensor]):
+    """Gives tensors of the number of their batch, and does something before in a worker."""
+
+    def __init__(self, action=None):
+        self._action = action
+
+    def __len__(self):
+        return 3
+
+    def __getitems__(self, keys):
+        if self._action is not None:
+            self._action()
+        return torch.full((2, 2), float(keys[0]))
+
+
+def load(action=None, workers=2):
+    samples = Batches(action)
+    batches = BatchSampler(SequentialSampler(samples), 1, drop_last=False)
+    return [float(batch[0, 0]) for batch in BatchLoader(samples, batches, workers=workers, seed=0)]
+
+
+def no_room(*_):
+    raise RuntimeError("unable to write to file </torch_1_2>: No space left on device (28)")
+
+
+def not_sendable():
+    raise type("LocalError", (Exception,), {})
+
+
+def test_batches_come_through_pipes_where_shared_memory_is_full(monkeypatch):
+    monkeypatch.setattr(Tensor, "share_memory_", no_room)
+    # Else PyTorch's own pickling would use it all the same.
+    with pytest.warns(UserWarning, match="/dev/shm has no room.*No space left.*--shm-size"):
+        assert load() == [0, 1, 2]
+
+
+def test_nothing_is_said_where_shared_memory_has_room():
+    assert load() == load(workers=0) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    "action",
+    [not_sendable, lambda: os.kill(os.getpid(), signal.SIGKILL)],
+    ids=["unsendable", "killed"],
+)
+def test_a_worker_that_cannot_send_or_is_killed_ends_the_loading_with_an_error(action):
+    with pytest.raises(ChildProcessError, match=r"set fewer data\.workers"):
+        load(action)
+
+
+def test_workers_that_hang_end_the_loading_with_an_error(monkeypatch):
+    monkeypatch.setattr(loader, "_LONGEST_BATCH_S", 0.3)
+    monkeypatch.setattr(torch.utils.data._utils, "MP_STATUS_CHECK_INTERVAL", 0.1)
+    with pytest.raises(ChildProcessError, match=r"no worker .* batch .*data\.init_args\.workers 0"):
+        load(lambda: time.sleep(5))
+
+
+def test_workers_that_cannot_be_started_end_the_loading_with_an_error(monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(loader.DataLoader, "__iter__", refuse)
+    with pytest.raises(ChildProcessError, match=r"cannot be started: no space left.*/dev/shm"):
+        load()
+
+
+def test_a_step_that_does_not_end_after_a_signal_is_ended(monkeypatch):
+    monkeypatch.setattr(interruption, "_LONGEST_STEP_S", 0.1)
+    note = InterruptionNote()
+    note.listen()
+    signal.raise_signal(signal.SIGTERM)
+    with pytest.raises(Interruption) as ended:
+        time.sleep(60)
+    assert ended.value.exit_status == 128 + signal.SIGTERM
+
+
+def test_what_follows_a_step_takes_its_time_after_a_signal():
+    note = InterruptionNote()
+    note.listen()
+    signal.raise_signal(signal.SIGINT)
+    assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
+    note.stop_waiting()
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
+    with pytest.raises(Interruption):
+        note.raise_noted()
