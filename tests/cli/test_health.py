@@ -41,7 +41,7 @@ def test_a_sensor_that_delivered_nothing_is_a_result(tmp_path, capsys, sensor, f
 @pytest.mark.parametrize(
     ("thinned", "is_told"), [(("000000", "000001"), True), (("000000",), False)]
 )
-def test_limits_of_other_beams_are_told_where_all_sweeps_have_fewer_rings(
+def test_limits_of_fewer_beams_are_taken_and_told_where_all_sweeps_have_fewer_rings(
     tmp_path, recwarn, thinned, is_told
 ):
     shutil.copytree(PACKAGED_FRAMES, tmp_path / "KITTI")
@@ -50,8 +50,23 @@ def test_limits_of_other_beams_are_told_where_all_sweeps_have_fewer_rings(
         points = read_sweep(path)
         ring = np.cumsum(np.diff(np.arctan2(points[:, 1], points[:, 0]), prepend=0) < -1)
         write_sweep(path, points[ring % 2 == 0])
-    assert main(["health", str(tmp_path / "KITTI")]) == 0
-    assert any("limits of your own" in str(each.message) for each in recwarn.list) == is_told
+    report = tmp_path / "health.json"
+    assert main(["health", str(tmp_path / "KITTI"), "--json", str(report)]) == 0
+    content = json.loads(report.read_text())
+    assert ("32 beams" in content["limits"]["lidar"]) == is_told
+    assert any("judged as of 32 beams" in each for each in content["warnings"]) == is_told
+    assert any("judged as of 32 beams" in str(each.message) for each in recwarn.list) == is_told
+    assert content["frames"][1]["alarms"]["lidar"] is not is_told
+
+
+def test_the_kind_of_sensors_can_be_given(tmp_path):
+    report = tmp_path / "health.json"
+    given = ["--images", "jpeg", "--lidar-beams", "32", "--json", str(report)]
+    assert main(["health", str(PACKAGED_FRAMES), *given]) == 0
+    assert json.loads(report.read_text())["limits"] == {
+        "camera": "shipped, JPEG pictures (as given)",
+        "lidar": "shipped, 32 beams (as given)",
+    }
 
 
 @pytest.mark.parametrize(
@@ -59,6 +74,13 @@ def test_limits_of_other_beams_are_told_where_all_sweeps_have_fewer_rings(
     [
         (["health", "nowhere"], "nowhere does not exist"),
         (["health", str(PACKAGED_FRAMES), "--limits", "none.json"], "none.json"),
+        (["health", str(PACKAGED_FRAMES), "--fit-first", "9"], "at least 10 frames, got 9"),
+        (["health", str(PACKAGED_FRAMES), "--fit-first", "10"], "at least 10 frames"),
+        (["health", str(PACKAGED_FRAMES), "--lidar-beams", "8"], "64, 32, 16 beams, got 8"),
+        (
+            ["health", str(PACKAGED_FRAMES), "--lidar-beams", "64", "--limits", "l.json"],
+            "leave out",
+        ),
         (["health-limits", str(PACKAGED_FRAMES), "limits.json"], "at least 100 clean frames"),
         (
             ["evaluate", "calibration", "r", "l", "--out", "o"],

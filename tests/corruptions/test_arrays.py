@@ -63,6 +63,8 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
         ({"image": IMAGE.transpose(2, 0, 1)}, "got uint8 of shape 3 x 120 x 400"),
         ({"points": POINTS[:, :2]}, "the points are float32 of shape .300, 2., expected"),
         ({"points": POINTS[None]}, "points must be N x 3 or more, .* got float32 of shape 1 x 300"),
+        ({"camera_from_lidar": None}, "give both, or none"),
+        ({"camera_from_lidar": None, "image_from_camera": None}, "camera_fog needs a calibration"),
         ({"points": np.array([[1, 2, 3, 0], [1, 2, 3, np.nan]])}, "finite and .* row 1 is not"),
         (
             {"points": np.array([[1e39, 0, 0, 0]])},
@@ -113,3 +115,32 @@ def test_clouds_of_three_columns_or_of_five_are_those_of_four(kind):
         expected = corrupt_arrays(kind, 3, image=IMAGE, points=same, **MATRICES)
         assert np.array_equal(found.points, expected.points)
         assert np.array_equal(found.point_sources, expected.point_sources)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_kinds_that_need_no_calibration_do_the_same_without_one(kind):
+    given = {"image": IMAGE, "points": POINTS, "name": "a"}
+    if KINDS[kind].at(3).needs_calibration:
+        with pytest.raises(ValueError, match=f"{kind} needs a calibration"):
+            corrupt_arrays(kind, 3, **given)
+        return
+    expected, found = corrupt_arrays(kind, 3, **given, **MATRICES), corrupt_arrays(kind, 3, **given)
+    assert np.array_equal(found.image, expected.image)
+    assert np.array_equal(found.points, expected.points)
+    assert found.record == expected.record
+
+
+def test_several_kinds_meet_a_frame_one_after_the_other():
+    found = corrupt_arrays(
+        "lidar_point_drop+lidar_gaussian_noise+camera_contrast", 3, image=IMAGE, points=POINTS
+    )
+    assert found.record.sensors == ("camera", "lidar")
+    assert set(found.record.parameters) > {"camera_contrast.factor"}
+    assert len(found.points) < len(POINTS)
+    moved = np.abs(found.points[:, :3] - POINTS[found.point_sources, :3])
+    assert 0 < moved.max() < 1
+    assert found.broken_points.all()
+    assert (found.image != IMAGE).any()
+    for wrong in ("lidar_fog+lidar_fog", "lidar_fog+", "camera_fog+fogg"):
+        with pytest.raises(ValueError, match=r"named twice|no kind of corruption"):
+            corrupt_arrays(wrong, 3, image=IMAGE, points=POINTS, **MATRICES)

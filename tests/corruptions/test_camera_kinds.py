@@ -8,7 +8,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.corruptions.camera_precipitation import CameraRain, Exposure, draw_particles
+from sightline.corruptions.camera_precipitation import (
+    CameraRain,
+    Exposure,
+    draw_particles,
+    from_light,
+    to_light,
+)
 from sightline.corruptions.dirt import cover
 from sightline.corruptions.exposure import add_value, reduce_contrast
 from sightline.corruptions.haze import CameraFog, airlight_level, extinction_per_m, to_levels, veil
@@ -136,6 +142,17 @@ def test_distances_are_those_of_a_wall_before_the_sensors():
     np.testing.assert_allclose(found.ranges_m[100:220, 300:900], 20 * rays, rtol=0.03)
 
 
+def test_distances_do_not_end_where_the_nearest_measurement_changes():
+    depth = torch.zeros(SIZE)
+    depth[110:], depth[40:, 190:210] = 80, 10  # a wood, and a trunk before it
+    image = torch.full((3, *SIZE), 100, dtype=torch.uint8)
+    image[0], image[:, :, 190:210] = 60, 20
+    found = scene_ranges(sample_of(depth=depth, points=None, image=image))
+    passing = np.exp(-found.ranges_m[50:100, 215:] / 20)
+    assert np.abs(np.diff(passing, axis=1)).max() < 0.028
+    np.testing.assert_allclose(found.ranges_m[50:100, 200], 10, rtol=0.02)
+
+
 def test_without_any_distance_the_road_is_flat_and_the_sky_is_far():
     sample = sample_of(points=None, depth=None)
     ranges = scene_ranges(sample).ranges_m
@@ -234,6 +251,29 @@ def test_drawn_particles_have_the_mean_size_of_their_distribution():
         assert drawn.min() >= swelling * 0.5e-3
     speeds = rain(5.0).speeds_mps(np.array([1e-3, 5e-3]))
     np.testing.assert_allclose(speeds, [4.0, 9.1], atol=0.1)
+
+
+@pytest.mark.parametrize("kind", ["camera_rain", "camera_snow"])
+def test_more_of_what_falls_is_seen_before_what_is_dark(kind):
+    image = torch.full((3, *SIZE), 40, dtype=torch.uint8)
+    image[:, : SIZE[0] // 4] = 230
+    sample, dark = sample_of(image=image), slice(SIZE[0] // 4, None)
+    shares = []
+    for severity in range(1, 6):
+        worse = KINDS[kind].at(severity)(sample, np.random.default_rng(0)).image.int()
+        shares.append(float((worse[:, dark] > 55).any(dim=0).float().mean()))
+    assert shares == sorted(shares)
+    assert shares[0] > 0.02
+    assert shares[-1] > 0.5
+
+
+@given(level=st.floats(0, 255))
+def test_levels_come_back_from_the_light_that_they_stand_for(level):
+    levels = np.full(1, level, np.float32)
+    light = to_light(levels)
+    assert 0 <= light[0] <= 1
+    np.testing.assert_allclose(from_light(light), levels, atol=1e-3)
+    assert to_light(np.full(1, 128, np.float32))[0] == pytest.approx(0.2159, abs=1e-3)
 
 
 def test_rain_dims_what_is_far_away():

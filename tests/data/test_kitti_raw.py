@@ -123,7 +123,7 @@ def test_drives_travel_between_processes(tmp_path):
 def test_times_are_exact_to_the_nanosecond_across_midnight(tmp_path):
     path = tmp_path / "timestamps.txt"
     path.write_text("2011-09-26 23:59:59.999999999\n2011-09-27 00:00:01.000000001\n\n")
-    assert read_timestamps(path).tolist() == pytest.approx([0, 1.000000002], abs=1e-12)
+    assert read_timestamps(path).tolist() == [0, 1.000000002]
     path.write_text("")
     assert read_timestamps(path).tolist() == []
 

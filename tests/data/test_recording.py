@@ -83,6 +83,13 @@ def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
     assert second.timestamp_s == 0.25
 
 
+def test_times_since_the_start_are_those_that_are_written(tmp_path):
+    write_recording(tmp_path, ("a", "b", "c"))
+    (tmp_path / "times.txt").write_text("a 1700000000.000000\nb 1700000000.6\nc 1700000000.7\n")
+    dataset = open_dataset(tmp_path, parts=("points",), needs=())
+    assert [dataset[at].timestamp_s for at in range(3)] == [0.0, 0.6, 0.7]
+
+
 def test_frames_of_two_cameras_and_sensors_have_calibrations_of_their_own(tmp_path):
     write_recording(tmp_path, ("a",))
     write_rgb(tmp_path / "images" / "b.png", cv2.resize(IMAGE, (621, 188)))

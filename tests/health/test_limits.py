@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from sightline.health.alignment_checks import LEAST_SPREADS, AlignmentChecks
 from sightline.health.limits import (
+    LEAST_SCORE,
     SHIPPED,
     CheckRange,
     SensorLimits,
@@ -46,7 +47,7 @@ def test_the_score_falls_as_any_check_grows(values, step):
     after = limits.judge(AlignmentChecks(values[0], values[1] + step, tilted=0.0))
     assert 0 <= after.score <= before.score <= 1
     excess = max(values[0], (values[1] - 1) / 2, 0.0)
-    assert before.score == pytest.approx(2 ** -(excess / 2))
+    assert before.score == pytest.approx(max(2 ** -(excess / 2), LEAST_SCORE))
 
 
 def test_what_cannot_be_looked_at_says_nothing_and_nothing_at_all_is_the_worst():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from sightline.health.report import HealthReport
+from sightline.health.report import HealthReport, doubts
 from sightline.structures.health import Alarms, FrameHealth, Health, SampleHealth
 
 SOUND = Health(score=0.9, worst_check="dark")
@@ -57,17 +57,19 @@ def test_what_is_written_is_json_that_says_where_sensors_are_bad():
     )
 
 
-def test_images_without_noise_are_told_apart_from_single_dirty_ones():
+def test_a_sensor_that_most_frames_are_bad_by_makes_its_scores_doubtful():
     def camera(check, score):
         health = replace(FRAME.health, camera=Health(score=score, worst_check=check))
-        return replace(FRAME, health=health)
+        return replace(FRAME, health=replace(health, lidar=SOUND))
 
     dirty, sound, gone = camera("muddy", 0.1), camera("muddy", 0.9), camera("absent", 0.0)
-    for frames, is_short in (
-        ((dirty, dirty, sound, gone, gone), True),
-        ((dirty, sound), False),
-        ((camera("dark", 0.1), dirty), False),
-        ((gone,), False),
-        ((), False),
-    ):
-        assert HealthReport(frames=frames).is_short_of_noise is is_short
+    assert "2 of 3 images are bad by 'muddy' (2)" in doubts((dirty, dirty, sound, gone))[0]
+    for frames in ((dirty, sound), (gone,), (sound,), ()):
+        assert doubts(frames) == ()
+
+
+def test_limits_and_warnings_are_in_the_file():
+    report = HealthReport(frames=(FRAME,), limits={"camera": "of mine"}, warnings=("short",))
+    content = report.to_json()
+    assert (content["limits"], content["warnings"]) == ({"camera": "of mine"}, ["short"])
+    assert report.notes == ("camera judged by limits: of mine", "short")

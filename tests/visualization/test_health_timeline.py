@@ -59,3 +59,13 @@ def test_the_number_of_a_frame_stays_whole_in_a_short_name():
 def test_a_drive_without_frames_is_refused():
     with pytest.raises(ValueError, match="at least one frame"):
         draw_health([])
+
+
+def test_notes_stand_below_in_lines_that_fit():
+    plain = draw_health([frame(0)])
+    noted = draw_health([frame(0)], ["limits of mine", "a warning that is long " * 20])
+    assert noted.shape[1] == plain.shape[1]
+    assert np.array_equal(noted[: len(plain)], plain)
+    below = noted[len(plain) :]
+    assert (below != below[0, 0]).any()
+    assert (below[:, -10:] == below[0, 0]).all()

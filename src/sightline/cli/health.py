@@ -2,10 +2,17 @@
 
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
 from sightline.cli.report import check_places, deliver
 from sightline.data.object_tree import Part, Velodyne
+
+if TYPE_CHECKING:
+    from sightline.data.open import SampleDataset
+    from sightline.health.shipped import ChosenLimits
+
+ImageKind = Literal["png", "jpeg"]
 
 
 def health(
@@ -14,6 +21,9 @@ def health(
     sample_list: str | None = None,
     velodyne: Velodyne | None = None,
     limits: Path | None = None,
+    images: ImageKind | None = None,
+    lidar_beams: int | None = None,
+    fit_first: int | None = None,
     picture: Path | None = None,
     json: Path | None = None,
 ) -> None:
@@ -22,7 +32,7 @@ def health(
     Prints the time line: scores from 1 (nothing is wrong) to 0 (nothing was delivered), below 0.5
     as bad as one sound frame in a hundred; alarms, which take two bad frames in a row to be raised
     (one, if nothing was delivered) and five good ones to be taken back; the LiDAR's turn about z
-    [degrees].
+    [degrees]. Says which limits were taken, and what makes the scores doubtful.
 
     Args:
         data: A recording, KITTI object tree, depth completion tree or raw drive; its frames in
@@ -31,7 +41,12 @@ def health(
             text file with one name a line. Default: all.
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
-        limits: What is usual of these sensors, by `health-limits`. Default: of simulated ones.
+        limits: What is usual of these sensors, by `health-limits`. Default: those that come with
+            Sightline for this kind of pictures and number of beams.
+        images: How the pictures were saved, png or jpeg. Default: recognised.
+        lidar_beams: Number of the LiDAR's beams, 64, 32 or 16. Default: recognised.
+        fit_first: Fits the limits to so many first frames of the drive, at least 10, which are
+            taken as sound; for sensors that no limits fit. 30 will do.
         picture: PNG for the time line and for where sensors were bad.
         json: File for all scores, the worst checks, alarms and regions.
     """
@@ -39,38 +54,71 @@ def health(
     from sightline.data.image_file import write_rgb
     from sightline.data.open import open_dataset
     from sightline.data.progress import track
-    from sightline.health.limits import SHIPPED, read_limits
     from sightline.health.monitor import HealthMonitor
-    from sightline.health.report import HealthReport
+    from sightline.health.report import HealthReport, doubts
     from sightline.health.sequence import DriveMonitor
+    from sightline.health.shipped import check_first
     from sightline.visualization.health_timeline import draw_health
 
-    monitor = DriveMonitor(HealthMonitor(read_limits(limits or SHIPPED)))
+    check_first(fit_first)
+    if limits is not None and (images or lidar_beams or fit_first):
+        raise ValueError(
+            "--limits says what is usual already; leave out --images, --lidar-beams and --fit-first"
+        )
     sensors: tuple[Part, ...] = ("image", "points")
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=sensors, needs=()
     )
+    chosen = _limits(data, dataset, limits, images, lidar_beams, fit_first)
+    monitor = DriveMonitor(HealthMonitor(chosen.limits))
     samples = (dataset[index] for index in range(len(dataset)))
     shown = track(samples, description="looking at sensors", total=len(dataset))
-    report = HealthReport(frames=tuple(monitor(sample) for sample in shown))
+    frames = tuple(monitor(sample) for sample in shown)
+    report = HealthReport(
+        frames=frames,
+        limits={"camera": chosen.camera, "lidar": chosen.lidar},
+        warnings=(*chosen.warnings, *(doubts(frames) if limits is None else ())),
+    )
     if picture is not None:
-        write_rgb(picture, draw_health(report.frames))
+        write_rgb(picture, draw_health(report.frames, report.notes))
         say(picture)
     deliver(report, json)
-    if limits is None and report.is_short_of_rings:
-        warnings.warn(
-            "every sweep has fewer rings than 64 beams make, which the limits are for; if that "
-            "is how your LiDAR is, its scores say nothing: fit limits of your own by "
-            "sightline health-limits and give them by --limits",
-            stacklevel=2,
-        )
-    if limits is None and report.is_short_of_noise:
-        warnings.warn(
-            "most images lack a sensor's noise, by which dirt is told; where your camera saves "
-            "JPEG, which takes it away, its scores say nothing: fit limits of your own by "
-            "sightline health-limits and give them by --limits",
-            stacklevel=2,
-        )
+    for sensor, said in report.limits.items():
+        say(f"{sensor}: limits {said}")
+    for warning in report.warnings:
+        warnings.warn(warning, stacklevel=2)
+
+
+def _limits(
+    data: Path,
+    dataset: "SampleDataset",
+    limits: Path | None,
+    images: ImageKind | None,
+    beams: int | None,
+    fit_first: int | None,
+) -> "ChosenLimits":
+    """Limits as given, else those that come with Sightline, or fitted to the first frames."""
+    from sightline.data.recording_tree import IMAGES
+    from sightline.health.limits import read_limits
+    from sightline.health.shipped import (
+        LOOKED_AT,
+        ChosenLimits,
+        check_frames,
+        choose_shipped,
+        fit_to_first,
+    )
+
+    if limits is not None:
+        return ChosenLimits(limits=read_limits(limits), camera=str(limits), lidar=str(limits))
+    count = len(dataset)
+    spread = {round(n * (count - 1) / max(LOOKED_AT - 1, 1)) for n in range(LOOKED_AT)}
+    looked_at = check_frames([dataset[index] for index in sorted(spread) if index < count])
+    are_jpeg = any((data / IMAGES).glob("*.jp*g"))
+    chosen = choose_shipped(looked_at, images=images, beams=beams, are_jpeg_files=are_jpeg)
+    if fit_first is None:
+        return chosen
+    first = check_frames([dataset[index] for index in range(min(fit_first, count))])
+    return fit_to_first(chosen, first)
 
 
 def health_limits(

@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped, UInt8
 
+from sightline.corruptions.combined import find_corruption, needs_calibration
 from sightline.corruptions.corruption import Corrupted, Record
-from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.faults import fault_rng
 from sightline.geometry.calibration import Calibration
@@ -26,6 +26,12 @@ from sightline.structures.sample import CameraLidarSample
 Given = np.ndarray | torch.Tensor | Sequence[Any]
 """Numbers as users have them: an array, a tensor, nested lists."""
 
+# A camera that sees no point: it looks up from far above.
+_FAR_ABOVE = torch.eye(4, dtype=torch.float64)
+_FAR_ABOVE[2, 3] = -1e9
+_NO_VIEW = Calibration(
+    image_from_camera=torch.eye(4, dtype=torch.float64)[:3], camera_from_lidar=_FAR_ABOVE
+)
 _LARGEST = 1e6  # metres; beyond, float32 loses what kinds compute with
 
 
@@ -52,8 +58,8 @@ def corrupt_arrays(
     *,
     image: Given | None = None,
     points: Given | None = None,
-    image_from_camera: Given,
-    camera_from_lidar: Given,
+    image_from_camera: Given | None = None,
+    camera_from_lidar: Given | None = None,
     image_size: Sequence[SupportsIndex] | None = None,
     depth: Given | None = None,
     seed: int = 0,
@@ -63,7 +69,7 @@ def corrupt_arrays(
     """An image and a sweep as faulty sensors take them; the same arguments give the same answer.
 
     Args:
-        kind: One of `kinds.KINDS`.
+        kind: One of `kinds.KINDS`, or several in their order, joined by `+`: camera_fog+lidar_fog.
         severity: From 1, slight, to 5.
         image: RGB, uint8, height x width x 3; like all that follows an array, a tensor or nested
             lists. None: no camera.
@@ -71,9 +77,11 @@ def corrupt_arrays(
             are 0, further columns are left out (`point_sources` finds their rows). None: no LiDAR.
             What is delivered is float32.
         image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
-            KITTI's P2; of an intrinsic matrix K, K with a column of zeros.
+            KITTI's P2; of an intrinsic matrix K, K with a column of zeros. None, like the next,
+            for kinds that need no calibration: then `lidar_mask` says nothing.
         camera_from_lidar: 4 x 4, rigid.
-        image_size: Height and width of the camera's image [px]; needed without an image.
+        image_size: Height and width of the camera's image [px]; needed with a calibration but
+            without an image.
         depth: Height x width, floating point: metres along the optical axis, 0 unknown; for weather
             in the camera. None: the sweep's own is used.
         seed: Not negative.
@@ -81,25 +89,46 @@ def corrupt_arrays(
         lidar: The LiDAR's beams and reach.
 
     Raises:
-        ValueError: There is no such kind or severity, or an array is not as described.
+        ValueError: There is no such kind or severity, an array is not as described, or the kind
+            needs a calibration.
     """
-    corruption = find_kind(kind).at(severity, lidar)
+    corruption = find_corruption(kind, severity, lidar)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     planes = None if image is None else _image(_array(image))
+    calibration = _calibration(image_from_camera, camera_from_lidar)
+    if calibration is None:
+        if needs_calibration(corruption):
+            raise ValueError(
+                f"{kind} needs a calibration; give image_from_camera and camera_from_lidar"
+            )
+        calibration = _NO_VIEW
+        image_size = (1, 1) if planes is None and image_size is None else image_size
     size = _image_size(planes, image_size)
     sample = CameraLidarSample(
         sample_id=name,
-        calibration=Calibration(
-            image_from_camera=_matrix("image_from_camera", _array(image_from_camera), (3, 4)),
-            camera_from_lidar=_matrix("camera_from_lidar", _array(camera_from_lidar), (4, 4)),
-        ),
+        calibration=calibration,
         image_size=size,
         image=planes,
         points=None if points is None else _points(_array(points)),
         depth=None if depth is None else _depth(_array(depth), size),
     )
     return _arrays(corruption.corrupt(sample, fault_rng(sample, seed, corruption.kind)))
+
+
+def _calibration(
+    image_from_camera: Given | None, camera_from_lidar: Given | None
+) -> Calibration | None:
+    if image_from_camera is None and camera_from_lidar is None:
+        return None
+    if image_from_camera is None or camera_from_lidar is None:
+        raise ValueError(
+            "a calibration is image_from_camera and camera_from_lidar; give both, or none of them"
+        )
+    return Calibration(
+        image_from_camera=_matrix("image_from_camera", _array(image_from_camera), (3, 4)),
+        camera_from_lidar=_matrix("camera_from_lidar", _array(camera_from_lidar), (4, 4)),
+    )
 
 
 def _array(given: Given) -> Shaped[np.ndarray, "..."]:

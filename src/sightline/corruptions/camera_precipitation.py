@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from sightline.corruptions.corruption import (
     CameraCorruption,
@@ -25,10 +25,11 @@ from sightline.structures.sample import CameraLidarSample
 
 _NEAREST_M = 0.4  # the windscreen or the hood keeps off what would be nearer
 # What is beyond is part of the veil alone: drops too fast and flakes too small to be seen.
-_RAIN_DRAWN_M = 5.0
+_RAIN_DRAWN_M = 8.0
 _SNOW_DRAWN_M = 8.0
 _MARGIN_PX = 40.0  # around the image, where streaks begin that end in it
-_FAINTEST = 0.02  # opacity; fainter streaks change a few levels at most
+_FAINTEST = 0.01  # opacity; fainter streaks are part of the veil
+_SRGB_KNEE = np.float32(0.04045)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,7 +87,8 @@ class CameraRain(_CameraPrecipitation):
     """
 
     kind = "camera_rain"
-    revision = 2
+    needs_calibration = True
+    revision = 3
     drawn_m = _RAIN_DRAWN_M
 
     def particles(self) -> Precipitation:
@@ -99,7 +101,8 @@ class CameraSnow(_CameraPrecipitation):
     """Snow: a veil, and flakes that sink at 1 m/s, sizes by Gunn and Marshall 1958; see `fall`."""
 
     kind = "camera_snow"
-    revision = 2
+    needs_calibration = True
+    revision = 3
     drawn_m = _SNOW_DRAWN_M
 
     def particles(self) -> Precipitation:
@@ -129,7 +132,9 @@ def fall(
     """The image through rain or snow.
 
     What all particles together take and scatter is a veil (`haze.veil`); those up to `drawn_m` away
-    are drawn one by one, over whatever is there, in the light that the air scatters.
+    are drawn one by one, over whatever is there, in the light that the air scatters. Shares of the
+    exposure add up in light, not in levels as they are stored, which is what makes a bright drop
+    before a dark wall seen though it covers a pixel for a twentieth of the time.
     """
     ranges_m, source = scene_ranges(sample)
     airlight = airlight_level(image)
@@ -138,14 +143,34 @@ def fall(
     streaks = draw_particles(
         particles, sample.calibration, sample.image_size, exposure, wind_mps, rng, drawn_m=drawn_m
     )
-    draw_streaks(levels, streaks.ends_px, streaks.widths_px, streaks.opacities, airlight)
+    light = to_light(levels)
+    air = float(to_light(np.full(1, airlight, np.float32))[0])
+    draw_streaks(light, streaks.ends_px, streaks.widths_px, streaks.opacities, air)
     said = {
         "wind_mps": wind_mps,
         "num_streaks": len(streaks.opacities),
         "airlight_levels": airlight,
         "distances_from": source,
     }
-    return ImageChange(to_levels(levels), everywhere(sample), said)
+    return ImageChange(to_levels(from_light(light)), everywhere(sample), said)
+
+
+def to_light(levels: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    """Light in [0, 1] that stored levels stand for: sRGB, IEC 61966-2-1."""
+    shares = levels / np.float32(255)
+    light: Float32[np.ndarray, "*shape"] = np.where(
+        shares <= _SRGB_KNEE, shares / np.float32(12.92), ((shares + 0.055) / 1.055) ** 2.4
+    ).astype(np.float32)
+    return light
+
+
+def from_light(light: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    """Levels that light in [0, 1] is stored as; the inverse of `to_light`."""
+    shares = np.where(
+        light <= _SRGB_KNEE / 12.92, light * np.float32(12.92), 1.055 * light ** (1 / 2.4) - 0.055
+    )
+    levels: Float32[np.ndarray, "*shape"] = (255 * shares).astype(np.float32)
+    return levels
 
 
 def draw_particles(

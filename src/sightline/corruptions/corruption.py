@@ -78,6 +78,8 @@ class Corruption(Fault):
     """Those that it changes; all other parts of a sample stay."""
     revision: ClassVar[int] = 1
     """Raised whenever the same settings and draws begin to give something else."""
+    needs_calibration: ClassVar[bool] = True
+    """Whether what it does depends on the calibration; masks of the LiDAR always do."""
     leaves_nothing: ClassVar[bool] = False
     """Whether what the masks mark shows nothing of the scene any more, rather than less of it."""
 
@@ -152,6 +154,7 @@ class CameraCorruption(Corruption):
     """A fault of the camera alone."""
 
     sensors = ("camera",)
+    needs_calibration = False
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """See `Corruption.corrupt`."""
@@ -182,6 +185,7 @@ class LidarCorruption(Corruption):
     """A fault of the LiDAR alone."""
 
     sensors = ("lidar",)
+    needs_calibration = False
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """See `Corruption.corrupt`."""

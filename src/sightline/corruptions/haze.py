@@ -22,7 +22,6 @@ VISIBLE_CONTRAST = 0.05
 """Of what is as far away as one can see: the meteorological optical range."""
 
 _BRIGHTEST_SHARE = 0.1
-_AIRLIGHT = 0.9  # of the brightest tenth's mean luminance
 _LUMINANCE = np.array([0.299, 0.587, 0.114], dtype=np.float32)  # ITU-R BT.601
 
 
@@ -31,7 +30,8 @@ class CameraFog(CameraCorruption):
     """Homogeneous fog, the thicker the farther things are; distances are by `scene_ranges`."""
 
     kind = "camera_fog"
-    revision = 2
+    needs_calibration = True
+    revision = 3
 
     visibility_m: float
     """Meteorological optical range: where a contrast of 5 % is left."""
@@ -63,16 +63,16 @@ def extinction_per_m(visibility_m: float) -> float:
 
 
 def airlight_level(image: UInt8[Tensor, "3 height width"]) -> float:
-    """Grey level of light that the air scatters: somewhat less than the sky's.
+    """Grey level of light that the air scatters: the sky's, as He et al. 2009 take it.
 
-    By day the brightest tenth of the image is sky or lit by it; by night there is little light to
-    scatter.
+    A lower one would part the sky that is seen as such from what is left of it elsewhere. By day
+    the brightest tenth of the image is sky or lit by it; by night there is little light to scatter.
     """
     planes = image.numpy()[:, ::2, ::2]
     luminance = np.tensordot(_LUMINANCE, planes.astype(np.float32), axes=1).reshape(-1)
     count = max(1, round(_BRIGHTEST_SHARE * luminance.size))
     brightest = np.partition(luminance, -count)[-count:]
-    return _AIRLIGHT * float(brightest.mean())
+    return float(brightest.mean())
 
 
 def veil(

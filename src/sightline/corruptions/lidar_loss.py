@@ -80,6 +80,7 @@ class LidarFov(LidarCorruption):
     """The field of view shrinks to so many degrees to either side of the camera's optical axis."""
 
     kind = "lidar_fov"
+    needs_calibration = True
     leaves_nothing = True
 
     half_angle_deg: float
@@ -106,6 +107,7 @@ class LidarSector(LidarCorruption):
     """All points of one wedge, whose middle the camera sees, are lost."""
 
     kind = "lidar_sector"
+    needs_calibration = True
     leaves_nothing = True
 
     width_deg: float

@@ -16,6 +16,7 @@ from sightline.geometry.rotations import rotation_fault
 
 _EARTH_RADIUS_M = 6378137.0
 _OXTS_FIELDS = 30
+_TIME_DIGITS = 9  # of seconds: nanoseconds
 _TIME = re.compile(r"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)(\.\d+)?", re.ASCII)
 
 
@@ -52,6 +53,8 @@ def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
 def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
     """Reads lines such as "2011-09-26 13:02:25.964389445" as seconds since the first of them.
 
+    They are rounded to the nanosecond, as they are written.
+
     Raises:
         FileError: A line is no date with a time.
     """
@@ -71,9 +74,8 @@ def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
     if not moments:
         return np.zeros(0)
     first, first_fraction = moments[0]
-    return np.array(
-        [(moment - first).total_seconds() + part - first_fraction for moment, part in moments]
-    )
+    since = [(moment - first).total_seconds() + part - first_fraction for moment, part in moments]
+    return np.round(np.array(since), _TIME_DIGITS)
 
 
 def read_oxts_poses(

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 
@@ -101,7 +102,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._reference_images = reference_images(files.frames)
         self._times = None if files.times is None else read_times(files.times)
-        self._start_s = min(self._times.values(), default=0.0) if self._times else 0.0
+        self._start_s = min((self._times or {}).values(), default=Decimal(0))
         self._last_rig: tuple[Path, _Rig] | None = None
         view = view_of_recording(first_whole(self.frames))
         if view is not None and view.doubt is not None:
@@ -251,7 +252,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     def _time_of(self, name: str) -> float | None:
         if self._times is None or name not in self._times:
             return None
-        return self._times[name] - self._start_s
+        return float(self._times[name] - self._start_s)
 
     def _check_whole(self, needed: Collection[Part]) -> None:
         attributes = {"image": "images", "points": "points", "objects": "labels", "depth": "depth"}

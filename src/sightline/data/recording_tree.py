@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Final
 
@@ -102,8 +103,8 @@ def list_recording(folder: Path) -> RecordingFiles:
     )
 
 
-def read_times(path: Path) -> dict[str, float]:
-    """Reads the lines "NAME SECONDS" of a times.txt.
+def read_times(path: Path) -> dict[str, Decimal]:
+    """Reads the lines "NAME SECONDS" of a times.txt, exactly: a float of epoch seconds is not.
 
     Raises:
         FileError: A line is no name and time.
@@ -117,7 +118,8 @@ def read_times(path: Path) -> dict[str, float]:
             problem = f"line {number} is no frame's name and a time in seconds"
             raise FileError(path, problem, "write lines like `000001 0.1`")
         name, seconds = words
-        (times[name.strip()],) = parse_numbers([seconds], path, f"line {number}:")
+        parse_numbers([seconds], path, f"line {number}:")
+        times[name.strip()] = Decimal(seconds)
     return times
 
 

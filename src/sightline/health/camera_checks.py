@@ -83,6 +83,11 @@ LEAST_SPREADS = CameraChecks(
 )
 """By how much each differs between sound cameras of other makes: least spreads for limits that
 shall serve them, too."""
+JPEG_LEAST_SPREADS = LEAST_SPREADS._replace(
+    still=0.2, muddy=0.15, blurred=0.15, noisy=1.2, blocky=0.2
+)
+"""Least spreads of pictures saved as JPEG, qualities 75 to 95: compression takes the noise away
+that `still` and `muddy` look for, of real pictures more than of simulated ones."""
 
 
 def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:

@@ -69,8 +69,17 @@ def fit_on_samples(
     provenance: Mapping[str, str | int],
     *,
     transfer: bool = False,
+    camera_spreads: CameraChecks = camera_checks.LEAST_SPREADS,
+    lidar_spreads: LidarChecks = lidar_checks.LEAST_SPREADS,
 ) -> HealthLimits:
     """Limits fitted on samples of sound sensors.
+
+    Args:
+        samples: At least a hundred.
+        provenance: What is written down about them.
+        transfer: Whether the limits shall serve sensors of other makes, too; see `fit_limits`.
+        camera_spreads: Least spreads of the camera's checks.
+        lidar_spreads: Least spreads of the LiDAR's checks.
 
     Raises:
         ValueError: A sample lacks a sensor, or there are too few.
@@ -97,8 +106,8 @@ def fit_on_samples(
             "see: look whether the calibration fits (`sightline check`)"
         )
     return HealthLimits(
-        camera=fit_limits(camera, camera_checks.LEAST_SPREADS, transfer=transfer),
-        lidar=fit_limits(lidar, lidar_checks.LEAST_SPREADS, transfer=transfer),
+        camera=fit_limits(camera, camera_spreads, transfer=transfer),
+        lidar=fit_limits(lidar, lidar_spreads, transfer=transfer),
         alignment=fit_limits(alignment, alignment_checks.LEAST_SPREADS, transfer=transfer),
         provenance=provenance,
     )

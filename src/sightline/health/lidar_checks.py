@@ -67,7 +67,7 @@ class LidarChecks(NamedTuple):
     """-log2 of the range [m] that a twentieth of the points exceed."""
     faded: float
     """-log2 of the reflectance that a twentieth of the returns beyond 15 m exceed: fog takes light
-    with the distance. NaN where there are hardly any."""
+    with the distance. NaN where there are hardly any, or all are 0: a sensor that tells none."""
     blind: float
     """Share of the sectors of a whole turn without points; 0 for what the camera sees alone."""
 
@@ -89,6 +89,8 @@ LEAST_SPREADS = LidarChecks(
 )
 """By how much each differs between sound LiDARs of other makes: least spreads for limits that shall
 serve them, too."""
+FEW_RINGS_LEAST_SPREADS = LEAST_SPREADS._replace(sparse=0.8, ringless=0.3, holes=0.3)
+"""Least spreads of LiDARs of 32 and 16 beams, which differ more in where their beams point."""
 
 
 def check_lidar(points: Float32[np.ndarray, "num_points 4"]) -> LidarChecks:
@@ -144,7 +146,7 @@ def _fading(
     ranges: Float32[np.ndarray, " num_points"], reflectances: Float32[np.ndarray, " num_points"]
 ) -> float:
     far = reflectances[ranges > _FAR_M]
-    if len(far) < _FEWEST_FAR:
+    if len(far) < _FEWEST_FAR or not far.any():
         return math.nan
     return -_log2(max(float(np.quantile(far, 0.95)), 0.0))
 

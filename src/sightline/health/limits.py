@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -22,6 +22,8 @@ Checks = CameraChecks | LidarChecks | AlignmentChecks
 
 FALSE_ALARMS: Final = 0.01
 """Share of sound frames whose score is below `ALARM_SCORE`."""
+LEAST_SCORE: Final = 0.001
+"""Least score of what was delivered: how much worse than this it is says no more."""
 SHIPPED: Final = Path(__file__).with_name("limits.json")
 """Limits fitted on simulated frames; the file says which."""
 
@@ -53,18 +55,25 @@ class SensorLimits:
     """The largest excess of a frame's checks that all but `FALSE_ALARMS` of the sound frames stay
     below."""
 
-    def judge(self, checks: Checks) -> Health:
+    def judge(self, checks: Checks, *, without: Collection[str] = ()) -> Health:
         """2 to the power of minus the largest excess over the limit; 0 where it is infinite.
 
-        A check that could not be made (NaN) says nothing.
+        It is `LEAST_SCORE` at the least where something was delivered. A check that could not be
+        made (NaN) says nothing.
+
+        Args:
+            checks: Of a frame.
+            without: Names of checks that do not count.
         """
         excesses = {
             name: self.checks[name].excess(value)
             for name, value in checks._asdict().items()
-            if not math.isnan(value)
+            if not math.isnan(value) and name not in without
         }
         worst = max(excesses, key=excesses.__getitem__)
-        return Health(score=2.0 ** -(excesses[worst] / self.limit), worst_check=worst)
+        excess = excesses[worst] / self.limit
+        score = 0.0 if math.isinf(excess) else max(2.0**-excess, LEAST_SCORE)
+        return Health(score=score, worst_check=worst)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

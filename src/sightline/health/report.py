@@ -1,6 +1,8 @@
 """What the monitor says of a drive: as JSON and as a table."""
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +14,22 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-_NO_NOISE = ("muddy", "still")  # checks that tell what covers a lens by the noise that is lacking
+def doubts(frames: Sequence[FrameHealth]) -> tuple[str, ...]:
+    """Sensors that most frames are bad by: limits may be of other sensors than these."""
+    doubtful = []
+    for name, what in (("camera", "images"), ("lidar", "sweeps")):
+        judged: list[Health] = [getattr(frame.health, name) for frame in frames]
+        there = [each for each in judged if each.worst_check != "absent" and each.score > 0]
+        worst = Counter(each.worst_check for each in there if each.is_alarm)
+        if 2 * worst.total() <= len(there):
+            continue
+        checks = ", ".join(f"'{check}' ({count})" for check, count in worst.most_common(3))
+        doubtful.append(
+            f"{worst.total()} of {len(there)} {what} are bad by {checks}; if that is how your "
+            "sensor is, its scores say nothing: fit limits to its first frames by --fit-first 30, "
+            "or limits of your own by sightline health-limits, and give them by --limits"
+        )
+    return tuple(doubtful)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -21,25 +38,24 @@ class HealthReport:
 
     frames: tuple[FrameHealth, ...]
 
-    @property
-    def is_short_of_rings(self) -> bool:
-        """Whether all sweeps are bad by their number of rings, as those of fewer beams are."""
-        sweeps = [frame.health.lidar for frame in self.frames]
-        there = [each for each in sweeps if each.worst_check != "absent"]
-        short = [each for each in there if each.is_alarm and each.worst_check == "ringless"]
-        return bool(there) and short == there
-
-    @property
-    def is_short_of_noise(self) -> bool:
-        """Whether most images are bad by a lack of noise, as those that JPEG compresses are."""
-        images = [frame.health.camera for frame in self.frames]
-        there = [each for each in images if each.worst_check != "absent"]
-        still = [each for each in there if each.is_alarm and each.worst_check in _NO_NOISE]
-        return 2 * len(still) > len(there)
+    limits: Mapping[str, str] = field(default_factory=dict)
+    """Which limits camera and LiDAR were judged by, in words."""
+    warnings: tuple[str, ...] = ()
+    """What makes the scores doubtful."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""
-        return {"frames": [_frame_json(frame) for frame in self.frames]}
+        return {
+            "limits": dict(self.limits),
+            "warnings": list(self.warnings),
+            "frames": [_frame_json(frame) for frame in self.frames],
+        }
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Limits and warnings, a line each."""
+        limits = [f"{sensor} judged by limits: {said}" for sensor, said in self.limits.items()]
+        return (*limits, *self.warnings)
 
     def table(self) -> "Table":
         """One row per frame: scores, the worst check of what is bad, alarms that are on."""

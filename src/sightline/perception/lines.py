@@ -14,6 +14,7 @@ from sightline.structures.predictions import DepthMap, Detections2D, Detections3
 from sightline.structures.sample import CameraLidarSample
 
 _PX, _M, _RAD, _SCORE, _MS = 2, 3, 4, 4, 1  # decimals
+_TIME_DIGITS = 9  # of seconds: nanoseconds
 
 
 def frame_line(
@@ -27,6 +28,7 @@ def frame_line(
         made_by: Each task's weights or method.
     """
     told = answered.perception
+    at = sample.timestamp_s
     tasks: dict[str, dict[str, Any]] = {}
     for name, maker in made_by.items():
         tasks[name] = {"by": maker}
@@ -34,7 +36,7 @@ def frame_line(
             tasks[name]["lacks"] = list(answered.lacks[name])
     line = {
         "frame": sample.sample_id,
-        "timestamp_s": sample.timestamp_s,
+        "timestamp_s": None if at is None else round(at, _TIME_DIGITS),
         "image_size_px": list(sample.image_size),
         "sensors": {"camera": sample.image is not None, "lidar": sample.points is not None},
         "num_points": None if sample.points is None else len(sample.points),

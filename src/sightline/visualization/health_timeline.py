@@ -1,6 +1,7 @@
 """The health of a drive's sensors, drawn over its frames."""
 
 import itertools
+import textwrap
 from collections.abc import Sequence
 
 import cv2
@@ -26,10 +27,14 @@ _LARGEST_YAW_DEG = 4.0
 _MAP_HEIGHT = 150
 _NUM_TICKS = 6
 _LONGEST_NAME = 12  # letters that have their place below a chart
+_NOTE_LINE_PX = 18
+_NOTE_LETTERS = 130  # of a line of notes
 _DENSE = 300  # frames, from which lines are thin and without dots
 
 
-def draw_health(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
+def draw_health(
+    frames: Sequence[FrameHealth], notes: Sequence[str] = ()
+) -> UInt8[np.ndarray, "height width 3"]:
     """Scores and alarms of camera, LiDAR and alignment, the yaw error, and where sensors were bad.
 
     Red is where the alarm is on; the orange line is the score below which a frame is bad. The maps
@@ -38,6 +43,7 @@ def draw_health(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height widt
 
     Args:
         frames: At least one, in the order of the drive.
+        notes: Lines of text below all that: which limits were taken, warnings.
 
     Raises:
         ValueError: There is no frame.
@@ -52,7 +58,7 @@ def draw_health(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height widt
         ("alignment", [each.alignment for each in healths], [each.alignment for each in alarms]),
     )
     charts = [_score_chart(frames, *each) for each in series]
-    return np.concatenate((*charts, _yaw_chart(frames), _maps(frames)))
+    return np.concatenate((*charts, _yaw_chart(frames), _maps(frames), _note_lines(notes)))
 
 
 def _blank(height: int) -> UInt8[np.ndarray, "height width 3"]:
@@ -166,6 +172,15 @@ def _maps(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
     said = "left to right as the car sees it"
     at = _WIDTH - right - 260 - text_width(said, AXIS_TEXT_PX)
     put_text(canvas, said, at, _MAP_HEIGHT - below + 18, height_px=AXIS_TEXT_PX, color=MUTED)
+    return canvas
+
+
+def _note_lines(notes: Sequence[str]) -> UInt8[np.ndarray, "height width 3"]:
+    lines = [line for note in notes for line in textwrap.wrap(note, _NOTE_LETTERS)]
+    canvas = _blank(len(lines) * _NOTE_LINE_PX + (_NOTE_LINE_PX if lines else 0))
+    for number, line in enumerate(lines, start=1):
+        baseline = number * _NOTE_LINE_PX
+        put_text(canvas, line, _MARGINS_PX[0], baseline, height_px=AXIS_TEXT_PX, color=MUTED)
     return canvas
 
 
