@@ -32,6 +32,7 @@ from sightline.data.progress import track
 from sightline.evaluation.held_out_frame import dense_truth_in_reach
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import Metric
+from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineName
 from sightline.perception.perceive import TIMINGS_NAME, perceive
 from sightline.perception.perceiver import Perceiver
@@ -149,14 +150,19 @@ def score_objects(recording: Path, answers: Path, *, scale: float = 1.0) -> tupl
                 metric=metric,
                 num_objects=entry.n_gt,
                 ap_r40=round(entry.ap_r40, 2),
-                ap_all_points_95=None
-                if entry.all_points is None
-                else (round(entry.all_points.low, 2), round(entry.all_points.high, 2)),
+                ap_all_points_95=_interval(entry),
             )
             for entry in report.entries
             if entry.metric == metric and entry.difficulty == "moderate"
         ]
     return tuple(scores)
+
+
+def _interval(entry: ObjectEntry) -> tuple[float, float] | None:
+    points = entry.all_points
+    if points is None or points.low is None or points.high is None:
+        return None
+    return round(points.low, 2), round(points.high, 2)
 
 
 def score_depth(recording: Path, answers: Path) -> DepthScore:

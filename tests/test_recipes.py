@@ -117,12 +117,12 @@ def test_a_recipe_trains_and_its_weights_answer(
 
 
 @pytest.mark.parametrize("name", shipped_names())
-def test_shipped_weights_can_be_tuned_and_the_tuned_ones_scored(
+def test_shipped_weights_fit_the_recipe_of_their_name_and_the_tuned_ones_are_scored(
     name, street, tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)
     tuned = ["--config", name, f"--data.init_args.root={street}", *SMALL]
-    tuned += ["--model.init_args.initial_weights", name, "--model.init_args.network", "null"]
+    tuned += ["--model.init_args.initial_weights", name]
     for subcommand in ("fit", "test"):
         assert main([subcommand, *tuned]) == 0, capfd.readouterr().err
     report = json.loads(Path("runs", name, "test.json").read_text())
@@ -199,3 +199,13 @@ def test_fine_tuning_starts_from_the_shipped_network():
     tuned = recipe("depth-best-finetune")["model"]["init_args"]
     assert tuned["initial_weights"] == "depth-best"
     assert "network" not in tuned
+
+
+@pytest.mark.parametrize("name", ["depth-fast-cpu", "detection2d-fast-cpu", "detection3d-fast-cpu"])
+def test_a_recipe_without_a_network_takes_that_of_its_weights(name, street, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tuned = ["--config", name, f"--data.init_args.root={street}", *SMALL]
+    tuned += ["--model.init_args.initial_weights", name, "--model.init_args.network", "null"]
+    assert main(["fit", *tuned]) == 0
+    written = read_weights(Path("runs", name, "weights.safetensors"))
+    assert written.tensors.keys() == read_weights(name).tensors.keys()

@@ -26,7 +26,7 @@ def test_the_engine_that_was_taken_is_told_in_one_line(said):
 
 def test_where_openvino_is_missing_it_says_how_to_get_it(said):
     told = said("auto", "torch", has_openvino=False)
-    assert 'pip install "sightline[export]"' in told
+    assert "pip install '.[export]'" in told
     assert len(told.splitlines()) == 1
 
 

@@ -73,7 +73,7 @@ def test_samples_seeds_and_kinds_draw_differently():
         (lambda: find_suite("dgfn"), "no suite 'dgfn'; perhaps dgfn7 is meant; name one of dgfn7,"),
         (
             lambda: find_suite("x\n"),
-            r"no suite 'x\\n'; name one of dgfn7, dgfn7-figure, core, all$",
+            r"no suite 'x\\n'; name one of dgfn7, dgfn7-figure, core, all, a kind, or kinds",
         ),
         (lambda: DGFN7.select(["clean", "camera_blak"]), "perhaps camera_blank is meant"),
         (lambda: CaseDrawing(suite="dgfn"), "perhaps dgfn7 is meant"),

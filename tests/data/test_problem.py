@@ -1,9 +1,19 @@
 import pickle
+import tomllib
 from pathlib import Path
 
 import pytest
 
-from sightline.data.problem import FileError, Problem, escaped, memory_fault, plain_line
+from sightline.data.problem import (
+    FileError,
+    Problem,
+    escaped,
+    install_command,
+    memory_fault,
+    plain_line,
+)
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_an_error_of_a_file_holds_path_problem_and_remedy_and_reads_as_one_line():
@@ -49,3 +59,15 @@ def test_want_of_memory_is_known_by_whichever_error_a_library_raises(error):
 
 def test_other_errors_are_no_want_of_memory():
     assert memory_fault(RuntimeError("shapes do not match")) is None
+
+
+@pytest.mark.parametrize("extra", ["export", "pretrained", "ros", "viz"])
+def test_a_hint_installs_an_extra_that_the_project_has_from_its_own_folder(extra):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert extra in project["optional-dependencies"]
+    assert install_command(extra).startswith(f"pip install '.[{extra}]'")
+
+
+def test_no_hint_names_a_package_of_an_index_where_there_is_none():
+    for path in (ROOT / "src").rglob("*.py"):
+        assert "sightline[" not in path.read_text(), path

@@ -108,9 +108,10 @@ def test_a_picture_shows_every_map_that_there_is(task, example):
     output = task.eval()(example)
     shown = training_picture(example, output)
     maps = 3 + 2 + 1  # image, sparse, E-Point; depth, uncertainty; error
-    assert shown.shape == (maps * 256, 512, 3)
+    row_px = 256 + 22  # with its title
+    assert shown.shape == (maps * row_px, 512, 3)
     without = training_picture(replace(example, depth_m=None), output._replace(e_point_m=None))
-    assert without.shape == ((maps - 2) * 256, 512, 3)
+    assert without.shape == ((maps - 2) * row_px, 512, 3)
 
 
 def test_examples_without_the_completion_that_the_network_needs_are_refused(task, example):

@@ -9,8 +9,9 @@ from rich.console import Console
 
 from sightline.evaluation import kitti_object
 from sightline.evaluation.kitti_object import evaluate_objects
-from sightline.evaluation.kitti_object_matching import count_by_frame, index_pairs, select
+from sightline.evaluation.kitti_object_matching import index_pairs, select
 from sightline.evaluation.kitti_object_proposals import evaluate_proposals
+from sightline.evaluation.kitti_object_resampling import ResampledCurve
 from sightline.evaluation.kitti_object_rules import (
     LOOSE,
     STRICT,
@@ -18,7 +19,7 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
     parse_overlaps,
 )
-from sightline.evaluation.kitti_object_scores import _all_points, score_objects
+from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_rows import write_object_rows
 from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
 from tests.reference import kitti_object as reference
@@ -41,6 +42,8 @@ KEYS = {
     "fp",
     "fn",
     "flipped_share",
+    "AP_all_points",
+    "AP_all_points_95",
 }
 
 
@@ -51,7 +54,7 @@ def street(tmp_path):
 
 def test_the_json_report_has_the_stated_shape(street):
     report = json.loads(json.dumps(evaluate_objects(*street).to_json()))
-    assert report.keys() == {"frames", "frames_without_results", "entries"}
+    assert report.keys() == {"frames", "frames_without_results", "notes", "entries"}
     assert report["frames"] == 30
     assert len(report["entries"]) == 27
     for entry in report["entries"]:
@@ -67,7 +70,7 @@ def test_the_json_report_has_the_stated_shape(street):
 def test_with_bootstrap_each_entry_has_the_area_and_its_interval(street):
     report = evaluate_objects(*street, bootstrap=20)
     for entry in report.to_json()["entries"]:
-        assert entry.keys() == KEYS | {"AP_all_points", "AP_all_points_95"}
+        assert entry.keys() == KEYS
         low, high = entry["AP_all_points_95"]
         assert 0 <= low <= high <= 100
         assert 0 <= entry["AP_all_points"] <= 100
@@ -138,9 +141,8 @@ def test_the_area_is_that_of_pass_2_at_every_score_for_any_resample(tmp_path, ma
     drawn = np.random.default_rng(0).integers(len(files), size=len(files))
     weights = np.bincount(drawn, minlength=len(files))
     task = select(data[0], index_pairs(data[0]), code=0, metric=0, difficulty=2, min_overlap=0.7)
-    steps = count_by_frame(task)
-    ends = np.append(steps.score[1:] != steps.score[:-1], True)
-    area = _all_points(steps, ends, weights, task.valid_per_frame)
+    curve = ResampledCurve.of(task)
+    area, r40 = curve.ap_all_points(weights), curve.ap_r40(weights)
 
     by_hand = reference.Evaluation([files[number] for number in drawn])
     frames = [
@@ -148,13 +150,14 @@ def test_the_area_is_that_of_pass_2_at_every_score_for_any_resample(tmp_path, ma
         for truths, found in by_hand.frames
     ]
     scores = {each.score for frame in frames for each in frame.detections}
-    curve = []
+    counts = []
     for score in scores:
         passes = [frame.pass_2(score) for frame in frames]
-        curve.append((sum(found[0] for found in passes), sum(found[1] for found in passes)))
+        counts.append((sum(found[0] for found in passes), sum(found[1] for found in passes)))
     n_gt = sum(frame.truth_kinds.count("valid") for frame in frames)
-    assert area == pytest.approx(reference.all_points(curve, n_gt), abs=1e-9)
+    assert area == pytest.approx(reference.all_points(counts, n_gt), abs=1e-9)
     assert area > 5
+    assert r40 == pytest.approx(by_hand.score("Car", "bbox", 2, False).ap_r40, abs=1e-9)
 
 
 def test_a_missing_result_file_is_an_error_that_names_the_frame(street):
@@ -251,7 +254,7 @@ def test_rows_for_spreadsheets_hold_what_the_report_says(street, tmp_path):
         assert float(row["AP_R40"]) == entry.ap_r40
         assert row["AOS_R40"] == ("" if entry.aos_r40 is None else str(entry.aos_r40))
         points = entry.all_points
-        assert row["AP_all_points_low"] == ("" if points is None else str(points.low))
+        assert row["AP_all_points"] == ("" if points is None else str(points.ap))
     assert {row["distance"] for row in rows} == {"all", "0-25 m", "25 m on"}
     told, *notes = document.read_text().split("\n\n")
     assert [note.strip() for note in notes] == report.notes()
@@ -270,9 +273,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
         evaluate_objects(results, labels)
     report = evaluate_objects(results, labels, missing_as_empty=True)
     assert report.frames_without_results == 1
-    assert [e.to_json(with_all_points=False) for e in report.entries] == [
-        e.to_json(with_all_points=False) for e in expected.entries
-    ]
+    assert [e.to_json() for e in report.entries] == [e.to_json() for e in expected.entries]
     assert "1 frame had no result file" in said(report)
     for path in results.glob("*.txt"):
         path.unlink()

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
@@ -167,7 +168,38 @@ def test_runs_of_different_cases_are_compared_in_those_that_both_have(two, tmp_p
     few = record_of(AP, 61.0, {"camera_fog": {1: 41.0}})
     RobustnessReport(record=few).write(tmp_path / "few")
     both = compare_runs([two[0], tmp_path / "few" / "robustness.json"])
-    assert list(both.first.cases) == list(both.second.cases) == ["clean", "camera_fog-1"]
+    assert list(both.records[0].cases) == ["clean", "camera_fog-1"]
+    assert list(both.records[1].cases) == ["clean", "camera_fog-1"]
+    assert any("not all runs have these cases" in note for note in both.notes())
+
+
+def test_three_runs_are_compared_each_with_the_first_and_drawn(two, tmp_path, capsys):
+    third = record_of(AP, 50.0, TABLE)
+    RobustnessReport(record=third).write(tmp_path / "third")
+    paths = [*map(str, two), str(tmp_path / "third" / "robustness.json")]
+    page = tmp_path / "three.html"
+    assert main(["robustness", "--compare", *paths, "-o", str(page)]) == 0
+    said = capsys.readouterr().out
+    assert len(re.findall(r"lead over", said)) == 2
+    assert re.search(r"clean +80\.0 +60\.0 +50\.0 +\+20\.0 +\+30\.0", said)
+    drawn = page.read_text()
+    assert all(f'class="bar {style}"' in drawn for style in ("ours", "other", "third"))
+
+
+def test_notes_of_a_run_come_back_from_its_file_and_stand_in_every_report(two, tmp_path):
+    note = "With fewer than 41 objects read all points."
+    few = replace(record_of(AP, 61.0, TABLE), notes=(note,))
+    report = RobustnessReport(record=few, absent_cases=("lidar_blank",))
+    report.write(tmp_path / "few")
+    assert read_record(tmp_path / "few" / "robustness.json").notes == (note,)
+    written = tmp_path / "few"
+    page, table = ((written / name).read_text() for name in ("report.html", "robustness.md"))
+    for text_ in (page, table, text(report)):
+        assert note in " ".join(text_.split())
+        assert "1 case of suite levels without results" in " ".join(text_.split())
+    both = compare_runs([two[0], tmp_path / "few" / "robustness.json"])
+    assert note in both.notes()
+    assert "notes" not in json.loads(two[0].read_text())
 
 
 def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys):
@@ -179,10 +211,10 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
     assert "is of suite others instead of levels" in err
     assert err.count("\n") == 1
     for arguments, said in (
-        (["--compare", str(two[0])], "expected 2"),
+        (["--compare", str(two[0])], "two runs or more are compared, got 1"),
         (["out"], "robustness needs a data set"),
         (["--data", "x"], "robustness needs a folder for the run"),
-        (["--data", "x", "out", "-o", "page.html"], "--page draws two runs"),
+        (["--data", "x", "out", "-o", "page.html"], "--page draws runs that are done"),
         (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is not"),
         (["--data", "x", "out", "--healthy", "lidar=A", "lidar=B"], "two methods of the lidar"),
         (["out", "--compare", str(two[0]), path], "--compare reads two runs that are done"),

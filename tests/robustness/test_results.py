@@ -87,3 +87,31 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
     with pytest.raises(ValueError, match="has no folder lidar_blank"):
         score_results(task, cases, mine, out, replace(SETTINGS, cases=("lidar_blank",)))
     assert not out.exists()
+
+
+def test_cases_without_results_are_left_out_and_said(written, tmp_path):
+    cases, found, report = written
+    mine = tmp_path / "mine"
+    shutil.copytree(found, mine)
+    shutil.rmtree(mine / "camera_blank")
+    theirs = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    assert theirs.absent_cases == ("camera_blank",)
+    expected = {name: s for name, s in report.record.scores.items() if name != "camera_blank"}
+    assert theirs.record.scores == expected
+    written_json = json.loads((tmp_path / "out" / "robustness.json").read_text())
+    assert written_json["absent_cases"] == ["camera_blank"]
+    for path in mine.iterdir():
+        if path.name != "clean":
+            shutil.rmtree(path)
+    with pytest.raises(ValueError, match="has a folder clean and none of a broken case"):
+        score_results(OracleTask(), cases, mine, tmp_path / "none", SETTINGS)
+    shutil.rmtree(mine / "clean")
+    with pytest.raises(ValueError, match="no folder clean for the results of sound sensors"):
+        score_results(OracleTask(), cases, mine, tmp_path / "none", SETTINGS)
+    assert not (tmp_path / "none").exists()
+
+
+def test_few_objects_are_said_beside_the_scores(written):
+    _, _, report = written
+    assert any("read that one" in note for note in report.notes())
+    assert report.absent_cases == ()

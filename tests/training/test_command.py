@@ -53,6 +53,19 @@ def test_a_recipe_is_trained_by_its_name_and_leaves_all_in_its_folder(recipes, t
     assert all(torch.equal(weights.tensors[name], best.tensors[name]) for name in best.tensors)
 
 
+def test_the_logger_gets_learning_rate_gradient_norm_and_time_of_steps(recipes):
+    run = ["--config", "toy", "--trainer.log_every_n_steps", "2", "--data.validation=[]"]
+    assert run_training("fit", run, recipes) == 0
+    events = EventAccumulator("runs/toy").Reload()
+    rates, norms, seconds = (
+        events.Scalars(f"training/{name}")
+        for name in ("learning_rate", "gradient_norm", "seconds_per_step")
+    )
+    assert len(rates) == len(norms) == len(seconds) == 4  # of 8 steps
+    assert rates[0].value == pytest.approx(1e-3, rel=1)
+    assert all(each.value > 0 for each in (*norms, *seconds))
+
+
 def test_without_validation_the_last_weights_are_written(recipes):
     assert run_training("fit", ["--config=toy", "--data.validation=[]"], recipes) == 0
     weights = read_weights("runs/toy/weights.safetensors")

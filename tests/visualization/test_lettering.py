@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sightline.visualization.lettering import Tag, put_tags, put_text, text_width
+from sightline.visualization.lettering import Tag, put_tags, put_text, text_width, with_title
 
 
 def test_text_stands_on_its_baseline_and_keeps_its_width():
@@ -50,3 +50,11 @@ def test_tags_without_a_free_place_are_left_out():
     once = np.zeros((20, 40, 3), np.uint8)
     put_tags(once, [tag], height_px=10)
     assert (canvas == once).all()
+
+
+def test_a_title_stands_above_the_picture_which_stays_as_it_is():
+    picture = np.full((30, 120, 3), 200, np.uint8)
+    titled = with_title(picture, "depth, a title that is much too long", height_px=10)
+    assert titled.shape == (50, 120, 3)
+    assert (titled[20:] == picture).all()
+    assert titled[:20].max() > 200

@@ -31,7 +31,7 @@ def corrupt(
         out: Folder for the cases, not within DATA.
         suite: Which cases there are: dgfn7, the seven of Kim et al. 2018; dgfn7-figure, with noise
             as their picture shows it; core, some twenty kinds at five severities (lidar_fog-3);
-            all, every kind.
+            all, every kind; or a kind by itself, or several at once (camera_fog+lidar_fog).
         seed: Another seed draws other boxes, discs and noise.
         cases: Which of the suite's cases; a kind (lidar_fog) stands for its five. Default: all.
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or

@@ -3,6 +3,7 @@
 import os
 
 from sightline.cli.output import warn
+from sightline.data.problem import install_command
 from sightline.export.choice import VARIABLE, has_openvino
 from sightline.export.names import EngineChoice
 
@@ -19,5 +20,5 @@ def tell_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
         return
     hint = "--engine torch for PyTorch" if taken != "torch" else ""
     if taken == "torch" and not has_openvino():
-        hint = 'for openvino, mostly two to three times as fast: pip install "sightline[export]"'
+        hint = f"for openvino, mostly two to three times as fast: {install_command('export')}"
     warn(f"engine {taken}{f' ({hint})' if hint else ''}")

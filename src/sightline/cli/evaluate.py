@@ -17,6 +17,8 @@ from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineChoice
 
+_COMPARED_RESAMPLES = 1000  # of frames, where differences are told and no number is given
+
 
 def objects_command(
     results: Path,
@@ -28,6 +30,7 @@ def objects_command(
     seed: int = 0,
     by_distance: tuple[float, ...] = (),
     missing_as_empty: bool = False,
+    against: Path | None = None,
     json: Path | None = None,
     csv: Path | None = None,
     markdown: Path | None = None,
@@ -35,31 +38,56 @@ def objects_command(
 ) -> None:
     """Scores result files exactly as KITTI's official object evaluation does.
 
+    With --against a second folder of results is scored on the same frames, and the differences are
+    told with intervals.
+
     Args:
         results: Folder with one result file a frame (16 fields a line).
         labels: Folder with one label file a frame (15 fields a line).
         sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name a line. Default: all that have labels.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
-        bootstrap: Resamples of the frames for the interval of AP_all_points; 0 leaves it out.
+        bootstrap: Resamples of the frames for the interval of AP_all_points; 0 leaves it out. With
+            --against for the interval of each difference; there 0 stands for 1000.
         seed: Of the resamples.
         by_distance: Distances from the camera [m] at which bands end that are scored by themselves,
             e.g. 20 40.
         missing_as_empty: Takes a frame without a result file as one in which nothing was found.
+        against: Folder of other results of the same frames, to compare with.
         json: File for the whole report.
         csv: File for the scores, a line for each class, metric, difficulty and band.
         markdown: File for the same as a table.
         plots: Folder for pictures of precision over recall, one for each class, metric and band,
             with a curve for each difficulty.
     """
+    if against is not None and (by_distance or csv or markdown or plots):
+        raise ValueError(
+            "--against gives differences as a table and as --json; leave --by-distance, --csv, "
+            "--markdown and --plots out"
+        )
     places = {"--json": json, "--csv": csv, "--markdown": markdown}
-    check_outputs(places | {"--plots": plots}, data=[labels], results=[results])
+    read = [results, *([against] if against else [])]
+    check_outputs(places | {"--plots": plots}, data=[labels], results=read)
     check_places(places)
     check_writable_folder(plots)
-    from sightline.evaluation.kitti_object import evaluate_objects
+    from sightline.evaluation.kitti_object import compare_objects, evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
     from sightline.evaluation.object_rows import write_object_rows
 
+    if against is not None:
+        comparison = compare_objects(
+            results,
+            labels,
+            against,
+            sample_list=sample_list,
+            overlaps=parse_overlaps(overlaps),
+            bootstrap=bootstrap or _COMPARED_RESAMPLES,
+            seed=seed,
+            missing_as_empty=missing_as_empty,
+            progress=True,
+        )
+        deliver(comparison, json)
+        return
     report = evaluate_objects(
         results,
         labels,

@@ -23,7 +23,7 @@ def import_command(
     """Makes a recording of a ROS 2 bag, an MCAP file or nuScenes, for every other command.
 
     Tells what was paired and dropped, and which share of the points falls into the image. An
-    interrupted run is finished by running it again. Bags need `pip install "sightline[ros]"`.
+    interrupted run is finished by running it again. Bags need `pip install '.[ros]'`.
 
     Args:
         source: A bag (its folder, .mcap, .db3 or ROS 1's .bag), or the folder of nuScenes that

@@ -23,7 +23,7 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--cases": (str, None),
     "--results": (str, None),
     "--healthy": (str, None),
-    "--compare": (str, 2),
+    "--compare": (str, None),
 }
 """Options that take several values: of which type, and how many where that is fixed."""
 

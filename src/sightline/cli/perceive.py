@@ -36,9 +36,9 @@ Args:
     shard_index: Which part of the frames to do, from 0.
     num_shards: Number of parts, each of which can run on another machine.
     video: MP4 to write of all frames: camera with boxes, depth, bird's-eye view. H.264 with
-        pip install "sightline[viz]".
+        pip install '.[viz]'.
     rerun: File for the Rerun viewer (.rrd) to write: image, depth, points, boxes on a time line.
-        Needs pip install "sightline[viz]".
+        Needs pip install '.[viz]'.
     fps: Frames per second of the video.
     min_score: Detections that are less sure are in the results, and in neither picture.
 """

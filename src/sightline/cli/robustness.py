@@ -39,7 +39,7 @@ def robustness(
     """Tells what broken sensors cost: scores in every case of a suite, and measures of them.
 
     OUT_FOLDER gets robustness.json, .csv and .md, and report.html, a page in one file. An
-    interrupted run is finished by running it again. With --compare two runs are held against each
+    interrupted run is finished by running it again. With --compare runs are held against each
     other instead; with --results, results of any other method are scored.
 
     Args:
@@ -50,8 +50,10 @@ def robustness(
         weights: The network: name of weights that come with Sightline (`sightline tasks` lists
             them) or a file (.safetensors, .ckpt). Default: the task's own.
         data: A data set; with --results, the folder that `sightline corrupt` wrote.
-        suite: Which cases there are; see docs/corruptions.md. Default: dgfn7.
-        cases: Which of the suite's cases, beside the clean one. Default: all.
+        suite: Which cases there are, see docs/corruptions.md: a suite, a kind, or several kinds at
+            once (camera_fog+lidar_fog). Default: dgfn7.
+        cases: Which of the suite's cases, beside the clean one. Default: all; with --results those
+            that there are results of.
         seed: Another seed draws other boxes, discs and noise. Default: 0.
         baseline: For the corruption error: robustness.json of another run, or weights or a method
             of the task, which run as well.
@@ -67,8 +69,8 @@ def robustness(
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
         workers: Processes, each of one thread. Any number gives the same files.
-        compare: Two robustness.json to hold against each other.
-        page: With --compare: a page (.html) that draws both.
+        compare: The robustness.json of two runs or more to hold against each other.
+        page: With --compare: a page (.html) that draws them.
     """
     if compare is not None:
         if results or any(each is not None for each in (out_folder, data, weights, method)):
@@ -79,7 +81,7 @@ def robustness(
         _compare(compare, page)
         return
     if page is not None:
-        raise ValueError("--page draws two runs; name them by --compare, or leave it out")
+        raise ValueError("--page draws runs that are done; name them by --compare, or leave it out")
     if out_folder is None or data is None:
         lacking = "data set (--data)" if data is None else "folder for the run"
         raise ValueError(

@@ -4,6 +4,7 @@ from importlib.util import find_spec
 from typing import get_args
 
 from sightline.cli.output import say
+from sightline.data.problem import install_command
 from sightline.export.names import EngineName
 from sightline.tasks import find_task, recipes_of, task_names, weights_of
 
@@ -20,7 +21,7 @@ def list_tasks() -> None:
         _print_row("outputs", [output.name for output in task.outputs])
         _print_row("recipes", recipes_of(task))
     engines = [
-        engine if find_spec(engine) else f'{engine} (missing: pip install "sightline[export]")'
+        engine if find_spec(engine) else f"{engine} (missing: {install_command('export')})"
         for engine in get_args(EngineName)
     ]
     say(f"engines: {', '.join(engines)}")

@@ -1,9 +1,9 @@
-"""Several corruptions of one sample, one after the other."""
+"""Several kinds of corruption at once, as in rain that falls before the camera and the LiDAR."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from torch import Tensor
+import torch
 
 from sightline.corruptions.corruption import (
     Corrupted,
@@ -16,6 +16,7 @@ from sightline.corruptions.corruption import (
 )
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.data.plain_text import shortened
 from sightline.structures.sample import CameraLidarSample
 
 JOINED = "+"
@@ -24,60 +25,71 @@ JOINED = "+"
 
 @dataclass(frozen=True, kw_only=True)
 class Combined(Corruption):
-    """Corruptions that meet a sample in their order, each with random numbers of its own.
+    """Corruptions one after the other, each on what the one before it delivered.
+
+    Those of the camera alone come first, whatever their order here: what they do may depend on the
+    depth that a sound sweep tells. Each draws from a generator of its own.
 
     Raises:
         ValueError: There are fewer than two.
     """
 
-    kind = "combined"
-    sensors = ("camera", "lidar")
-
     parts: tuple[Corruption, ...]
+    """Two or more."""
 
     def __post_init__(self) -> None:
         """Checks the number."""
         if len(self.parts) < 2:
             raise ValueError(f"a combination needs two or more kinds, got {len(self.parts)}")
 
+    @property
+    def kind(self) -> str:  # type: ignore[override]  # of the parts, not of the class
+        """Names of the parts' kinds."""
+        return JOINED.join(part.kind for part in self.parts)
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:  # type: ignore[override]  # as above
+        """Those that a part is a fault of."""
+        return tuple(dict.fromkeys(sensor for part in self.parts for sensor in part.sensors))
+
     def __str__(self) -> str:
         """The kinds."""
         return ", ".join(map(str, self.parts))
 
     def described(self) -> dict[str, object]:
-        """What each part depends on, as JSON types."""
+        """See `Corruption.described`; of each part."""
         return {"kind": self.kind, "parts": [part.described() for part in self.parts]}
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
-        """See `Corruption.corrupt`; parameters are named by kind, as camera_fog.visibility_m."""
-        worse, sources = sample, None
+        """See `Corruption.corrupt`; parameters are named KIND.NAME."""
+        pairs = list(zip(self.parts, rng.spawn(len(self.parts)), strict=True))
+        pairs.sort(key=lambda pair: "lidar" in pair[0].sensors)
+        current, sources = sample, None
         camera_mask, lidar_mask = nowhere(sample), nowhere(sample)
         parameters: dict[str, Parameter] = {}
-        for part, own_rng in zip(self.parts, rng.spawn(len(self.parts)), strict=True):
-            found = part.corrupt(worse, own_rng)
-            worse = found.sample
-            camera_mask = camera_mask | found.camera_mask
-            lidar_mask = lidar_mask | found.lidar_mask
-            sources = _through(sources, found.point_sources)
-            drawn = found.record.parameters.items()
-            parameters |= {f"{part.kind}.{name}": value for name, value in drawn}
-        broken = None
-        if sources is not None and sample.points is not None and worse.points is not None:
-            change = PointsChange(worse.points, sources, lidar_mask, parameters)
-            broken = change.broken(sample.points)
-        return Corrupted(
-            sample=worse,
-            record=Record(kind=self.kind, sensors=self._sensors(), parameters=parameters),
+        for part, own_rng in pairs:
+            step = part.corrupt(current, own_rng)
+            current = step.sample
+            camera_mask, lidar_mask = camera_mask | step.camera_mask, lidar_mask | step.lidar_mask
+            named = step.record.parameters.items()
+            parameters |= {f"{part.kind}.{name}": value for name, value in named}
+            if step.point_sources is None:
+                continue
+            if sources is None or len(sources) == 0:  # of a dead sensor, from which nothing comes
+                sources = step.point_sources
+            else:
+                rows = sources[step.point_sources.clamp(min=0)]
+                sources = torch.where(step.point_sources >= 0, rows, -1)
+        corrupted = Corrupted(
+            sample=current,
+            record=Record(kind=self.kind, sensors=self.sensors, parameters=parameters),
             camera_mask=camera_mask,
             lidar_mask=lidar_mask,
-            broken_points=broken,
-            point_sources=sources,
         )
-
-    def _sensors(self) -> tuple[Sensor, ...]:
-        return tuple(
-            name for name in self.sensors if any(name in part.sensors for part in self.parts)
-        )
+        if sources is None or sample.points is None or current.points is None:
+            return corrupted
+        change = PointsChange(current.points, sources, lidar_mask, {})
+        return replace(corrupted, broken_points=change.broken(sample.points), point_sources=sources)
 
 
 def find_corruption(names: str, severity: int, lidar: SpinningLidar = HDL_64E) -> Corruption:
@@ -94,7 +106,9 @@ def find_corruption(names: str, severity: int, lidar: SpinningLidar = HDL_64E) -
     kinds = [find_kind(name.strip()) for name in names.split(JOINED)]
     twice = sorted({kind.name for kind in kinds if kinds.count(kind) > 1})
     if twice:
-        raise ValueError(f"{', '.join(twice)} is named twice in '{names}'; name each kind once")
+        raise ValueError(
+            f"{', '.join(twice)} is named twice in '{shortened(names)}'; name each kind once"
+        )
     parts = tuple(kind.at(severity, lidar) for kind in kinds)
     return parts[0] if len(parts) == 1 else Combined(parts=parts)
 
@@ -104,13 +118,3 @@ def needs_calibration(corruption: Corruption) -> bool:
     if isinstance(corruption, Combined):
         return any(map(needs_calibration, corruption.parts))
     return corruption.needs_calibration
-
-
-def _through(earlier: Tensor | None, later: Tensor | None) -> Tensor | None:
-    """Rows of the sound sweep that points stem from, after two corruptions; -1 stays -1."""
-    if earlier is None or later is None:
-        return later if earlier is None else earlier
-    sources = later.clone()
-    from_earlier = later >= 0
-    sources[from_earlier] = earlier[later[from_earlier]]
-    return sources

@@ -1,13 +1,14 @@
 """Named suites: the cases that a detector is tested on, and may be trained on."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from sightline.corruptions.blank import CameraBlank, LidarBlank
+from sightline.corruptions.combined import JOINED, find_corruption
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption
 from sightline.corruptions.illumination import CameraIllumination
-from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, unknown
+from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, find_kind, unknown
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
@@ -183,11 +184,33 @@ SUITES: Final[dict[str, Suite]] = {
 
 
 def find_suite(name: str) -> Suite:
-    """The suite of a name.
+    """The suite of a name: one of `SUITES`, a kind, or several kinds at once as KIND+KIND.
 
     Raises:
         ValueError: There is none.
     """
-    if name not in SUITES:
-        raise ValueError(unknown("there is no suite", name, tuple(SUITES)))
-    return SUITES[name]
+    if name in SUITES:
+        return SUITES[name]
+    names = tuple(name.split(JOINED))
+    if len(names) == 1 and name not in KINDS:
+        told = unknown("there is no suite", name, (*SUITES, *KINDS), tuple(SUITES))
+        raise ValueError(f"{told}, a kind, or kinds as camera_fog+lidar_fog")
+    kinds = [find_kind(each) for each in names]
+    return severity_suite(name, kinds) if len(kinds) == 1 else _joint_suite(name, kinds)
+
+
+def _joint_suite(name: str, kinds: Sequence[Kind]) -> Suite:
+    """Sound sensors and all kinds at once, each at the same of five severities; for tests alone."""
+    cases = [
+        Case(
+            name=f"{name}-{severity}",
+            title="; ".join(
+                f"{kind.name.replace('_', ' ')}: {kind.said(severity)}" for kind in kinds
+            ),
+            corruption=find_corruption(name, severity),
+            severity=severity,
+        )
+        for severity in SEVERITIES
+    ]
+    sound = Case(name=CLEAN, title="sound sensors", corruption=NoCorruption())
+    return Suite(name=name, cases=(sound, *cases))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 
 def escaped(text: str) -> str:
@@ -32,6 +33,11 @@ class Problem:
     def __str__(self) -> str:
         """The file, what is wrong with it and what to do, in characters that any screen shows."""
         return plain_line(f"{self.path}: {self.problem}; {self.remedy}")
+
+
+def install_command(extra: Literal["export", "pretrained", "ros", "viz"]) -> str:
+    """Command that installs the packages of an extra, for hints: Sightline is on no index."""
+    return f"pip install '.[{extra}]', in the folder of Sightline's source"
 
 
 class FileError(ValueError):

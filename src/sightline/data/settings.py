@@ -1,7 +1,7 @@
 """A network's settings as plain values, the way weights and checkpoints hold them."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any, ClassVar, Final, Protocol, TypeVar, runtime_checkable
 
@@ -17,6 +17,8 @@ class NetworkConfig(Protocol):
 
 IN_USE_ALONE: Final = {"in_use_alone": True}
 """Metadata of a field that a network's weights do not depend on: what is made of its answers."""
+IN_TRAINING_ALONE: Final = {"in_training_alone": True}
+"""Metadata of a field that adds modules which only a training runs: weights may lack them."""
 
 _TRIED: Final = (
     "Does not validate against any of the Union subtypes",
@@ -92,18 +94,34 @@ def _differences(
             yield f"{within}{name} {one} instead of {other}"
 
 
-def differing_settings(plain: Mapping[str, object], ours: NetworkConfig) -> str:
+def differing_settings(
+    plain: Mapping[str, object], ours: NetworkConfig, *, in_training: bool = True
+) -> str:
     """How settings from a file differ from ours, for people; empty if they do not.
 
-    Those that only use asks for may differ.
+    Fields marked `IN_USE_ALONE` may differ.
+
+    Args:
+        plain: From the file.
+        ours: Those of the network.
+        in_training: Whether fields marked `IN_TRAINING_ALONE` are compared, too.
     """
-    free = {each.name for each in fields(ours) if each.metadata.get("in_use_alone")}
     wanted = plain_settings(ours)
     try:
         given = plain_settings(parse_settings(type(ours), plain))
     except ValueError:  # of another network, or a newer one
         given = plain_settings(type(ours)()) | dict(plain)
-    for name in free:
-        wanted.pop(name, None)
-        given.pop(name, None)
+    marks = ["in_use_alone"] if in_training else ["in_use_alone", "in_training_alone"]
+    for settings in (wanted, given):
+        _remove_marked(settings, ours, marks)
     return ", ".join(_differences(given, wanted))
+
+
+def _remove_marked(plain: dict[str, Any], config: NetworkConfig, marks: Sequence[str]) -> None:
+    """Removes the fields with one of the marks, also those of configs within the config."""
+    for each in fields(config):
+        value = getattr(config, each.name)
+        if any(each.metadata.get(mark) for mark in marks):
+            plain.pop(each.name, None)
+        elif isinstance(value, NetworkConfig) and isinstance(plain.get(each.name), dict):
+            _remove_marked(plain[each.name], value, marks)

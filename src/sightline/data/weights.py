@@ -4,7 +4,8 @@ import json
 import pickle
 import warnings
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -145,6 +146,20 @@ def read_checkpoint_weights(path: Path | str) -> Weights:
             }
             return _weights(path, check_description(path, described), tensors)
     raise ValueError(f"{path} is no checkpoint of sightline; {_CHECKPOINT_REMEDY}")
+
+
+@contextmanager
+def float32_by_default() -> Iterator[None]:
+    """Sets PyTorch's default type of numbers to float32, as networks of weights need, and back."""
+    before = torch.get_default_dtype()
+    if before == torch.float32:
+        yield
+        return
+    torch.set_default_dtype(torch.float32)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(before)
 
 
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:

@@ -7,6 +7,7 @@ from torch import Tensor
 from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.model import DepthCompletionOutput
 from sightline.visualization.depth import colorize_depth, colorize_error
+from sightline.visualization.lettering import with_title
 
 _POINT_PX = 3  # single measurements are drawn so large
 
@@ -14,19 +15,26 @@ _POINT_PX = 3  # single measurements are drawn so large
 def training_picture(
     batch: DepthBatch, output: DepthCompletionOutput
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The first sample of a batch, one map below the other.
+    """The first sample of a batch, one map below the other, each with a title.
 
     From the top: image, sparse depth, E-Point (where the network has one), predicted depth, the
     expected error (where the network estimates it) in the colours of depth, and, where the batch
     has the truth, the error.
     """
     image = (batch.image[0].detach().cpu() * 255).round().byte().permute(1, 2, 0).numpy()
-    maps = [image, colorize_depth(_first(batch.sparse_depth_m), point_size_px=_POINT_PX)]
-    predicted = (output.e_point_m, output.depth_m, output.uncertainty_m)
-    maps += [colorize_depth(_first(depth_m)) for depth_m in predicted if depth_m is not None]
+    sparse = colorize_depth(_first(batch.sparse_depth_m), point_size_px=_POINT_PX)
+    maps = [with_title(image, "image"), with_title(sparse, "sparse depth, given")]
+    for title, values_m in (
+        ("E-Point, predicted", output.e_point_m),
+        ("depth, predicted", output.depth_m),
+        ("expected error, predicted", output.uncertainty_m),
+    ):
+        if values_m is not None:
+            maps.append(with_title(colorize_depth(_first(values_m)), title))
     if batch.depth_m is not None:
         depth_m, truth_m = _first(output.depth_m), _first(batch.depth_m)
-        maps.append(colorize_error(depth_m, truth_m, point_size_px=_POINT_PX))
+        error = colorize_error(depth_m, truth_m, point_size_px=_POINT_PX)
+        maps.append(with_title(error, "error: prediction against truth"))
     return np.concatenate(maps)
 
 

@@ -25,6 +25,7 @@ from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import LoadedNetwork, load_network
+from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
@@ -41,7 +42,7 @@ RGBImage = Real[Tensor, "*channels_and_size"] | Real[np.ndarray, "*size_and_chan
 
 
 @dataclass(frozen=True, slots=True)
-class DepthCompleter:
+class DepthCompleter(SamplePredictor[DepthMap]):
     """Completes the depth that a sample's sweep gives its image, by a method without training."""
 
     method: Method
@@ -59,7 +60,7 @@ class DepthCompleter:
         """The method's."""
         return self.method
 
-    def __call__(self, sample: CameraLidarSample) -> DepthMap:
+    def predict(self, sample: CameraLidarSample) -> DepthMap:
         """Projects the sweep and completes what it gives, at the image's full size.
 
         Raises:
@@ -68,7 +69,7 @@ class DepthCompleter:
         return complete_depth(_sparse_depth_of(sample), self.method)
 
 
-class DepthPredictor:
+class DepthPredictor(SamplePredictor[DepthMap]):
     """Completes depth with a trained network.
 
     Examples:
@@ -155,7 +156,7 @@ class DepthPredictor:
         """Whether the network has the paper's Shift-Convolution branch."""
         return self._network.config.shift_conv is not None
 
-    def __call__(self, sample: CameraLidarSample) -> DepthMap:
+    def predict(self, sample: CameraLidarSample) -> DepthMap:
         """Completes a sample at its image's full size.
 
         Raises:

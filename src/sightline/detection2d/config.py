@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, SupportsFloat, get_args
 
+from sightline.data.settings import IN_TRAINING_ALONE
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
@@ -154,7 +155,7 @@ class CompactConfig:
     """3x3 convolutions of the head before its prediction."""
     bins: int = 16
     """Largest distance of a side from the centre of its cell, in strides."""
-    auxiliary: bool = True
+    auxiliary: bool = field(default=True, metadata=IN_TRAINING_ALONE)
     """Whether each stream has a head of its own in training, so that one sensor does not starve the
     other. It costs nothing afterwards."""
     own_heads: bool = False

@@ -57,6 +57,11 @@ class Detector(nn.Module):
             cast("AlignedHead", self.heads["joint"]).start_at_nothing()
 
     @property
+    def training_parts(self) -> tuple[str, ...]:
+        """Modules that only a training runs: weights for use come without them."""
+        return () if self.mixes_heads else ("auxiliary",)
+
+    @property
     def input_names(self) -> tuple[str, ...]:
         """Which images `forward` takes."""
         fusion = self.config.fusion

@@ -14,6 +14,7 @@ from sightline.detection2d.postprocess import to_detections
 from sightline.detection2d.readings import DetectorOutput
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.visualization.image import draw_boxes2d
+from sightline.visualization.lettering import with_title
 
 
 def gate_picture(
@@ -28,7 +29,7 @@ def gate_picture(
 def training_picture(
     batch: DetectionBatch, output: DetectorOutput, config: PostprocessConfig
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The first sample of a batch, one picture below the other.
+    """The first sample of a batch, one picture below the other, each with a title.
 
     From the top: the image with detections, and labels in white; the LiDAR's image (depth, height,
     intensity as red, green, blue); the camera's and the LiDAR's gate where there are gates.
@@ -46,10 +47,15 @@ def training_picture(
         tags=False,
     )
     drawn = draw_boxes2d(drawn, sure.boxes, sure.class_names, scores=sure.scores)
-    rows = [drawn, _rgb(batch.lidar[0])]
-    gates = [gate[0] for gate in (output.camera_gate, output.lidar_gate) if gate is not None]
-    greys = [np.repeat(gate_picture(gate, size)[..., None], 3, axis=2) for gate in gates]
-    return np.concatenate(rows + greys)
+    rows = [
+        with_title(drawn, f"image: labels white, detections from {DRAWN_SCORE:g} on in colour"),
+        with_title(_rgb(batch.lidar[0]), "LiDAR: depth, height, intensity as red, green, blue"),
+    ]
+    for name, gate in (("camera", output.camera_gate), ("LiDAR", output.lidar_gate)):
+        if gate is not None:
+            grey = np.repeat(gate_picture(gate[0], size)[..., None], 3, axis=2)
+            rows.append(with_title(grey, f"gate of the {name}: black shut, white open"))
+    return np.concatenate(rows)
 
 
 def _rgb(planes: Float[Tensor, "3 height width"]) -> UInt8[np.ndarray, "height width 3"]:

@@ -24,6 +24,7 @@ from sightline.detection2d.postprocess import to_detections
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork, load_network
+from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
 from sightline.structures.sweep_checks import check_finite_points
@@ -42,7 +43,7 @@ class DetectorAnswer:
     lidar_gate: Float32[Tensor, "rows columns"] | None = None
 
 
-class DetectionPredictor:
+class DetectionPredictor(SamplePredictor[DetectorAnswer]):
     """Detects cars, pedestrians and cyclists with a trained network.
 
     Examples:
@@ -131,7 +132,7 @@ class DetectionPredictor:
         """What a manifest says beside the name."""
         return {"weights_sha256": self.sha256, "engine": self.engine}
 
-    def __call__(self, sample: CameraLidarSample) -> DetectorAnswer:
+    def predict(self, sample: CameraLidarSample) -> DetectorAnswer:
         """Detects in a sample.
 
         Raises:

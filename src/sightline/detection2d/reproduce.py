@@ -230,7 +230,11 @@ def _case_score(report: ObjectReport, class_name: ClassName) -> CaseScore:
         )
         return easy, moderate, hard
 
-    points = [entry.all_points for entry in entries.values() if entry.all_points is not None]
+    intervals = tuple(
+        (points.low, points.high)
+        for entry in entries.values()
+        if (points := entry.all_points) and points.low is not None and points.high is not None
+    )
     return CaseScore(
         ap_r11=levels(lambda entry: entry.ap_r11),
         ap_r40=levels(lambda entry: entry.ap_r40),
@@ -240,7 +244,7 @@ def _case_score(report: ObjectReport, class_name: ClassName) -> CaseScore:
             if report.num_resamples
             else None
         ),
-        ap_all_points_95=tuple((each.low, each.high) for each in points) or None,
+        ap_all_points_95=intervals or None,
     )
 
 

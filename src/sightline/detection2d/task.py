@@ -36,6 +36,7 @@ class Detection2D(TrainingModule):
         "validation/Car/bbox/moderate",
         "max",
     )
+    monitored_beside: ClassVar[tuple[str, ...]] = ("validation/Car/bbox/moderate_all_points",)
     network: Detector
 
     def __init__(
@@ -136,6 +137,11 @@ class Detection2D(TrainingModule):
     def scores(self) -> Mapping[str, Tensor]:
         """The image's AP of each class and difficulty."""
         return {name: value for name, value in super().scores().items() if "/bbox/" in name}
+
+    def score_notes(self) -> tuple[str, ...]:
+        """Where objects are too few for R40."""
+        assert isinstance(self.metric, KittiObjectMetric), "as the constructor made it"
+        return self.metric.notes(self.monitored[0])
 
     def picture(
         self, batch: DetectionBatch, answer: DetectorOutput

@@ -9,6 +9,7 @@ import torch
 from safetensors.torch import load_file
 from torch import Tensor
 
+from sightline.data.problem import install_command
 from sightline.detection2d.model import Detector
 from sightline.detection2d.vgg_stream import VGG_CONVS, VggStream
 
@@ -66,8 +67,8 @@ def _downloaded() -> Mapping[str, Any]:
         from torchvision.models import VGG16_Weights
     except ImportError as error:
         raise ValueError(
-            "VGG16's ImageNet weights come through torchvision, which is not installed: pip "
-            f"install 'sightline[pretrained]'; or {_GO_ON}"
+            "VGG16's ImageNet weights come through torchvision, which is not installed: "
+            f"{install_command('pretrained')}; or {_GO_ON}"
         ) from error
     weights = VGG16_Weights.IMAGENET1K_FEATURES
     try:

@@ -11,6 +11,7 @@ from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.predictions import Detections3D
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
 from sightline.visualization.colors import RGB
+from sightline.visualization.lettering import with_title
 
 MIN_IOU = 0.5
 """3D IoU with an object from which a detection is drawn as right."""
@@ -41,4 +42,6 @@ def training_picture(
     for mask, color in ((is_right, RIGHT), (~is_right, WRONG)):
         boxes = Boxes3D(sure[mask])
         put_boxes_from_above(picture, view, boxes, ("",) * len(boxes), color=color)
-    return picture
+    return with_title(
+        picture, f"from above: labels white, right detections green (IoU {MIN_IOU:g}), false orange"
+    )

@@ -22,6 +22,7 @@ from sightline.detection3d.sweeps import (
 )
 from sightline.export.names import EngineChoice, EngineName
 from sightline.inference.network import LoadedNetwork, load_network
+from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
@@ -29,7 +30,7 @@ _SEED: Final = 0  # of the points that are drawn: a sweep is always answered ali
 _MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # of many points so many are seen where axes are right
 
 
-class Detection3DPredictor:
+class Detection3DPredictor(SamplePredictor[Detections3D]):
     """Detects road users in LiDAR sweeps with a trained network.
 
     Examples:
@@ -98,7 +99,7 @@ class Detection3DPredictor:
         """What a manifest says beside the name."""
         return {"weights_sha256": self.sha256, "engine": self.engine}
 
-    def __call__(self, sample: CameraLidarSample) -> Detections3D:
+    def predict(self, sample: CameraLidarSample) -> Detections3D:
         """Detects in a sample's sweep; warns where its axes can hardly be the LiDAR frame's.
 
         Raises:

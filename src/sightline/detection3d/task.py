@@ -40,6 +40,7 @@ class Detection3D(TrainingModule):
 
     task_name: ClassVar[str] = "detection3d"
     monitored: ClassVar[tuple[str, Literal["min", "max"]]] = ("validation/Car/3d/moderate", "max")
+    monitored_beside: ClassVar[tuple[str, ...]] = ("validation/Car/3d/moderate_all_points",)
     network: Detector3D
 
     def __init__(
@@ -172,6 +173,11 @@ class Detection3D(TrainingModule):
         """Logs the scores."""
         super().on_test_epoch_end()
         self._reset_metrics()
+
+    def score_notes(self) -> tuple[str, ...]:
+        """Where objects are too few for R40."""
+        assert isinstance(self.metric, KittiObjectMetric), "as the constructor made it"
+        return self.metric.notes(self.monitored[0])
 
     def picture(
         self, batch: Detection3DBatch, answer: list[Detections3D]

@@ -6,17 +6,20 @@
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from sightline.data.frame_files import require_frame_files, where_frame_files_are
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
 from sightline.data.problem import FileError
 from sightline.data.progress import track
 from sightline.data.sample_list import read_sample_list
+from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
 from sightline.evaluation.kitti_object_distance import check_edges, score_by_distance
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
+from sightline.evaluation.object_tally import ObjectTally, unread_labels, unread_results
 
 _FRAMES_AT_A_TIME = 64
 _MAX_PAIRS = 2_000_000  # of a result and a label in one frame; KITTI's fullest has some thousands
@@ -56,7 +59,7 @@ def evaluate_objects(
         labels_dir: One file a frame, 15 fields a line.
         sample_list: The frames to evaluate; see `read_sample_list`. None: all that have labels.
         overlaps: What a match must exceed, by class and metric.
-        bootstrap: Resamples of the frames for `AP_all_points`, up to 100,000; 0 leaves it out.
+        bootstrap: Resamples of the frames for `AP_all_points`, up to 100,000; 0: no interval.
         seed: Of the resamples.
         by_distance: Edges of bands of distance [m] that are scored by themselves, too; rising.
         missing_as_empty: Whether a frame without a result file is taken as one without detections.
@@ -67,6 +70,90 @@ def evaluate_objects(
             recall), a file is at fault, or a frame has far too many objects; the message names it
             and says what to do. Or as `score_by_distance` has it.
     """
+    check_resampling(bootstrap, seed)
+    check_edges(by_distance)
+    found = _read_submission(
+        results_dir,
+        labels_dir,
+        sample_list,
+        overlaps,
+        missing_as_empty=missing_as_empty,
+        progress=progress,
+    )
+    report = score_objects(found.data, overlaps, bootstrap=bootstrap, seed=seed)
+    bands = score_by_distance(found.data, overlaps, by_distance) if by_distance else ()
+    return replace(
+        report, bands=bands, frames_without_results=found.num_missing, remarks=found.remarks
+    )
+
+
+def compare_objects(
+    results_dir: Path | str,
+    labels_dir: Path | str,
+    against_dir: Path | str,
+    *,
+    sample_list: Path | str | Sequence[str] | None = None,
+    overlaps: MinimumOverlaps = STRICT,
+    bootstrap: int = 1000,
+    seed: int = 0,
+    missing_as_empty: bool = False,
+    progress: bool = False,
+) -> ObjectComparison:
+    """Compares two folders of result files on the same frames, with paired intervals.
+
+    Args:
+        results_dir: The first submission, as for `evaluate_objects`.
+        labels_dir: As for `evaluate_objects`.
+        against_dir: The second submission.
+        sample_list: As for `evaluate_objects`.
+        overlaps: What a match must exceed, by class and metric.
+        bootstrap: Resamples of the frames, 1 to 100,000; see `compare_submissions`.
+        seed: Of the resamples.
+        missing_as_empty: Whether a frame without a result file is taken as one without detections.
+        progress: Whether to show how far it is.
+
+    Raises:
+        ValueError: As `evaluate_objects`, for either submission.
+    """
+    if bootstrap == 0:
+        raise ValueError("bootstrap must be positive to compare, got 0: give e.g. 1000")
+    check_resampling(bootstrap, seed)
+    first, second = (
+        _read_submission(
+            folder,
+            labels_dir,
+            sample_list,
+            overlaps,
+            missing_as_empty=missing_as_empty,
+            progress=progress,
+        )
+        for folder in (results_dir, against_dir)
+    )
+    remarks = []
+    for folder, each in ((results_dir, first), (against_dir, second)):
+        if each.num_missing:
+            remarks.append(
+                f"{folder}: {each.num_missing:,} frames had no result file and counted as empty."
+            )
+        remarks += [f"{folder}: {line}" for line in each.remarks]
+    return ObjectComparison(
+        first=str(results_dir),
+        second=str(against_dir),
+        frames=first.data.num_frames,
+        num_resamples=bootstrap,
+        entries=compare_submissions(
+            first.data, second.data, overlaps, num_resamples=bootstrap, seed=seed
+        ),
+        remarks=tuple(remarks),
+    )
+
+
+def check_resampling(bootstrap: int, seed: int) -> None:
+    """Refuses numbers that no bootstrap can have.
+
+    Raises:
+        ValueError: One is negative, or there are far too many resamples.
+    """
     if bootstrap < 0:
         raise ValueError(f"bootstrap must not be negative, got {bootstrap}: give 0 to leave it out")
     if bootstrap > _MAX_RESAMPLES:
@@ -76,20 +163,41 @@ def evaluate_objects(
         )
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
-    minima = overlaps.as_array()
-    check_edges(by_distance)
+
+
+class _Submission(NamedTuple):
+    """Result files of all frames, matched with the labels."""
+
+    data: MatchingData
+    num_missing: int
+    """Frames without a result file."""
+    remarks: tuple[str, ...]
+    """Sentences on files and objects that are not scored."""
+
+
+def _read_submission(
+    results_dir: Path | str,
+    labels_dir: Path | str,
+    sample_list: Path | str | Sequence[str] | None,
+    overlaps: MinimumOverlaps,
+    *,
+    missing_as_empty: bool,
+    progress: bool,
+) -> _Submission:
     results_dir, labels_dir = Path(results_dir), Path(labels_dir)
     names = frame_names(labels_dir, sample_list)
     missing = _missing_results(results_dir, names) if missing_as_empty else set()
     frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)
+    tally = ObjectTally()
     parts: list[MatchingData] = []
     for batch in _batches(frames):
         detections, labels = zip(*batch, strict=True)
-        parts.append(find_pairs(detections, labels, minima))
-    data = concatenate(parts)
-    report = score_objects(data, overlaps, bootstrap=bootstrap, seed=seed)
-    bands = score_by_distance(data, overlaps, by_distance) if by_distance else ()
-    return replace(report, bands=bands, frames_without_results=len(missing))
+        parts.append(find_pairs(detections, labels, overlaps.as_array()))
+        for results, labelled in batch:
+            tally.add(results, labelled)
+    unread = unread_labels(labels_dir) if sample_list is None else ()
+    unread += unread_results(results_dir, names) if sample_list is None else ()
+    return _Submission(concatenate(parts), len(missing), (*unread, *tally.remarks()))
 
 
 def read_frames(

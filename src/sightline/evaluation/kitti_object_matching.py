@@ -133,9 +133,17 @@ def select(
     )
 
 
-def matched_scores(task: MatchingTask) -> Float64[np.ndarray, " num_matches"]:
-    """Pass 1: the scores of valid matches, truths in file order, the highest score taken."""
-    return _match_by_score(task)
+class Matches(NamedTuple):
+    """Valid matches of pass 1, truths in file order, each with the highest score."""
+
+    scores: Float64[np.ndarray, " num_matches"]
+    frames: Int64[np.ndarray, " num_matches"]
+
+
+def match_by_score(task: MatchingTask) -> Matches:
+    """Pass 1 of the official program."""
+    scores, truths = _match_by_score(task)
+    return Matches(scores, task.truth_frame[truths])
 
 
 def find_thresholds(
@@ -191,9 +199,13 @@ def count_by_frame(task: MatchingTask) -> FrameSteps:
 
 
 @compiled
-def _match_by_score(task: MatchingTask) -> Float64[np.ndarray, " num_matches"]:
+def _match_by_score(
+    task: MatchingTask,
+) -> tuple[Float64[np.ndarray, " num_matches"], Int64[np.ndarray, " num_matches"]]:
+    """Scores of the valid matches, and their truths."""
     taken = np.zeros(len(task.detection_score), dtype=np.bool_)
     scores = np.empty(len(task.truth_valid))
+    truths = np.empty(len(task.truth_valid), dtype=np.int64)
     num_scores = 0
     for i in range(len(task.truth_valid)):
         best, best_score = -1, _LOWEST_SCORE
@@ -204,9 +216,9 @@ def _match_by_score(task: MatchingTask) -> Float64[np.ndarray, " num_matches"]:
         if best >= 0:
             taken[best] = True
             if task.truth_valid[i] and task.detection_normal[best]:
-                scores[num_scores] = best_score
+                scores[num_scores], truths[num_scores] = best_score, i
                 num_scores += 1
-    return scores[:num_scores]
+    return scores[:num_scores], truths[:num_scores]
 
 
 @compiled

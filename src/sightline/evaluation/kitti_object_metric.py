@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from itertools import product
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -21,6 +21,9 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
+
+ALL_POINTS: Final = "_all_points"
+"""Ending of the names of scores over all points of the curve."""
 
 
 class KittiObjectMetric(Metric):
@@ -45,6 +48,7 @@ class KittiObjectMetric(Metric):
         """
         super().__init__()
         self._overlaps = overlaps
+        self.last_report: ObjectReport | None = None
         frame = find_pairs(
             [parse_objects(b"", "no detections", with_scores=True)],
             [parse_objects(b"", "no labels", with_scores=False)],
@@ -79,19 +83,30 @@ class KittiObjectMetric(Metric):
             getattr(self, name).append(torch.from_numpy(getattr(data, name)).to(self.device))
 
     def compute(self) -> dict[str, Tensor]:
-        """AP over 40 recall positions, in percent, by names such as `Car/3d/moderate`.
+        """AP in percent by names such as `Car/3d/moderate` and `Car/3d/moderate_all_points`.
 
-        Every class, metric and difficulty has one, 0 where nothing was detected: a checkpoint that
-        goes by one of them finds it after the first epoch too.
+        The first is over 40 recall positions, which few objects cannot fill; the second over all
+        points of the curve. Every class, metric and difficulty has both, 0 where nothing was
+        detected: a checkpoint that goes by one of them finds it after the first epoch too.
         """
-        found = {
-            (entry.class_name, entry.metric, entry.difficulty): entry.ap_r40
-            for entry in self._score().entries
-        }
-        return {
-            "/".join(names): torch.tensor(found.get(names, 0.0), dtype=torch.float64)
-            for names in product(CLASSES, METRICS, DIFFICULTIES)
-        }
+        self.last_report = report = self._score()
+        scores = {"/".join(names): 0.0 for names in product(CLASSES, METRICS, DIFFICULTIES)}
+        scores |= {f"{name}{ALL_POINTS}": 0.0 for name in scores}
+        for entry in report.entries:
+            name = "/".join((entry.class_name, entry.metric, entry.difficulty))
+            scores[name] = entry.ap_r40
+            if entry.all_points is not None:
+                scores[f"{name}{ALL_POINTS}"] = entry.all_points.ap
+        return {name: torch.tensor(score, dtype=torch.float64) for name, score in scores.items()}
+
+    def notes(self, monitored: str) -> tuple[str, ...]:
+        """Sentences to read the scores with that `compute` gave last.
+
+        Args:
+            monitored: Name of the score by which checkpoints are chosen.
+        """
+        notes = () if self.last_report is None else tuple(self.last_report.notes())
+        return (*notes, f"best.ckpt goes by {monitored}, R40, all the same.") if notes else ()
 
     def report(self) -> ObjectReport:
         """All figures, over the frames of all processes, each of which has to call this."""

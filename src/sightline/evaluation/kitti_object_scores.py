@@ -1,19 +1,18 @@
 """From matched frames to KITTI's figures: precision by slot, AP, AOS, and AP over all scores."""
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 
 from sightline.evaluation.kitti_object_matching import (
-    FrameSteps,
     MatchingTask,
     count_at,
-    count_by_frame,
     find_thresholds,
     index_pairs,
-    matched_scores,
+    match_by_score,
     select,
 )
 from sightline.evaluation.kitti_object_pairs import MatchingData
+from sightline.evaluation.kitti_object_resampling import ResampledCurve, draw_frames
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,
     DIFFICULTIES,
@@ -24,7 +23,6 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.evaluation.object_report import BootstrapAP, ObjectEntry, ObjectReport
-from sightline.ops.compiled import compiled
 from sightline.structures.precision_recall import NUM_SLOTS
 
 
@@ -36,7 +34,7 @@ def score_objects(
     Args:
         data: All frames, their pairs found with the same overlaps.
         overlaps: What a match must exceed.
-        bootstrap: Resamples of the frames for AP over all scores and its interval; 0: without.
+        bootstrap: Resamples of the frames for the interval of AP over all scores; 0: without.
         seed: Of the resamples, which are the same for all entries.
     """
     index = index_pairs(data)
@@ -62,7 +60,7 @@ def score_objects(
                         metric,
                         difficulty,
                         with_headings=bool(data.has_headings.all()),
-                        all_points=_bootstrap(task, bootstrap, seed) if bootstrap else None,
+                        all_points=_bootstrap(task, bootstrap, seed),
                     )
                 )
     return ObjectReport(frames=data.num_frames, entries=tuple(entries), num_resamples=bootstrap)
@@ -77,7 +75,7 @@ def _score(
     with_headings: bool,
     all_points: BootstrapAP | None,
 ) -> ObjectEntry:
-    thresholds = find_thresholds(matched_scores(task), task.n_gt)
+    thresholds = find_thresholds(match_by_score(task).scores, task.n_gt)
     counts = count_at(task, thresholds)
     positives = counts.tp + counts.fp
     precision = _fill_slots(counts.tp.astype(np.float64), positives)
@@ -127,56 +125,15 @@ def _mean_r40(slots: Float64[np.ndarray, "41"]) -> float:
 def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP | None:
     """AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
 
-    Frames are drawn with replacement, as many as there are; draws without any object that counts
-    are left out. None where no frame has one.
+    None where no object counts; no interval without resamples.
     """
     if task.n_gt == 0:
         return None
-    steps = count_by_frame(task)
-    ends = np.diff(steps.score, append=-np.inf) != 0  # the last step of its score
-    num_frames = len(task.valid_per_frame)
-    once = np.ones(num_frames, dtype=np.int64)
-    generator = np.random.default_rng(seed)
-    resampled = []
-    for _ in range(num_resamples):
-        drawn = generator.integers(num_frames, size=num_frames)
-        weights = np.bincount(drawn, minlength=num_frames)
-        if (weights @ task.valid_per_frame) > 0:
-            resampled.append(_all_points(steps, ends, weights, task.valid_per_frame))
+    curve = ResampledCurve.of(task)
+    ap = curve.ap_all_points(np.ones(curve.num_frames, dtype=np.int64))
+    if num_resamples == 0:
+        return BootstrapAP(ap=ap)
+    drawn = draw_frames(task.valid_per_frame, num_resamples, seed)
+    resampled = [curve.ap_all_points(weights) for weights in drawn]
     low, high = np.percentile(resampled, (2.5, 97.5)) if resampled else (np.nan, np.nan)
-    ap = _all_points(steps, ends, once, task.valid_per_frame)
     return BootstrapAP(ap=ap, low=float(low), high=float(high))
-
-
-def _all_points(
-    steps: FrameSteps,
-    ends: Bool[np.ndarray, " num_steps"],
-    weights: Int64[np.ndarray, " num_frames"],
-    valid_per_frame: Int64[np.ndarray, " num_frames"],
-) -> float:
-    """Percent under the monotone precision-recall curve of frames that count `weights` times."""
-    n_gt = int(weights @ valid_per_frame)
-    return 100 * _area(weights[steps.frame], steps.tp, steps.fp, ends, n_gt)
-
-
-@compiled
-def _area(
-    weights: Int64[np.ndarray, " num_steps"],
-    tp_changes: Int64[np.ndarray, " num_steps"],
-    fp_changes: Int64[np.ndarray, " num_steps"],
-    ends: Bool[np.ndarray, " num_steps"],
-    n_gt: int,
-) -> float:
-    """Mean over k = 1..n_gt of the best precision at which k objects or more are found."""
-    best = np.zeros(n_gt + 1)
-    tp, fp = 0, 0
-    for step in range(len(weights)):
-        tp += weights[step] * tp_changes[step]
-        fp += weights[step] * fp_changes[step]
-        if ends[step] and tp > 0:
-            best[tp] = max(best[tp], tp / (tp + fp))
-    area, highest = 0.0, 0.0
-    for k in range(n_gt, 0, -1):
-        highest = max(highest, best[k])
-        area += highest
-    return area / n_gt

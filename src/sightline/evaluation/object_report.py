@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
-from sightline.evaluation.object_tables import add_section, percentage, score_table
-from sightline.structures.precision_recall import NUM_SLOTS, PrecisionRecall
+from sightline.evaluation.object_tables import add_section, percentage, score_table, slots_note
+from sightline.structures.precision_recall import PrecisionRecall
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -23,10 +23,10 @@ class BootstrapAP:
 
     ap: float
     """Area under the monotone precision-recall curve, percent."""
-    low: float
-    """2.5 % quantile over resampled frames, percent."""
-    high: float
-    """97.5 % quantile over resampled frames, percent."""
+    low: float | None = None
+    """2.5 % quantile over resampled frames, percent; None without resamples."""
+    high: float | None = None
+    """97.5 % quantile over resampled frames, percent; None without resamples."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class ObjectEntry:
     """Of the true positives at the lowest threshold, those whose heading is more than 90 degrees
     off, 0 to 1; None where there are none, or a detection has no alpha. Not one of KITTI's."""
     all_points: BootstrapAP | None = None
-    """None where it was not asked for, or nothing counts."""
+    """None where nothing counts."""
 
     def curve(self) -> PrecisionRecall:
         """Precision over recall, to be drawn."""
@@ -74,8 +74,9 @@ class ObjectEntry:
             num_objects=self.n_gt,
         )
 
-    def to_json(self, *, with_all_points: bool) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """The entry as the report's file has it."""
+        points = self.all_points
         entry: dict[str, Any] = {
             "class": self.class_name,
             "metric": self.metric,
@@ -93,10 +94,9 @@ class ObjectEntry:
             "fn": self.fn.tolist(),
             "flipped_share": self.flipped_share,
         }
-        if with_all_points:
-            points = self.all_points
-            entry["AP_all_points"] = points.ap if points else None
-            entry["AP_all_points_95"] = [points.low, points.high] if points else None
+        entry["AP_all_points"] = points.ap if points else None
+        has_interval = points is not None and points.low is not None
+        entry["AP_all_points_95"] = [points.low, points.high] if points and has_interval else None
         return entry
 
 
@@ -130,27 +130,28 @@ class ObjectReport:
     entries: tuple[ObjectEntry, ...]
     """By class, then metric, then difficulty."""
     num_resamples: int = 0
-    """Bootstrap resamples behind `all_points`; 0 where it was not asked for."""
+    """Bootstrap resamples behind the intervals of `all_points`; 0: there are none."""
     frames_without_results: int = 0
     """Frames that were taken as empty because they had no file."""
     bands: tuple[DistanceBand, ...] = ()
     """Nearest first; none where distances were not asked for."""
+    remarks: tuple[str, ...] = ()
+    """Sentences on files and objects that are not scored."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""
         report: dict[str, Any] = {
             "frames": self.frames,
             "frames_without_results": self.frames_without_results,
-            "entries": [
-                entry.to_json(with_all_points=self.num_resamples > 0) for entry in self.entries
-            ],
+            "notes": self.notes(),
+            "entries": [entry.to_json() for entry in self.entries],
         }
         if self.bands:
             report["by_distance"] = [
                 {
                     "from_m": band.from_m,
                     "to_m": None if math.isinf(band.to_m) else band.to_m,
-                    "entries": [entry.to_json(with_all_points=False) for entry in band.entries],
+                    "entries": [entry.to_json() for entry in band.entries],
                 }
                 for band in self.bands
             ]
@@ -195,9 +196,9 @@ class ObjectReport:
             if levels[0].aos_r40 is not None:
                 rows.append(("AOS R40", [percentage(level.aos_r40) for level in levels]))
                 rows.append(("AOS R11", [percentage(level.aos_r11) for level in levels]))
+            points = [level.all_points for level in levels]
+            rows.append(("AP all points", [percentage(p.ap if p else None) for p in points]))
             if self.num_resamples:
-                points = [level.all_points for level in levels]
-                rows.append(("AP all points", [percentage(p.ap if p else None) for p in points]))
                 rows.append(("95 % interval", [_interval(p) for p in points]))
             rows.append(("max recall", [percentage(100 * level.max_recall) for level in levels]))
             if any(level.flipped_share is not None for level in levels):
@@ -221,21 +222,11 @@ class ObjectReport:
             count = self.frames_without_results
             which = "1 frame had" if count == 1 else f"{count:,} frames had"
             notes.append(f"{which} no result file and counted as empty.")
-        return notes + _slots_notes(self.entries)
+        return [*notes, *self.remarks, *_slots_notes(self.entries)]
 
 
 def _slots_notes(entries: Sequence[ObjectEntry]) -> list[str]:
-    """What R40 and R11 can be at most where objects are fewer than recall positions."""
-    few = [entry for entry in entries if 0 < entry.n_gt < NUM_SLOTS]
-    if not few:
-        return []
-    fewest = min(few, key=lambda entry: entry.n_gt)
-    most_r40 = 100 * (fewest.n_gt - 1) / (NUM_SLOTS - 1)
-    return [
-        f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: "
-        f"{fewest.n_gt} of {fewest.class_name}, {fewest.difficulty}, found without a fault give "
-        f"R40 {most_r40:.1f}. AP of all points (--bootstrap) has no such limit."
-    ]
+    return slots_note([(each.class_name, each.difficulty, each.n_gt) for each in entries])
 
 
 def _add_notes(table: "Table", notes: Sequence[str]) -> None:
@@ -244,4 +235,6 @@ def _add_notes(table: "Table", notes: Sequence[str]) -> None:
 
 
 def _interval(points: BootstrapAP | None) -> str:
-    return "-" if points is None else f"{points.low:.1f}-{points.high:.1f}"
+    if points is None or points.low is None or points.high is None:
+        return "-"
+    return f"{points.low:.1f}-{points.high:.1f}"

@@ -10,7 +10,8 @@ from sightline.evaluation.object_report import ObjectEntry, ObjectReport
 
 _NAMES = ("class", "metric", "difficulty", "distance")
 _FIGURES = ("AP_R40", "AP_R11", "AOS_R40", "AOS_R11", "max_recall", "flipped_share")
-_INTERVAL = ("AP_all_points", "AP_all_points_low", "AP_all_points_high")
+_ALL_POINTS = "AP_all_points"
+_INTERVAL = ("AP_all_points_low", "AP_all_points_high")
 
 Cell = str | int | float | None
 
@@ -39,7 +40,8 @@ def object_rows(report: ObjectReport) -> tuple[tuple[str, ...], list[list[Cell]]
 
     AP, AOS and their interval are percentages, recall and shares are from 0 to 1, as in JSON.
     """
-    names = (*_NAMES, "objects", *_FIGURES, *(_INTERVAL if report.num_resamples else ()))
+    interval = _INTERVAL if report.num_resamples else ()
+    names = (*_NAMES, "objects", *_FIGURES, _ALL_POINTS, *interval)
     parts = [("all", report.entries), *((band.title, band.entries) for band in report.bands)]
     return names, [
         list(_row(entry, distance, with_interval=report.num_resamples > 0))
@@ -49,12 +51,12 @@ def object_rows(report: ObjectReport) -> tuple[tuple[str, ...], list[list[Cell]]
 
 
 def _row(entry: ObjectEntry, distance: str, *, with_interval: bool) -> Iterator[Cell]:
-    told = entry.to_json(with_all_points=False)
+    told = entry.to_json()
     yield from (entry.class_name, entry.metric, entry.difficulty, distance, entry.n_gt)
-    yield from (told[name] for name in _FIGURES)
+    yield from (told[name] for name in (*_FIGURES, _ALL_POINTS))
     if with_interval:
         points = entry.all_points
-        yield from (None, None, None) if points is None else (points.ap, points.low, points.high)
+        yield from (None, None) if points is None else (points.low, points.high)
 
 
 def _as_csv(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:

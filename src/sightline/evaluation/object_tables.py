@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from sightline.evaluation.kitti_object_rules import DIFFICULTIES
+from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty
+from sightline.structures.precision_recall import NUM_SLOTS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -44,3 +45,24 @@ def add_section(
 def percentage(value: float | None) -> str:
     """A cell; a dash where there is no value."""
     return "-" if value is None else f"{value:.2f}"
+
+
+def slots_note(counts: Sequence[tuple[ClassName, Difficulty, int]]) -> list[str]:
+    """A sentence on what R40 can be at most where objects are fewer than recall positions.
+
+    Args:
+        counts: Class, difficulty and number of objects that count.
+
+    Returns:
+        The sentence, on the class with the fewest objects; empty where all have enough.
+    """
+    few = [each for each in counts if 0 < each[2] < NUM_SLOTS]
+    if not few:
+        return []
+    class_name, difficulty, n_gt = min(few, key=lambda each: each[2])
+    most_r40 = 100 * (n_gt - 1) / (NUM_SLOTS - 1)
+    return [
+        f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: {n_gt} of "
+        f"{class_name}, {difficulty}, found without a fault give R40 {most_r40:.1f}. AP of all "
+        "points has no such limit: read that one."
+    ]

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Literal
 
+from sightline.data.problem import install_command
+
 Library = Literal["onnx", "onnxruntime", "onnxscript", "openvino"]
 
 
@@ -27,7 +29,7 @@ def import_extra(library: Library) -> ModuleType:
         if error.name != library:
             raise
         raise ValueError(
-            f'{library} is not installed; install it with: pip install "sightline[export]"'
+            f"{library} is not installed; install it with: {install_command('export')}"
         ) from error
 
 

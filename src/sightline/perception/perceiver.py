@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sightline.export.names import EngineChoice
 from sightline.inference.predictor import Predictor, lacking_parts
+from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
@@ -41,7 +42,7 @@ class FrameAnswers:
         )
 
 
-class Perceiver:
+class Perceiver(SamplePredictor[Perception]):
     """Asks several tasks about a frame: those that can do without a sensor go on where it fails.
 
     Examples:
@@ -125,7 +126,7 @@ class Perceiver:
         seen = {part for predictor in self.predictors.values() for part in predictor.parts}
         return tuple(part for part in _SENSOR_PARTS if part in seen)
 
-    def __call__(self, sample: CameraLidarSample) -> Perception:
+    def predict(self, sample: CameraLidarSample) -> Perception:
         """What the tasks tell of a sample; nothing of those that lack a sensor."""
         return self.answer(sample).perception
 

@@ -187,6 +187,7 @@ def run_bench(
             setting=setting,
             cases=infos,
             scores=score_cases(scoring, dataset, each / _ANSWERS, tuple(infos), each, workers),
+            notes=scoring.notes(dataset),
         )
         for each, predictor in zip(folders, predictors, strict=True)
     ]

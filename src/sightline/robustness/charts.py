@@ -31,12 +31,16 @@ _CHART_PX: Final = (260, 150)
 _PLOT_PX: Final = (38, 10, 250, 124)  # left, top, right, bottom of what curves are drawn in
 
 
+LINE_STYLES: Final = ("ours", "other", "third", "fourth")
+"""CSS classes of methods that are drawn together; with more methods they come again."""
+
+
 class Line(NamedTuple):
     """A method in the charts."""
 
     name: str
     style: str
-    """CSS class: ours, other or alone."""
+    """CSS class: one of `LINE_STYLES`, or alone."""
     record: Record
 
 

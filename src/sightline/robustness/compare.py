@@ -1,5 +1,6 @@
-"""Two runs side by side."""
+"""Runs side by side."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,13 @@ from sightline.robustness.page import compare_page
 from sightline.robustness.record import Record, read_record
 from sightline.robustness.report import rich_table
 from sightline.robustness.scoring import Figure
-from sightline.robustness.texts import TextTable, ratio_text, score_text, setting_text
+from sightline.robustness.texts import (
+    TextTable,
+    leading_figures,
+    ratio_text,
+    score_text,
+    setting_text,
+)
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -21,102 +28,130 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Comparison:
-    """Two runs of the same cases; CE is that of the first against the second."""
+    """Runs of the same cases; CE of each but the last is against the last."""
 
-    first: Record
-    second: Record
+    records: tuple[Record, ...]
+    """Two or more."""
+    left_out: tuple[str, ...] = ()
+    """Cases that not all runs have."""
 
-    def measured(self) -> list[tuple[Figure, Measures | None, Measures | None]]:
-        """Every figure with both runs' measures."""
+    def measured(self) -> list[tuple[Figure, list[Measures | None]]]:
+        """Every figure with the measures of all runs."""
+        *others, last = self.records
         return [
-            (figure, measure(self.first, figure, self.second), measure(self.second, figure))
-            for figure in self.first.setting.figures
+            (figure, [*(measure(each, figure, last) for each in others), measure(last, figure)])
+            for figure in last.setting.figures
         ]
 
     def tables(self) -> list[TextTable]:
-        """Cases by the first figure, and all figures."""
-        measured = self.measured()
-        return [self._cases_table(measured[0][0]), self._figures_table(measured)]
+        """Cases by the leading figures, and all figures."""
+        leading = leading_figures(self.records[0].setting.figures)
+        return [*map(self._cases_table, leading), self._figures_table()]
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentences to read the scores with."""
+        notes = tuple(dict.fromkeys(note for each in self.records for note in each.notes))
+        if self.left_out:
+            names = ", ".join(self.left_out)
+            notes = (f"Left out, as not all runs have these cases: {names}.", *notes)
+        return notes
 
     def table(self) -> "Group":
         """The tables for a terminal."""
         from rich.console import Group
         from rich.text import Text
 
-        head = Text(f"{setting_text(self.first)}; and by {self.second.method}")
+        first, *others = self.records
+        names = ", ".join(each.method for each in others)
+        head = Text("\n".join((f"{setting_text(first)}; and by {names}", *self.notes())))
         return Group(head, *(rich_table(each) for each in self.tables()))
 
     def to_json(self) -> dict[str, object]:
-        """Both runs' measures."""
+        """The measures of all runs."""
         return {
-            "methods": [self.first.method, self.second.method],
+            "methods": [each.method for each in self.records],
             "measures": {
-                figure.name: [None if each is None else each.to_json() for each in both]
-                for figure, *both in self.measured()
+                figure.name: [None if each is None else each.to_json() for each in measures]
+                for figure, measures in self.measured()
             },
         }
 
     def write(self, path: Path) -> None:
-        """Draws both on a page."""
-        measured = self.measured()
-        page = compare_page(self.first, self.second, self._figures_table(measured), measured)
+        """Draw all runs on a page."""
+        page = compare_page(
+            self.records, self._figures_table(), self.measured(), notes=self.notes()
+        )
         atomic_write_text(path, page)
 
     def _cases_table(self, figure: Figure) -> TextTable:
         rows = []
-        for name in self.first.cases:
-            ours, theirs = (each.score(name, figure) for each in (self.first, self.second))
-            lead = None if ours is None or theirs is None else figure.lead(ours, theirs)
-            texts = (score_text(each, figure) for each in (ours, theirs))
-            rows.append((name, *texts, score_text(lead, figure, signed=True)))
+        for name in self.records[0].cases:
+            scores = [each.score(name, figure) for each in self.records]
+            first, *others = scores
+            leads = [
+                None if first is None or other is None else figure.lead(first, other)
+                for other in others
+            ]
+            texts = [score_text(each, figure) for each in scores]
+            rows.append((name, *texts, *(score_text(each, figure, signed=True) for each in leads)))
+        names = self._names()
+        over = ("lead",) if len(names) == 2 else tuple(f"lead over {name}" for name in names[1:])
         return TextTable(
             title=f"{figure.title}, {figure.unit}; lead of the first, positive where it is better",
-            header=("case", *self._names(), "lead"),
+            header=("case", *names, *over),
             rows=tuple(rows),
         )
 
-    def _figures_table(
-        self, measured: Sequence[tuple[Figure, Measures | None, Measures | None]]
-    ) -> TextTable:
+    def _figures_table(self) -> TextTable:
         rows = []
-        for figure, ours, theirs in measured:
+        for figure, measures in self.measured():
             cells: list[str] = []
-            for each in (ours, theirs):
+            for each in measures:
                 cells += [
                     score_text(None if each is None else each.clean, figure),
                     score_text(None if each is None else each.mpc, figure),
                     ratio_text(None if each is None else each.mrr),
                 ]
-            cells.append(ratio_text(None if ours is None else ours.mce))
+            cells += [ratio_text(None if each is None else each.mce) for each in measures[:-1]]
             rows.append((f"{figure.title}, {figure.unit}", *cells))
-        header = [f"{what}, {name}" for name in self._names() for what in ("clean", "mPC", "mRR")]
-        return TextTable(
-            title="All figures",
-            header=("figure", *header, "mCE of the first"),
-            rows=tuple(rows),
-        )
+        names = self._names()
+        header = [f"{what}, {name}" for name in names for what in ("clean", "mPC", "mRR")]
+        errors = [f"mCE, {name}" for name in names[:-1]]
+        if len(names) == 2:
+            errors = ["mCE of the first"]
+        return TextTable(title="All figures", header=("figure", *header, *errors), rows=tuple(rows))
 
-    def _names(self) -> tuple[str, str]:
-        """Told apart where both have one name."""
-        first, second = self.first.method, self.second.method
-        return (first, second) if first != second else (f"{first} (1)", f"{second} (2)")
+    def _names(self) -> tuple[str, ...]:
+        """Names of the methods, numbered where several have one name."""
+        counts = Counter(each.method for each in self.records)
+        return tuple(
+            each.method if counts[each.method] == 1 else f"{each.method} ({number})"
+            for number, each in enumerate(self.records, start=1)
+        )
 
 
 def compare_runs(paths: Sequence[Path]) -> Comparison:
-    """Two runs by their files, as far as both have the same cases.
+    """Compare runs by their files, as far as all have the same cases.
 
     Raises:
-        ValueError: There are not two, or they are of another task, data set, suite or seed.
+        ValueError: There are less than two, or they are of another task, data set, suite or seed.
     """
-    if len(paths) != 2:
-        raise ValueError(f"two runs are compared, got {len(paths)} files; give two robustness.json")
-    first, second = map(read_record, paths)
-    shared = [name for name in first.cases if name in second.cases]
+    if len(paths) < 2:
+        raise ValueError(
+            f"two runs or more are compared, got {len(paths)} files; give two robustness.json"
+        )
+    records = [read_record(path) for path in paths]
+    shared = [name for name in records[0].cases if all(name in each.cases for each in records)]
     if CLEAN not in shared:
-        raise ValueError(f"{paths[0]} and {paths[1]} have no clean case in common; run them again")
-    first, second = (_restricted(each, shared) for each in (first, second))
-    check_baseline(second, first.setting, first.cases)
-    return Comparison(first=first, second=second)
+        told = " and ".join(map(str, paths))
+        raise ValueError(f"{told} have no clean case in common; run them again")
+    every = dict.fromkeys(name for each in records for name in each.cases)
+    first, *others = (_restricted(each, shared) for each in records)
+    for other in others:
+        check_baseline(other, first.setting, first.cases)
+    return Comparison(
+        records=(first, *others), left_out=tuple(name for name in every if name not in shared)
+    )
 
 
 def _restricted(record: Record, names: Sequence[str]) -> Record:

@@ -12,7 +12,7 @@ from sightline.robustness.record import CaseInfo
 from sightline.robustness.scoring import Answered, Scoring
 
 _PICTURES: Final = "pictures"
-_WIDTH_PX: Final = 480
+_WIDTH_PX: Final = 800
 
 
 class Example(NamedTuple):

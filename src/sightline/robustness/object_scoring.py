@@ -1,5 +1,6 @@
 """Object detection scored by KITTI's own evaluation: for tasks that write KITTI's result files."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -74,6 +75,16 @@ class ObjectScoring:
         """See `Scoring.check`."""
         _labels_folder(dataset)
 
+    def notes(self, dataset: "SampleDataset") -> tuple[str, ...]:
+        """What R40 can be at most where objects are fewer than its places."""
+        from sightline.evaluation.object_tables import slots_note
+
+        counts = _object_counts(_labels_folder(dataset), dataset.sample_ids)
+        scored = {target.class_name for target in self.targets}
+        return tuple(
+            slots_note([(*key, n) for key, n in sorted(counts.items()) if key[0] in scored])
+        )
+
     def pose(self, sample: "CameraLidarSample") -> PosedFrame:
         """The frame as it is."""
         return PosedFrame(sample, None)
@@ -93,9 +104,7 @@ class ObjectScoring:
         labels, names = _labels_folder(dataset), dataset.sample_ids
         scores: dict[str, float | None] = {}
         for chosen in _apart(self.targets):
-            report = evaluate_objects(
-                folder, labels, sample_list=names, overlaps=_overlaps(chosen), bootstrap=1
-            )
+            report = evaluate_objects(folder, labels, sample_list=names, overlaps=_overlaps(chosen))
             for target in chosen:
                 scores |= _scores(target, report, labels, names)
         return {figure.name: scores[figure.name] for figure in self.figures}
@@ -164,8 +173,8 @@ def _scores(
         if entries:
             values = _of_entry(entries[difficulty])
         else:  # nothing of the class was detected, which the report leaves out
-            counts = _counts(labels, names, target.class_name, difficulty)
-            values = dict.fromkeys(_AVERAGES, 0.0 if counts else None)
+            count = _object_counts(labels, names)[target.class_name, difficulty]
+            values = dict.fromkeys(_AVERAGES, 0.0 if count else None)
         for average, value in values.items():
             found[_figure_name(target, difficulty, average)] = value
     return found
@@ -174,22 +183,21 @@ def _scores(
 def _of_entry(entry: "ObjectEntry") -> dict[str, float | None]:
     if entry.n_gt == 0:
         return dict.fromkeys(_AVERAGES)
-    assert entry.all_points is not None, "it was asked for, and objects count"
+    assert entry.all_points is not None, "objects count"
     return {"R40": entry.ap_r40, "all_points": entry.all_points.ap}
 
 
-def _counts(
-    labels: Path, names: Sequence[str], class_name: ClassName, difficulty: Difficulty
-) -> bool:
-    """Whether some labelled object of the class counts at the difficulty."""
+def _object_counts(labels: Path, names: Sequence[str]) -> Counter[tuple[ClassName, Difficulty]]:
+    """How many labelled objects count, by class and difficulty."""
     from sightline.data.kitti_labels import read_labels
     from sightline.evaluation.kitti_object_rules import class_code, truth_levels
 
-    code, level = CLASSES.index(class_name), DIFFICULTIES.index(difficulty)
+    counts: Counter[tuple[ClassName, Difficulty]] = Counter()
     for name in names:
         objects = read_labels(labels / f"{name}.txt")
-        levels = truth_levels(objects.truncation, objects.occlusion, objects.boxes2d)
-        codes = [class_code(each) for each in objects.class_names]
-        if any(c == code and at <= level for c, at in zip(codes, levels.tolist(), strict=True)):
-            return True
-    return False
+        levels = truth_levels(objects.truncation, objects.occlusion, objects.boxes2d).tolist()
+        for class_name, first in zip(objects.class_names, levels, strict=True):
+            code = class_code(class_name)
+            if code >= 0:
+                counts.update((CLASSES[code], each) for each in DIFFICULTIES[first:])
+    return counts

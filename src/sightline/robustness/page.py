@@ -7,7 +7,14 @@ from pathlib import Path
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN
-from sightline.robustness.charts import Line, bar_chart, curve_charts, heat_legend, heat_map
+from sightline.robustness.charts import (
+    LINE_STYLES,
+    Line,
+    bar_chart,
+    curve_charts,
+    heat_legend,
+    heat_map,
+)
 from sightline.robustness.examples import examples_of, shown_cases
 from sightline.robustness.measured import Measures
 from sightline.robustness.page_frame import figure_picker, of_figure, whole_page
@@ -24,7 +31,7 @@ from sightline.robustness.texts import (
 )
 
 Measured = Sequence[tuple[Figure, Measures | None]]
-Compared = Sequence[tuple[Figure, Measures | None, Measures | None]]
+Compared = Sequence[tuple[Figure, Sequence[Measures | None]]]
 
 _NOTHING_TO_SHOW = "<p>There is nothing to score by this figure, or nothing is broken.</p>"
 
@@ -41,6 +48,8 @@ def run_page(
     baseline: Record | None,
     healthy: Mapping[Sensor, Record],
     out: Path,
+    *,
+    notes: Sequence[str] = (),
 ) -> str:
     """The page of a run.
 
@@ -50,12 +59,14 @@ def run_page(
         baseline: Drawn beside it.
         healthy: Methods of one sensor each; the best is drawn beside it.
         out: Folder of the run, where its pictures are.
+        notes: Sentences to read the scores with.
     """
     lines = [Line(record.method, "ours", record)]
     if baseline is not None:
         lines.append(Line(f"{baseline.method} (baseline)", "other", baseline))
     parts = [
         f'<p class="soft">{escape(setting_text(record))}.</p>',
+        *(f"<p>{escape(note)}</p>" for note in notes),
         _picker([figure for figure, _ in measured]),
     ]
     for figure, measures in measured:
@@ -69,32 +80,41 @@ def run_page(
     return whole_page(f"Robustness of {record.method}", "\n".join(parts))
 
 
-def compare_page(first: Record, second: Record, table: TextTable, measured: Compared) -> str:
-    """The page of two runs.
+def compare_page(
+    records: Sequence[Record], table: TextTable, measured: Compared, *, notes: Sequence[str] = ()
+) -> str:
+    """The page of several runs.
 
     Args:
-        first: One of them.
-        second: The other, of the same cases.
-        table: All figures of both.
-        measured: Every figure with the measures of both.
+        records: The runs, of the same cases.
+        table: All figures of all runs.
+        measured: Every figure with the measures of all runs.
+        notes: Sentences to read the scores with.
     """
-    lines = [Line(first.method, "ours", first), Line(second.method, "other", second)]
-    parts = [
-        f'<p class="soft">{escape(setting_text(first))}; and by {escape(second.method)}.</p>',
-        _picker([figure for figure, _, _ in measured]),
+    lines = [
+        Line(record.method, LINE_STYLES[number % len(LINE_STYLES)], record)
+        for number, record in enumerate(records)
     ]
-    for figure, ours, theirs in measured:
+    first, *others = records
+    names = ", ".join(record.method for record in others)
+    parts = [
+        f'<p class="soft">{escape(setting_text(first))}; and by {escape(names)}.</p>',
+        *(f"<p>{escape(note)}</p>" for note in notes),
+        _picker([figure for figure, _ in measured]),
+    ]
+    for figure, each in measured:
+        scored = [measures for measures in each if measures is not None]
         content = _NOTHING_TO_SHOW
-        if ours is not None and theirs is not None:
+        if len(scored) == len(records):
             content = "".join(
                 f"<h2>{escape(record.method)}</h2>{_tiles(record, figure, measures)}"
                 f"{heat_map(record, figure, measures)}"
-                for record, measures in ((first, ours), (second, theirs))
+                for record, measures in zip(records, scored, strict=True)
             )
             content += heat_legend() + _charts(lines, figure, None)
         parts.append(of_figure(figure.name, content))
     parts += [_READING, f"<h2>All figures</h2>{plain_table(table)}"]
-    return whole_page(f"{first.method} and {second.method}", "\n".join(parts))
+    return whole_page(f"{first.method} and {names}", "\n".join(parts))
 
 
 def _picker(figures: Sequence[Figure]) -> str:

@@ -5,7 +5,7 @@ from typing import Final
 
 _STYLE: Final = """
 :root { color-scheme: light; --ink: #1c2530; --soft: #5b6672; --line: #dfe4ea; --ours: #1f5fbf;
-  --other: #b4552d; --alone: #6b7480; --ground: #f6f8fa; }
+  --other: #b4552d; --third: #2f7d4f; --fourth: #8a4fa3; --alone: #6b7480; --ground: #f6f8fa; }
 * { box-sizing: border-box; }
 body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); max-width: 1180px; margin: 0 auto;
   padding: 1.2em 1em 4em; }
@@ -37,20 +37,26 @@ thead th:not(:first-child) { text-align: right; }
 figure { margin: 0; } figcaption { font-size: .9em; }
 svg { width: 100%; height: auto; display: block; } svg text { font: 9px system-ui, sans-serif;
   fill: #5b6672; } .grid { stroke: #dfe4ea; fill: none; }
-path.ours, path.other, path.alone { fill: none; stroke-width: 2; }
+path.ours, path.other, path.third, path.fourth, path.alone { fill: none; stroke-width: 2; }
 path.ours { stroke: var(--ours); } path.other { stroke: var(--other); stroke-dasharray: 5 3; }
+path.third { stroke: var(--third); stroke-dasharray: 9 3; }
+path.fourth { stroke: var(--fourth); stroke-dasharray: 2 2; }
 path.alone { stroke: var(--alone); stroke-dasharray: 1 3; }
 circle.ours { fill: var(--ours); } circle.other { fill: var(--other); }
+circle.third { fill: var(--third); } circle.fourth { fill: var(--fourth); }
 .key { display: flex; flex-wrap: wrap; gap: .3em 1.4em; margin: .5em 0; }
 .key i { display: inline-block; width: 1.9em; margin-right: .45em; vertical-align: middle;
   border-top: 3px solid; } .key i.ours { color: var(--ours); }
 .key i.other { color: var(--other); border-top-style: dashed; }
+.key i.third { color: var(--third); border-top-style: dashed; }
+.key i.fourth { color: var(--fourth); border-top-style: dotted; }
 .key i.alone { color: var(--alone); border-top-style: dotted; }
 .bars { margin-top: 1.2em; display: grid; grid-template-columns: max-content 1fr; gap: .35em .8em;
   max-width: 760px; align-items: center; }
 .track { display: grid; grid-template-columns: 1fr max-content; gap: 2px .5em;
   align-items: center; } .bar { height: 13px; border-radius: 2px; min-width: 1px; }
 .bar.ours { background: var(--ours); } .bar.other { background: var(--other); }
+.bar.third { background: var(--third); } .bar.fourth { background: var(--fourth); }
 .track span { font-variant-numeric: tabular-nums; font-size: .9em; min-width: 3.4em;
   text-align: right; }
 .example { margin: 1em 0; } .pictures { display: grid; gap: .5em;

@@ -91,6 +91,8 @@ class Record:
     """By name, sound sensors first."""
     scores: Mapping[str, Scores]
     """By case."""
+    notes: tuple[str, ...] = ()
+    """Sentences to read the scores with: of objects that are too few for a figure."""
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
@@ -125,12 +127,14 @@ class Record:
 
     def to_json(self) -> dict[str, object]:
         """What its file holds of it."""
+        notes = {"notes": list(self.notes)} if self.notes else {}
         return {
             "method": self.method,
             "made_by": dict(self.made_by),
             **asdict(self.setting),
             "cases": {name: asdict(case) for name, case in self.cases.items()},
             "scores": {name: dict(scores) for name, scores in self.scores.items()},
+            **notes,
         }
 
 
@@ -185,6 +189,7 @@ def _parse(content: dict[str, Any]) -> Record:
             _text(case): {_text(name): _number_or_none(score) for name, score in row.items()}
             for case, row in content["scores"].items()
         },
+        notes=tuple(map(str, content.get("notes", ()))),
     )
 
 

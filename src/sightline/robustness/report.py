@@ -15,7 +15,13 @@ from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page
 from sightline.robustness.record import RECORD_NAME, Record
 from sightline.robustness.scoring import Figure
-from sightline.robustness.texts import TextTable, figures_table, kinds_table, setting_text
+from sightline.robustness.texts import (
+    TextTable,
+    figures_table,
+    kinds_table,
+    leading_figures,
+    setting_text,
+)
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -35,6 +41,8 @@ class RobustnessReport:
     record: Record
     baseline: Record | None = None
     healthy: Mapping[Sensor, Record] = field(default_factory=dict)
+    absent_cases: tuple[str, ...] = ()
+    """Cases of the suite that there are no results of: not scored, and in no mean."""
 
     @property
     def measured(self) -> list[tuple[Figure, Measures | None]]:
@@ -46,9 +54,11 @@ class RobustnessReport:
 
     def to_json(self) -> dict[str, object]:
         """What robustness.json holds."""
+        absent = {"absent_cases": list(self.absent_cases)} if self.absent_cases else {}
         return {
             "sightline": version("sightline"),
             **self.record.to_json(),
+            **absent,
             "baseline": None if self.baseline is None else _named(self.baseline),
             "healthy": {sensor: _named(record) for sensor, record in self.healthy.items()},
             "measures": {
@@ -58,10 +68,14 @@ class RobustnessReport:
         }
 
     def tables(self) -> list[TextTable]:
-        """Of the first figure by kind, and of all figures."""
+        """Of the leading figures by kind, and of all figures."""
         measured = self.measured
-        figure, measures = measured[0]
-        by_kind = [] if measures is None else [kinds_table(self.record, figure, measures)]
+        leading = leading_figures(self.record.setting.figures)
+        by_kind = [
+            kinds_table(self.record, figure, measures)
+            for figure, measures in measured
+            if figure in leading and measures is not None
+        ]
         return [*by_kind, figures_table(self.record, measured)]
 
     def table(self) -> "Group":
@@ -69,13 +83,30 @@ class RobustnessReport:
         from rich.console import Group
         from rich.text import Text
 
-        head = Text(setting_text(self.record))
+        head = Text("\n".join((setting_text(self.record), *self.notes())))
         return Group(head, *(rich_table(each) for each in self.tables()))
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentences to read the scores with."""
+        notes = self.record.notes
+        if self.absent_cases:
+            count = len(self.absent_cases)
+            notes = (
+                f"WARNING: {count} case{'s' if count > 1 else ''} of suite "
+                f"{self.record.setting.suite} without results, not scored and in no mean: "
+                f"{', '.join(self.absent_cases)}.",
+                *notes,
+            )
+        return notes
 
     def markdown(self) -> str:
         """The tables as Markdown."""
         return "\n".join(
-            [f"{setting_text(self.record)}.\n", *(table.markdown() for table in self.tables())]
+            [
+                f"{setting_text(self.record)}.\n",
+                *(f"{note}\n" for note in self.notes()),
+                *(table.markdown() for table in self.tables()),
+            ]
         )
 
     def csv(self) -> str:
@@ -99,7 +130,9 @@ class RobustnessReport:
         """Writes all files of the report into the folder of the run."""
         atomic_write_text(out / CSV_NAME, self.csv())
         atomic_write_text(out / MARKDOWN_NAME, self.markdown())
-        page = run_page(self.record, self.measured, self.baseline, self.healthy, out)
+        page = run_page(
+            self.record, self.measured, self.baseline, self.healthy, out, notes=self.notes()
+        )
         atomic_write_text(out / PAGE_NAME, page)
         atomic_write_text(out / RECORD_NAME, json.dumps(self.to_json(), indent=2) + "\n")
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.corruptions.suites import Case, Suite, find_suite
+from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.jobs import MANIFEST_NAME, check_workers, claim_folder, data_name
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.data.plain_text import read_text, shortened
@@ -35,13 +35,15 @@ def score_results(
         task: By whose scoring.
         cases: What `sightline corrupt` wrote: a data set for each case, and what made them, which
             tells suite and seed.
-        results: Folder with a folder for each case, which holds a result file for each frame.
+        results: Folder with a folder for each case, which holds a result file for each frame. Where
+            no cases are named, those that are there are scored, and the report says which are not.
         out: Folder of the run.
         settings: The sweeps' folder is that of `cases`, and so are suite and seed.
 
     Raises:
         ValueError: The task is not scored by such files; `cases` is something else, or made with
-            another version's cases; results lack a case or a frame; or as `run_bench`.
+            another version's cases; results lack the clean case, a case that is named or a frame;
+            or as `run_bench`.
     """
     check_workers(settings.workers)
     scoring = task.scoring()
@@ -58,7 +60,8 @@ def score_results(
                 f"{cases} was written with {name} {made_with[name]}, not {wanted}; leave --{name} "
                 "out, or name other data"
             )
-    chosen = settings.chosen_cases(suite)
+    asked = settings.chosen_cases(suite)
+    chosen = _present_cases(results, asked) if settings.cases is None else asked
     _check_cases(suite, made_with["cases"], cases)
     given, healthy = read_baseline(settings.baseline), read_healthy(settings.healthy)
     if given is None and settings.baseline is not None:
@@ -96,8 +99,10 @@ def score_results(
         scores=score_cases(
             scoring, dataset, results, tuple(infos), out, settings.workers, anew=True
         ),
+        notes=scoring.notes(dataset),
     )
-    report = RobustnessReport(record=record, baseline=given, healthy=healthy)
+    absent = tuple(case.name for case in asked if case not in chosen)
+    report = RobustnessReport(record=record, baseline=given, healthy=healthy, absent_cases=absent)
     report.write(out)
     return report
 
@@ -124,6 +129,23 @@ def _check_cases(suite: Suite, written: Mapping[str, object], cases: Path) -> No
                 f"{cases} was written with another case {case.name} than this version's; write the "
                 "cases again"
             )
+
+
+def _present_cases(results: Path, wanted: Sequence[Case]) -> tuple[Case, ...]:
+    """Those of the cases that results hold a folder of; the clean one must be among them."""
+    present = tuple(case for case in wanted if (results / case.name).is_dir())
+    if CLEAN not in {case.name for case in present}:
+        raise ValueError(
+            f"{results} has no folder {CLEAN} for the results of sound sensors, which all others "
+            "are held against; add it"
+        )
+    if len(present) == 1:
+        names = ", ".join(case.name for case in wanted[1:7])
+        raise ValueError(
+            f"{results} has a folder {CLEAN} and none of a broken case; name folders as the cases "
+            f"are named ({names}{', ..' if len(wanted) > 7 else ''})"
+        )
+    return present
 
 
 def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:

@@ -122,6 +122,10 @@ class Scoring(Keeper, Protocol):
         """
         ...
 
+    def notes(self, dataset: "SampleDataset") -> tuple[str, ...]:
+        """Sentences to read the scores of such data with, of objects that are too few for one."""
+        ...
+
     def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
         """The figures of the files in a folder, one for each of the data set's samples.
 

@@ -132,6 +132,13 @@ def kinds_table(record: Record, figure: Figure, measures: Measures) -> TextTable
     )
 
 
+def leading_figures(figures: Sequence[Figure]) -> tuple[Figure, ...]:
+    """The first figure, and beside an average over recall positions that over all points."""
+    first = figures[0]
+    beside = first.name.removesuffix("_R40") + "_all_points"
+    return (first, *(each for each in figures if each.name == beside))
+
+
 def figures_table(record: Record, measured: Sequence[tuple[Figure, Measures | None]]) -> TextTable:
     """One row a figure: what all kinds come to."""
     rows = []

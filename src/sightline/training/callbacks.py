@@ -2,6 +2,7 @@
 
 import math
 import random
+import time
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 import torch
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, Checkpoint, ModelCheckpoint
+from torch.optim import Optimizer
 
 from sightline.data.weights import read_checkpoint_weights, write_weights
 from sightline.training.last_checkpoint import LastCheckpoint
@@ -65,6 +67,66 @@ class LogShortRuns(Callback):
             often = max(1, int(steps) // _FEWEST_POINTS)
             known: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
             trainer.log_every_n_steps = min(known, often)  # type: ignore[attr-defined]
+
+
+class LogSteps(Callback):
+    """Logs how the steps go: learning rate, norm of the gradients before clipping, seconds a step.
+
+    The seconds are the mean since the last point of the curve, loading of data included and
+    validations left out.
+    """
+
+    def __init__(self) -> None:
+        """Starts without steps."""
+        self._begun_s = 0.0
+        self._steps = 0
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Starts the clock."""
+        del trainer, pl_module
+        self._restart()
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Starts the clock anew."""
+        del trainer, pl_module
+        self._restart()
+
+    def on_before_optimizer_step(
+        self, trainer: Trainer, pl_module: LightningModule, optimizer: Optimizer
+    ) -> None:
+        """Logs rate and norm, at the steps that the logger takes."""
+        if not _is_logged(trainer, trainer.global_step + 1):
+            return
+        groups = optimizer.param_groups
+        gradients = [p.grad for group in groups for p in group["params"] if p.grad is not None]
+        values = {"training/learning_rate": float(groups[0]["lr"])}
+        if gradients:
+            values["training/gradient_norm"] = float(torch.nn.utils.get_total_norm(gradients))
+        pl_module.log_dict(values)
+
+    def on_train_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: object,
+        batch: object,
+        batch_idx: int,
+    ) -> None:
+        """Logs the time, at the steps that the logger takes."""
+        del outputs, batch, batch_idx
+        self._steps += 1
+        if _is_logged(trainer, trainer.global_step):
+            seconds = (time.monotonic() - self._begun_s) / self._steps
+            pl_module.log("training/seconds_per_step", seconds)
+            self._restart()
+
+    def _restart(self) -> None:
+        self._begun_s, self._steps = time.monotonic(), 0
+
+
+def _is_logged(trainer: Trainer, step: int) -> bool:
+    every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
+    return every > 0 and step % every == 0
 
 
 class WriteWeights(Checkpoint):

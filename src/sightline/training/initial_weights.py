@@ -1,8 +1,10 @@
 """The weights that a training starts from: of the whole network, or of a part of it."""
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from lightning.pytorch.utilities import rank_zero_only
 from torch import Tensor, nn
 
 from sightline.data.settings import ConfigT, NetworkConfig, differing_settings, parse_settings
@@ -51,8 +53,14 @@ def fill_from(
     weights = read_weights(source)
     name = str(source)
     if part is None:
-        check_network(name, weights.task, weights.config, task_name=task_name, config=config)
-        _fill(network, weights.tensors, name)
+        _check_task(name, weights.task, task_name)
+        differing = differing_settings(weights.config, config, in_training=False)
+        if differing:
+            raise ValueError(
+                f"{name} holds a network of other settings than the recipe ({differing}); add "
+                "--model.init_args.network null to train the network of the weights"
+            )
+        _fill(network, _with_training_parts(network, weights.tensors, name), name)
         return
     parts = dict(network.named_children())
     settings = getattr(config, part, None)
@@ -63,14 +71,19 @@ def fill_from(
         )
     is_whole = weights.task == task_name
     given, tensors = _of_part(weights, part) if is_whole else (weights.config, weights.tensors)
-    _check_settings(name, given, settings)
+    differing = differing_settings(given, settings)
+    if differing:
+        raise ValueError(
+            f"{name} holds a network of other settings ({differing}); set those of "
+            f"--model.init_args.network.{part} to the weights' own, or name other weights"
+        )
     _fill(parts[part], tensors, name)
 
 
 def check_network(
     source: str, task: str, given: Mapping[str, object], *, task_name: str, config: NetworkConfig
 ) -> None:
-    """Refuses what describes another network.
+    """Refuses a checkpoint of another network than the one that goes on from it.
 
     Args:
         source: What errors call it.
@@ -82,11 +95,44 @@ def check_network(
     Raises:
         ValueError: The task or a setting is another.
     """
+    _check_task(source, task, task_name)
+    differing = differing_settings(given, config)
+    if differing:
+        raise ValueError(
+            f"{source} holds a network of other settings ({differing}); give the settings that its "
+            "run was begun with: --config RUN_FOLDER/config.yaml has them"
+        )
+
+
+def _check_task(source: str, task: str, task_name: str) -> None:
     if task != task_name:
         raise ValueError(
             f"{source} is of task {task}, expected {task_name}; name another or change the recipe"
         )
-    _check_settings(source, given, config)
+
+
+def _with_training_parts(
+    network: nn.Module, tensors: Mapping[str, Tensor], source: str
+) -> dict[str, Tensor]:
+    """The tensors, with the network's own for modules that only a training runs.
+
+    Weights for use come without those modules, which then start at random; where the network has
+    none, those of the weights are left out.
+    """
+    names = getattr(network, "training_parts", ())
+    starts = tuple(f"{name}." for name in names)
+    own = {name: tensor for name, tensor in network.state_dict().items() if name.startswith(starts)}
+    given = {name for name in tensors if name.startswith(starts)}
+    if not own:
+        return {name: tensor for name, tensor in tensors.items() if name not in given}
+    if given:
+        return dict(tensors)
+    rank_zero_only(print)(
+        f"{source} holds no weights of the part {', '.join(names)}, which only a training runs; "
+        "that part starts at random",
+        file=sys.stderr,
+    )
+    return {**own, **tensors}
 
 
 def _of_part(weights: Weights, part: str) -> tuple[Mapping[str, object], dict[str, Tensor]]:
@@ -98,15 +144,6 @@ def _of_part(weights: Weights, part: str) -> tuple[Mapping[str, object], dict[st
         if key.startswith(start)
     }
     return given if isinstance(given, dict) else {}, tensors
-
-
-def _check_settings(source: str, given: Mapping[str, object], ours: NetworkConfig) -> None:
-    differing = differing_settings(given, ours)
-    if differing:
-        raise ValueError(
-            f"{source} holds a network of other settings ({differing}); take the recipe that it "
-            "was trained with"
-        )
 
 
 def _fill(module: nn.Module, tensors: Mapping[str, Tensor], source: str) -> None:

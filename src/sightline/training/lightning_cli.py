@@ -23,7 +23,7 @@ from sightline.data.settings import told_by_parser
 from sightline.data.weights import read_checkpoint_weights
 from sightline.data.weights_header import has_weights
 from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
-from sightline.training.callbacks import LogShortRuns, checkpoint_callbacks
+from sightline.training.callbacks import LogShortRuns, LogSteps, checkpoint_callbacks
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
 from sightline.training.module import TrainingModule
@@ -287,6 +287,7 @@ class _TrainingCLI(LightningCLI):
             callbacks.append(RunProgress())
         if settings["log_every_n_steps"] is None:
             callbacks.append(LogShortRuns())
+        callbacks.append(LogSteps())
         if settings["enable_checkpointing"] is False or settings["fast_dev_run"]:
             return callbacks
         return callbacks + checkpoint_callbacks(
@@ -314,6 +315,8 @@ class _TrainingCLI(LightningCLI):
         else:
             said = f"scored {checkpoint}, which started from {initial}"
         print(f"{self._run.folder}: {said}")
+        for note in self.model.notes:
+            print(note)
         scores = {name: float(value) for name, value in self.trainer.callback_metrics.items()}
         report = {
             "checkpoint": checkpoint,
@@ -321,6 +324,7 @@ class _TrainingCLI(LightningCLI):
             "metrics": {
                 name: score if math.isfinite(score) else None for name, score in scores.items()
             },
+            "notes": list(self.model.notes),
         }
         path = config["run_folder"] / f"{self.subcommand}.json"
         atomic_write_text(path, json.dumps(report, indent=2) + "\n")

@@ -22,6 +22,7 @@ from sightline.data.weights import CHECKPOINT_KEY
 from sightline.structures.batch import Batch
 from sightline.training.initial_weights import check_network, fill_from
 from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
+from sightline.visualization.lettering import with_title
 
 _NUM_STEPS_KEY = "sightline_num_steps"
 _STEPS_A_LOOK = 50  # at whether the loss is finite, on a GPU
@@ -52,6 +53,10 @@ class TrainingModule(lightning.LightningModule, ABC):
     monitored: ClassVar[tuple[str, Literal["min", "max"]]]
     """The score of a validation that decides which weights are best, such as validation/rmse_mm,
     and which way is better."""
+    monitored_beside: ClassVar[tuple[str, ...]] = ()
+    """Scores that people are shown beside the monitored one."""
+    notes: tuple[str, ...] = ()
+    """What the scores of the last validation or test must be read with."""
     is_resumed: bool = False
     """Set before a fit that goes on from a checkpoint, which replaces the weights: Lightning tells
     it after `setup`."""
@@ -114,6 +119,10 @@ class TrainingModule(lightning.LightningModule, ABC):
         scores: Mapping[str, Tensor] = self.metric.compute()
         return scores
 
+    def score_notes(self) -> tuple[str, ...]:
+        """Sentences to read the scores with that `scores` gave last."""
+        return ()
+
     def picture(
         self,
         batch: Any,  # noqa: ANN401 - the task's own batch
@@ -147,8 +156,13 @@ class TrainingModule(lightning.LightningModule, ABC):
         if batch_idx < _NUM_PICTURES and isinstance(self.logger, TensorBoardLogger):
             picture = self.picture(batch, answer)
             if picture is not None:
+                name, epoch = batch.sample_ids[0], self.current_epoch
+                title = f"{name}: epoch {epoch}, after {self.global_step:,} steps"
                 self.logger.experiment.add_image(
-                    f"validation/{batch_idx}", picture, self.global_step, dataformats="HWC"
+                    f"validation/{batch_idx}",
+                    with_title(picture, title),
+                    self.global_step,
+                    dataformats="HWC",
                 )
 
     def on_validation_epoch_end(self) -> None:
@@ -250,6 +264,7 @@ class TrainingModule(lightning.LightningModule, ABC):
     def _log_scores(self, stage: str) -> None:
         # float32: not every accelerator has more
         scores = {f"{stage}/{name}": score.float() for name, score in self.scores().items()}
+        self.notes = self.score_notes()
         with torch.inference_mode(mode=False):  # else training could not go on with its tensors
             self.metric.reset()
         shown, _ = self.monitored

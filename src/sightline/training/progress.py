@@ -66,6 +66,7 @@ class RunProgress(ProgressBar):
         self._is_enabled = True
         self._display: _Display | None = None
         self._looked_s = -math.inf
+        self._noted: set[str] = set()
 
     def disable(self) -> None:
         """Shows nothing in this process: another one does."""
@@ -124,7 +125,16 @@ class RunProgress(ProgressBar):
             # a checkpoint that is scored alone does not tell its step
             is_checkpoint = trainer.validating and trainer.ckpt_path is not None
             step = "" if is_checkpoint else f"step {trainer.global_step}: "
-            display.say(f"{step}{name} {score:.6g}")
+            beside = "".join(
+                f", {each} {float(trainer.callback_metrics[each]):.6g}"
+                for each in pl_module.monitored_beside
+                if each in trainer.callback_metrics
+            )
+            display.say(f"{step}{name} {score:.6g}{beside}")
+            for note in pl_module.notes:
+                if note not in self._noted:
+                    self._noted.add(note)
+                    display.say(note)
 
     def on_test_batch_end(
         self,

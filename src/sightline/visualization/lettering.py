@@ -54,6 +54,15 @@ def put_text(
     region[:] = np.rint(region + weight[..., None] * (np.array(color) - region.astype(np.float32)))
 
 
+def with_title(
+    picture: UInt8[np.ndarray, "height width 3"], title: str, *, height_px: int = 11
+) -> UInt8[np.ndarray, "new_height width 3"]:
+    """The picture below a dark bar with its title; a title that is too long is cut off."""
+    bar = np.full((2 * height_px, picture.shape[1], 3), 24, np.uint8)
+    put_text(bar, title, height_px // 2, round(1.5 * height_px), height_px=height_px)
+    return np.concatenate((bar, picture))
+
+
 def put_tags(
     canvas: UInt8[np.ndarray, "height width 3"], tags: Sequence[Tag], *, height_px: int
 ) -> None:

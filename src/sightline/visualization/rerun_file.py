@@ -18,6 +18,7 @@ from jaxtyping import Float64, UInt8
 
 from sightline.data.atomic import atomic_path
 from sightline.data.depth_png import MAX_DEPTH_M, STEPS_PER_METRE
+from sightline.data.problem import install_command
 from sightline.geometry.calibration import Calibration
 from sightline.structures.level import level_view
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
@@ -141,7 +142,7 @@ def _library() -> ModuleType:
         if error.name != "rerun":
             raise
         raise ValueError(
-            'rerun-sdk is not installed; install it with: pip install "sightline[viz]"'
+            f"rerun-sdk is not installed; install it with: {install_command('viz')}"
         ) from error
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from sightline.data.atomic import atomic_path
+from sightline.data.problem import install_command
 
 _QUALITY = "23"  # x264's constant rate factor: 0 is lossless, 51 the worst
 _LEAST_FPS, _MOST_FPS = 0.01, 240.0
@@ -30,7 +31,7 @@ def write_video(
 ) -> int:
     """Writes an MP4, whole or not at all; gives the number of frames.
 
-    By H.264, which browsers play, where PyAV is installed (`pip install "sightline[viz]"`); else
+    By H.264, which browsers play, where PyAV is installed (extra `viz`); else
     by MPEG-4 Part 2, which players do and browsers do not, with a warning.
 
     Args:
@@ -100,14 +101,16 @@ def _open_sink(path: Path, size: tuple[int, int], fps: float) -> Iterator[_Sink]
         return
     warnings.warn(
         "the video is MPEG-4 Part 2, which browsers do not play; for H.264: "
-        'pip install "sightline[viz]"',
+        f"{install_command('viz')}",
         stacklevel=5,
     )
     writer = cv2.VideoWriter(
         str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), fps, size[::-1]
     )
     if not writer.isOpened():
-        raise ValueError(f"OpenCV cannot write {path.name}; install sightline[viz] for its videos")
+        raise ValueError(
+            f"OpenCV cannot write {path.name}; for PyAV's videos: {install_command('viz')}"
+        )
     try:
         yield _OpenCVSink(writer)
     finally:

@@ -15,7 +15,7 @@ from sightline.data.importing.bag_files import (
     unpacked_zstd,
 )
 from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
+from sightline.data.problem import FileError, install_command
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -218,7 +218,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
         from rosbags.rosbag1 import Reader as Ros1Reader
     except ImportError as error:
         raise ValueError(
-            f'{path} is a ROS bag, and reading it needs rosbags: pip install "sightline[ros]"'
+            f"{path} is a ROS bag, and reading it needs rosbags: {install_command('ros')}"
         ) from error
     with ExitStack() as stack:
         try:

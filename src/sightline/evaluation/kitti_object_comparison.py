@@ -1,0 +1,221 @@
+"""Two submissions on the same frames: differences of average precision with paired intervals."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Int64
+
+from sightline.evaluation.kitti_object_matching import MatchingTask, index_pairs, select
+from sightline.evaluation.kitti_object_pairs import MatchingData
+from sightline.evaluation.kitti_object_resampling import ResampledCurve, draw_frames
+from sightline.evaluation.kitti_object_rules import (
+    CLASSES,
+    DIFFICULTIES,
+    METRICS,
+    ClassName,
+    Difficulty,
+    Metric,
+    MinimumOverlaps,
+)
+from sightline.evaluation.object_tables import add_section, score_table, slots_note
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PairedDifference:
+    """One average precision of two submissions, percent."""
+
+    first: float
+    second: float
+    difference: float
+    """First less second."""
+    low: float
+    """2.5 % quantile of the difference over resampled frames, the same frames for both."""
+    high: float
+    """97.5 % quantile."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The difference as the report's file has it."""
+        return {
+            "first": self.first,
+            "second": self.second,
+            "difference": self.difference,
+            "difference_95": [self.low, self.high],
+        }
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ComparedEntry:
+    """Two submissions by one class, metric and difficulty."""
+
+    class_name: ClassName
+    metric: Metric
+    difficulty: Difficulty
+    n_gt: int
+    """Labelled objects that count."""
+    r40: PairedDifference | None
+    """At KITTI's 40 recall positions; None where no object counts."""
+    all_points: PairedDifference | None
+    """Over all points of the curve; None where no object counts."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectComparison:
+    """Two submissions, class by class; what neither has results for is absent."""
+
+    first: str
+    """What the first submission is called: its folder."""
+    second: str
+    frames: int
+    num_resamples: int
+    entries: tuple[ComparedEntry, ...]
+    """By class, then metric, then difficulty."""
+    remarks: tuple[str, ...] = ()
+    """What was left out, and what the figures must be read with."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The comparison as its file has it."""
+        return {
+            "first": self.first,
+            "second": self.second,
+            "frames": self.frames,
+            "resamples": self.num_resamples,
+            "notes": self.notes(),
+            "entries": [
+                {
+                    "class": entry.class_name,
+                    "metric": entry.metric,
+                    "difficulty": entry.difficulty,
+                    "n_gt": entry.n_gt,
+                    "AP_R40": None if entry.r40 is None else entry.r40.to_json(),
+                    "AP_all_points": (
+                        None if entry.all_points is None else entry.all_points.to_json()
+                    ),
+                }
+                for entry in self.entries
+            ],
+        }
+
+    def table(self) -> "Table":
+        """Both figures of both submissions, the difference and its interval."""
+        table = score_table(
+            f"{self.first} less {self.second}, {self.frames:,} frames, AP in percent"
+        )
+        table.caption, table.caption_justify = "\n".join(self.notes()) or None, "left"
+        for start in range(0, len(self.entries), len(DIFFICULTIES)):
+            levels = self.entries[start : start + len(DIFFICULTIES)]
+            rows: list[tuple[str, list[str]]] = []
+            for name, pairs in (
+                ("R40", [level.r40 for level in levels]),
+                ("all points", [level.all_points for level in levels]),
+            ):
+                rows += [
+                    (f"{name}, both", [_both(pair) for pair in pairs]),
+                    (f"{name}, difference", [_difference(pair) for pair in pairs]),
+                    ("95 % interval", [_interval(pair) for pair in pairs]),
+                ]
+            rows.append(("objects", [f"{level.n_gt:,}" for level in levels]))
+            add_section(table, (levels[0].class_name, levels[0].metric), rows)
+        return table
+
+    def notes(self) -> list[str]:
+        """Sentences to read the figures with."""
+        paired = (
+            f"The interval is of the difference, over {self.num_resamples:,} resamples of the "
+            "frames, the same for both: where it holds 0, the two are not told apart."
+        )
+        few = slots_note([(e.class_name, e.difficulty, e.n_gt) for e in self.entries])
+        return [paired, *self.remarks, *few]
+
+
+def compare_submissions(
+    first: MatchingData,
+    second: MatchingData,
+    overlaps: MinimumOverlaps,
+    *,
+    num_resamples: int,
+    seed: int,
+) -> tuple[ComparedEntry, ...]:
+    """Compare all classes, metrics and difficulties that one of two submissions has results for.
+
+    Every resample draws frames once and scores both submissions on them (a paired bootstrap), so
+    that what frames have in common does not widen the interval.
+
+    Args:
+        first: All frames of one submission, pairs found with the same overlaps.
+        second: The same frames of the other.
+        overlaps: What a match must exceed.
+        num_resamples: How often frames are drawn.
+        seed: Of the draws.
+    """
+    indices = index_pairs(first), index_pairs(second)
+    minima = overlaps.as_array()
+    entries = []
+    for code, metric in np.argwhere(first.is_evaluated | second.is_evaluated).tolist():
+        for level, difficulty in enumerate(DIFFICULTIES):
+            tasks = [
+                select(
+                    data,
+                    index,
+                    code=code,
+                    metric=metric,
+                    difficulty=level,
+                    min_overlap=float(minima[code, metric]),
+                )
+                for data, index in zip((first, second), indices, strict=True)
+            ]
+            r40, all_points = _paired(*tasks, num_resamples=num_resamples, seed=seed)
+            entries.append(
+                ComparedEntry(
+                    class_name=CLASSES[code],
+                    metric=METRICS[metric],
+                    difficulty=difficulty,
+                    n_gt=tasks[0].n_gt,
+                    r40=r40,
+                    all_points=all_points,
+                )
+            )
+    return tuple(entries)
+
+
+def _paired(
+    first: MatchingTask, second: MatchingTask, *, num_resamples: int, seed: int
+) -> tuple[PairedDifference | None, PairedDifference | None]:
+    """Differences of AP R40 and of AP over all points."""
+    if first.n_gt == 0:
+        return None, None
+    curves = ResampledCurve.of(first), ResampledCurve.of(second)
+
+    def scores(weights: Int64[np.ndarray, " num_frames"]) -> list[list[float]]:
+        return [[each.ap_r40(weights), each.ap_all_points(weights)] for each in curves]
+
+    once = np.array(scores(np.ones(curves[0].num_frames, dtype=np.int64)))
+    drawn = draw_frames(first.valid_per_frame, num_resamples, seed)
+    resampled = np.array([scores(weights) for weights in drawn]).reshape(-1, 2, 2)
+    low, high = np.percentile(resampled[:, 0] - resampled[:, 1], (2.5, 97.5), axis=0)
+    r40, all_points = (
+        PairedDifference(
+            first=float(once[0, figure]),
+            second=float(once[1, figure]),
+            difference=float(once[0, figure] - once[1, figure]),
+            low=float(low[figure]),
+            high=float(high[figure]),
+        )
+        for figure in range(2)
+    )
+    return r40, all_points
+
+
+def _both(pair: PairedDifference | None) -> str:
+    return "-" if pair is None else f"{pair.first:.1f} {pair.second:.1f}"
+
+
+def _difference(pair: PairedDifference | None) -> str:
+    return "-" if pair is None else f"{pair.difference:+.2f}"
+
+
+def _interval(pair: PairedDifference | None) -> str:
+    return "-" if pair is None else f"{pair.low:+.1f} {pair.high:+.1f}"

@@ -1,0 +1,126 @@
+"""Counts of what an evaluation of objects cannot score, so that nothing is left out unsaid."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
+from sightline.data.plain_text import shortened
+from sightline.evaluation.kitti_object_rules import CLASSES, class_code
+
+_KNOWN: Final = frozenset(
+    {"van", "truck", "person_sitting", "tram", "misc", "dontcare", *map(str.lower, CLASSES)}
+)
+"""KITTI's own classes: labels of them say nothing about a mistake."""
+_SHOWN = 5  # names in a sentence
+
+
+@dataclass(slots=True)
+class ObjectTally:
+    """What results and labels of all frames hold, by class as written."""
+
+    found: Counter[str] = field(default_factory=Counter)
+    labelled: Counter[str] = field(default_factory=Counter)
+    without_box3d: int = 0
+    """Results of scored classes without a 3D part."""
+
+    def add(self, results: KittiObjects, labels: KittiObjects) -> None:
+        """Count a frame."""
+        self.found.update(results.class_names)
+        self.labelled.update(labels.class_names)
+        lacks = (results.dimensions_hwl <= 0).any(axis=1)
+        lacks |= (results.locations == NO_LOCATION).any(axis=1)
+        scored = (class_code(name) >= 0 for name in results.class_names)
+        self.without_box3d += sum(
+            is_scored and bool(lack) for is_scored, lack in zip(scored, lacks, strict=True)
+        )
+
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on what is not scored; none where everything is."""
+        found, labelled = _by_code(self.found), _by_code(self.labelled)
+        remarks = []
+        total = self.found.total()
+        if total == 0:
+            remarks.append("WARNING: the result files hold no object at all.")
+        if not labelled:
+            remarks.append(
+                f"WARNING: no label is of a scored class ({', '.join(CLASSES)}): nothing can be "
+                "found, and every result is a false one."
+            )
+        unscored = {name: n for name, n in self.found.items() if class_code(name) < 0}
+        if unscored:
+            remarks.append(
+                f"{sum(unscored.values()):,} of {total:,} results were left out: their classes are "
+                f"not scored ({_listed(unscored)}; {', '.join(CLASSES)} are)."
+            )
+        strange = {name: n for name, n in self.labelled.items() if name.lower() not in _KNOWN}
+        if strange:
+            remarks.append(
+                f"{sum(strange.values()):,} of {self.labelled.total():,} labels were left out: "
+                f"their classes are none of KITTI's ({_listed(strange)})."
+            )
+        for code, name in enumerate(CLASSES):
+            if code in labelled and code not in found:
+                remarks.append(
+                    f"Nothing of {name} is among the results: its {labelled[code]:,} labelled "
+                    "objects are all missed, and the table, as KITTI's, leaves the class out."
+                )
+            elif code in found and code not in labelled and labelled:
+                remarks.append(
+                    f"No label is of {name}: its {found[code]:,} results cannot score above 0."
+                )
+        if self.without_box3d:
+            remarks.append(
+                f"{self.without_box3d:,} of {sum(found.values()):,} results of scored classes have "
+                "no 3D part: they find nothing in bird's eye and 3D."
+            )
+        return tuple(remarks)
+
+
+def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """A sentence on result files that are of none of the frames; none where there are none."""
+    wanted = {f"{name}.txt" for name in names}
+    extra = sorted(
+        path.name
+        for path in results_dir.iterdir()
+        if path.suffix.lower() == ".txt" and path.name not in wanted
+    )
+    if not extra:
+        return ()
+    return (
+        f"{len(extra):,} result files were left out: no label file has their name (the first is "
+        f"{shortened(extra[0])}).",
+    )
+
+
+def unread_labels(labels_dir: Path) -> tuple[str, ...]:
+    """A sentence on label files whose ending is none of `.txt`; none where there are none."""
+    extra = sorted(
+        path.name
+        for path in labels_dir.iterdir()
+        if path.suffix.lower() == ".txt" and path.suffix != ".txt"
+    )
+    if not extra:
+        return ()
+    return (
+        f"{len(extra):,} label files were left out: they end in {Path(extra[0]).suffix}, not .txt "
+        f"(the first is {shortened(extra[0])}).",
+    )
+
+
+def _by_code(counts: Counter[str]) -> Counter[int]:
+    """Numbers of objects of the scored classes."""
+    coded: Counter[int] = Counter()
+    for name, count in counts.items():
+        if class_code(name) >= 0:
+            coded[class_code(name)] += count
+    return coded
+
+
+def _listed(counts: dict[str, int]) -> str:
+    """The commonest names with their numbers."""
+    ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    told = [f"{shortened(ascii(name)[1:-1], 24)} {count:,}" for name, count in ranked[:_SHOWN]]
+    return ", ".join(told) + (", ..." if len(ranked) > _SHOWN else "")

@@ -1,0 +1,61 @@
+from dataclasses import replace
+
+import pytest
+
+from sightline.evaluation.kitti_object import evaluate_objects
+from tests.evaluation.kitti_scenes import MISSING, Line, text_of, write_frames
+
+CAR = Line()
+FOUND = replace(CAR, score=0.5)
+
+
+def notes_of(tmp_path, labels, results):
+    folders = write_frames(tmp_path, [(text_of(labels), text_of(results))])
+    return " ".join(evaluate_objects(*folders).notes())
+
+
+@pytest.mark.parametrize(
+    ("labels", "results", "said"),
+    [
+        ([CAR], [FOUND, replace(FOUND, name="vehicle"), replace(FOUND, name="bus")],
+         "2 of 3 results were left out: their classes are not scored (bus 1, vehicle 1;"),
+        ([CAR, replace(CAR, name="automobile"), replace(CAR, name="Van")], [FOUND],
+         "1 of 3 labels were left out: their classes are none of KITTI's (automobile 1)"),
+        ([CAR, replace(CAR, name="Cyclist")], [FOUND],
+         "Nothing of Cyclist is among the results: its 1 labelled objects are all missed"),
+        ([CAR], [FOUND, replace(FOUND, name="Pedestrian")],
+         "No label is of Pedestrian: its 1 results cannot score above 0"),
+        ([CAR], [FOUND, replace(FOUND, **MISSING)],
+         "1 of 2 results of scored classes have no 3D part"),
+        ([CAR], [], "WARNING: the result files hold no object at all"),
+        ([replace(CAR, name="DontCare")], [FOUND], "WARNING: no label is of a scored class"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_scored_is_said_with_counts(tmp_path, labels, results, said):
+    assert said in notes_of(tmp_path, labels, results)
+
+
+def test_of_sound_results_nothing_is_said_but_that_objects_are_few(tmp_path):
+    labels = [CAR.moved(image=110 * place, ground=5 * place) for place in range(50)]
+    found = [replace(line, score=0.5) for line in labels]
+    assert notes_of(tmp_path, [*labels, replace(CAR, name="Van")], found) == ""
+
+
+def test_files_that_no_frame_has_are_counted(tmp_path):
+    results, labels = write_frames(tmp_path, [(CAR.text(), FOUND.text())])
+    for name in ("000007.txt", "000009.txt"):
+        (results / name).write_text(FOUND.text())
+    (labels / "000003.TXT").write_text(CAR.text())
+    told = " ".join(evaluate_objects(results, labels).notes())
+    assert (
+        "2 result files were left out: no label file has their name (the first is 000007.txt)"
+        in told
+    )
+    assert "1 label files were left out: they end in .TXT" in told
+    listed = " ".join(evaluate_objects(results, labels, sample_list=["000000"]).notes())
+    assert "left out" not in listed
+
+
+def test_names_from_files_reach_a_note_as_plain_characters(tmp_path):
+    told = notes_of(tmp_path, [CAR], [FOUND, replace(FOUND, name="\x1b[31mred")])
+    assert "\\x1b[31mred 1" in told

@@ -1,0 +1,86 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.data.open import open_dataset
+from sightline.depth_completion.predictor import DepthCompleter
+from sightline.perception.perceiver import Perceiver
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.tasks import load
+
+NAMES = ("depth-fast-cpu", "detection2d-fast-cpu", "detection3d-fast-cpu")
+
+
+@pytest.fixture(scope="module")
+def samples():
+    dataset = open_dataset(PACKAGED_FRAMES)
+    return [dataset[0], dataset[1]]
+
+
+@pytest.fixture(scope="module")
+def predictors():
+    networks = [load(name, engine="torch", threads=1) for name in NAMES]
+    method = DepthCompleter("linear")
+    return [*networks, method, Perceiver({"depth-completion": method})]
+
+
+def tensors_of(answer):
+    """All tensors of an answer, boxes within boxes included."""
+    if isinstance(answer, torch.Tensor):
+        return [answer]
+    slots = [name for kind in type(answer).__mro__ for name in getattr(kind, "__slots__", ())]
+    parts = [getattr(answer, name, None) for name in (*slots, *getattr(answer, "__dict__", {}))]
+    return [tensor for part in parts if part is not answer for tensor in tensors_of(part)]
+
+
+def test_a_list_of_samples_gives_the_answers_of_its_samples_in_order(predictors, samples):
+    for predictor in predictors:
+        answers = predictor(samples)
+        assert isinstance(answers, list)
+        for answer, sample in zip(answers, samples, strict=True):
+            alone = tensors_of(predictor(sample))
+            assert alone
+            for one, other in zip(tensors_of(answer), alone, strict=True):
+                assert torch.equal(one, other)
+        assert predictor([]) == []
+        assert len(predictor(tuple(samples[:1]))) == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (np.zeros((9, 4), np.float32), "got numpy.ndarray;"),
+        (torch.zeros(9, 4), "got torch.Tensor;"),
+        ("000000", "got str;"),
+        (None, "got NoneType;"),
+        ({"image": None}, "got dict;"),
+        ([3], "got int at place 0 of the list;"),
+    ],
+)
+def test_anything_but_a_sample_is_a_type_error_that_names_it(predictors, given, said):
+    for predictor in predictors:
+        with pytest.raises(TypeError, match=f"takes a CameraLidarSample or a list.*{said}"):
+            predictor(given)
+
+
+def test_a_sample_of_a_list_that_lacks_a_sensor_is_refused_by_its_name(predictors, samples):
+    blind = replace(samples[1], points=None)
+    with pytest.raises(ValueError, match=samples[1].sample_id):
+        predictors[2]([samples[0], blind])
+
+
+def test_answers_do_not_depend_on_pytorchs_default_type_of_numbers(predictors, samples):
+    expected = [tensors_of(predictor(samples[0])) for predictor in predictors[:3]]
+    torch.set_default_dtype(torch.float64)
+    try:
+        loaded = [load(name, engine="torch", threads=1) for name in NAMES]
+        sample = open_dataset(PACKAGED_FRAMES)[0]
+        for predictor, tensors in zip(loaded, expected, strict=True):
+            for one, other in zip(tensors_of(predictor(sample)), tensors, strict=True):
+                assert one.dtype == other.dtype
+                assert torch.equal(one, other)
+        assert torch.get_default_dtype() == torch.float64
+    finally:
+        torch.set_default_dtype(torch.float32)
