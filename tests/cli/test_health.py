@@ -72,7 +72,7 @@ def test_the_kind_of_sensors_can_be_given(tmp_path):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["health", "nowhere"], "nowhere does not exist"),
+        (["health", "nowhere"], "nowhere: does not exist"),
         (["health", str(PACKAGED_FRAMES), "--limits", "none.json"], "none.json"),
         (["health", str(PACKAGED_FRAMES), "--fit-first", "9"], "at least 10 frames, got 9"),
         (["health", str(PACKAGED_FRAMES), "--fit-first", "10"], "at least 10 frames"),

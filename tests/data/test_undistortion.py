@@ -90,5 +90,5 @@ def test_a_lens_that_folds_or_loses_the_picture_is_refused(model, coefficients, 
 
 
 def test_a_lens_that_folds_beyond_the_picture_alone_is_taken():
-    assert lens_fault("plumb_bob", (-1.0, 0, 0, 0), CAMERA, (120, 160)) is not None
-    assert lens_fault("plumb_bob", (-0.5, 0, 0, 0), CAMERA, (240, 320)) is None
+    assert lens_fault("plumb_bob", (-1.0, 0.0, 0.0, 0.0), CAMERA, (120, 160)) is not None
+    assert lens_fault("plumb_bob", (-0.5, 0.0, 0.0, 0.0), CAMERA, (240, 320)) is None

@@ -125,5 +125,5 @@ def test_without_torchvision_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torchvision.models", None)
     with torch.device("meta"):
         network = Detector(Detection2DConfig())
-    with pytest.raises(ValueError, match=r"pip install 'sightline\[pretrained\]'; or name a file"):
+    with pytest.raises(ValueError, match=r"pip install '\.\[pretrained\]'.*; or name a file"):
         load_vgg_weights(network, "imagenet")

@@ -68,7 +68,7 @@ def test_a_drive_tells_the_median_of_its_sweeps():
     ("roll_deg", "pitch_deg"), [(0, 6), (0, -12), (3, 12), (0, 20), (-15, 0), (10, 10)]
 )
 def test_a_tilted_lidar_has_the_road_that_a_level_one_has(roll_deg, pitch_deg):
-    tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
+    tilt = Tilt(roll_deg=float(roll_deg), pitch_deg=float(pitch_deg))
     level, tilted = road_plane(POINTS), road_plane(tilted_cloud(tilt))
     assert tilted.height_m == pytest.approx(level.height_m, abs=0.1)
     expected = tilt.level_from_lidar[:3, :3].T @ level.tilt.up

@@ -1,6 +1,7 @@
 """Several kinds of corruption at once, as in rain that falls before the camera and the LiDAR."""
 
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 import torch
@@ -50,7 +51,8 @@ class Combined(Corruption):
     @property
     def sensors(self) -> tuple[Sensor, ...]:  # type: ignore[override]  # as above
         """Those that a part is a fault of."""
-        return tuple(dict.fromkeys(sensor for part in self.parts for sensor in part.sensors))
+        named = {sensor for part in self.parts for sensor in part.sensors}
+        return tuple(sensor for sensor in get_args(Sensor) if sensor in named)
 
     def __str__(self) -> str:
         """The kinds."""

@@ -15,7 +15,6 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any, Final, NamedTuple
 
-import cv2
 from threadpoolctl import threadpool_limits
 
 Piece = Callable[[int], str]
@@ -204,6 +203,8 @@ def _work(piece: Piece, channel: Connection) -> None:
     The parent ends its workers between two pieces. The workers are the parallelism: threads on top
     would make all of them wait for each other.
     """
+    import cv2  # here: the command line checks outputs by this package, and starts without it
+
     ignore_interrupts()
     with contextlib.suppress(EOFError, OSError):  # the parent tells the user
         cv2.setNumThreads(0)

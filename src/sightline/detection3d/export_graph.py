@@ -111,13 +111,20 @@ def _sweep(detector: Detector3D, case: str) -> Sweep:
     """Within the range that is seen, drawn the same way each time."""
     settings = detector.config.input
     generator = torch.Generator().manual_seed(1 if case == "other clusters" else 0)
-    low, high = (torch.tensor(corner) for corner in (settings.lowest_m, settings.highest_m))
+    low, high = (
+        torch.tensor(corner, dtype=torch.float32)
+        for corner in (settings.lowest_m, settings.highest_m)
+    )
     count = settings.num_points or _MANY_POINTS
     num_centers = -(-count // _POINTS_A_CENTER)
-    centers = low + (high - low) * torch.rand(num_centers, 3, generator=generator)
+    centers = low + (high - low) * torch.rand(
+        num_centers, 3, generator=generator, dtype=torch.float32
+    )
     near = centers.repeat(_POINTS_A_CENTER, 1)[:count]
-    scattered = near + torch.tensor(_SPREAD_M) * torch.randn(count, 3, generator=generator)
-    reflectance = torch.rand(count, 1, generator=generator)
+    scattered = near + torch.tensor(_SPREAD_M, dtype=torch.float32) * torch.randn(
+        count, 3, generator=generator, dtype=torch.float32
+    )
+    reflectance = torch.rand(count, 1, generator=generator, dtype=torch.float32)
     inside = torch.minimum(torch.maximum(scattered, low), high)
     sweep = torch.cat((inside, reflectance), dim=1)
     return sweep[:1].expand(count, 4).contiguous() if case == "one point" else sweep

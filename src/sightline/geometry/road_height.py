@@ -75,7 +75,7 @@ class LidarPose:
 
 
 def lidar_pose(
-    sweeps: Iterable[Float[np.ndarray, "_num_points fields"]], tilt: Tilt | None = None
+    sweeps: Iterable[Float[np.ndarray, "_num_points _fields"]], tilt: Tilt | None = None
 ) -> LidarPose:
     """The height and the tilt of a LiDAR by the median of the roads in some sweeps.
 

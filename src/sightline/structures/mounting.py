@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Sequence
 from typing import SupportsFloat
 
+import numpy as np
 from jaxtyping import Float32
 from torch import Tensor
 
@@ -36,7 +37,7 @@ def plain_height(lidar_height_m: SupportsFloat) -> float:
     return height_m
 
 
-def plain_tilt(lidar_tilt_deg: Sequence[SupportsFloat]) -> Tilt:
+def plain_tilt(lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor) -> Tilt:
     """A LiDAR's roll and pitch [degrees] against the road, of any type of numbers.
 
     Raises:

@@ -90,7 +90,7 @@ class CameraLidarSample:
         image_size: Sequence[SupportsIndex] | None = None,
         max_intensity: SupportsFloat = 1.0,
         lidar_height_m: SupportsFloat | None = None,
-        lidar_tilt_deg: Sequence[SupportsFloat] | None = None,
+        lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor | None = None,
         sample_id: str = "sample",
     ) -> "CameraLidarSample":
         """A sample of arrays of your own; warns where they hardly fit, and of what is assumed.
