@@ -93,7 +93,7 @@ def test_the_first_stage_alone_answers_by_its_proposals(batch, scored):
         answers = task.score(scored)
     assert all(0 < len(each.scores) <= TINY.proposals.num_proposals for each in answers)
     scores = task.scores()
-    assert len(scores) == 2 * 18 + 4
+    assert len(scores) == 2 * 2 * 18 + 4  # R40 and all points
     assert {"Car/3d/moderate", "loose/Car/bev/easy", "recall/0.7"} <= set(scores)
 
 

@@ -131,7 +131,7 @@ def test_without_the_library_it_says_what_to_install(tmp_path, monkeypatch):
         raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
     monkeypatch.setattr(rerun_file, "import_module", missing)
-    with pytest.raises(ValueError, match=r'pip install "sightline\[viz\]"'):
+    with pytest.raises(ValueError, match=r"pip install '\.\[viz\]'"):
         write_rerun(tmp_path / "scene.rrd", [])
 
 
