@@ -140,20 +140,46 @@ def proposals_command(
 
 
 def depth_command(
-    predictions: Path, truth: Path, *, workers: int = 2, json: Path | None = None
+    predictions: Path,
+    truth: Path,
+    *,
+    by_distance: tuple[float, ...] = (),
+    sparse: Path | None = None,
+    against: Path | None = None,
+    seed: int = 0,
+    workers: int = 2,
+    json: Path | None = None,
 ) -> None:
     """Scores depth maps exactly as KITTI's depth completion evaluation does.
 
     Args:
         predictions: A 16-bit depth PNG or a folder of them.
         truth: Ground truth likewise; matched by name.
+        by_distance: Distances [m] at which bands of true depth end, e.g. 10 20 40 80: adds RMSE,
+            MAE, bias and the shares off by more than 1 m of each band, pooled over pixels.
+        sparse: Sparse depth maps likewise (velodyne_raw): adds the same at LiDAR returns, within 3
+            px of one and beyond, and the share of sound returns that predictions leave.
+        against: Predictions of another method: adds the difference to it, image by image, with its
+            95 % interval.
+        seed: Seed of that interval's resampling.
         workers: Threads that read and score.
         json: File for the whole report.
     """
-    check_places({"--json": json}, data=[truth], results=[predictions])
+    data = [truth, *([] if sparse is None else [sparse])]
+    results = [predictions, *([] if against is None else [against])]
+    check_places({"--json": json}, data=data, results=results)
     from sightline.evaluation.depth import evaluate_depth
 
-    deliver(evaluate_depth(predictions, truth, workers=workers), json)
+    report = evaluate_depth(
+        predictions,
+        truth,
+        band_ends_m=by_distance,
+        sparse=sparse,
+        against=against,
+        seed=seed,
+        workers=workers,
+    )
+    deliver(report, json)
 
 
 def held_out_command(

@@ -1,26 +1,48 @@
 """Scores folders of depth maps by the rules of KITTI's depth completion benchmark.
 
-The rules are in `sightline.evaluation.depth_scores`. The score of a set is the mean of its images'
-scores: each image counts the same, however many of its pixels have ground truth.
+Beside the benchmark's means: errors by distance and place, and the paired difference to a second
+method (`sightline.evaluation.depth_breakdown`). The rules are in
+`sightline.evaluation.depth_scores`. The score of a set is the mean of its images' scores: each
+image counts the same, however many of its pixels have ground truth.
 """
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial, reduce
+from itertools import pairwise
+from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from sightline.data.depth_png import read_depth_png
 from sightline.data.object_tree import describe_absent
 from sightline.data.progress import track
 from sightline.data.threads import map_ahead
+from sightline.evaluation.depth_breakdown import (
+    DepthBand,
+    ErrorSums,
+    LostReturns,
+    PairedDifference,
+    bands,
+    breakdown_tables,
+    error_sums,
+    lost_returns,
+    paired_difference,
+    to_json,
+)
 from sightline.evaluation.depth_scores import (
     DepthScores,
+    fill_gaps,
     mean_scores,
     score_depth,
     score_predicted_pixels,
 )
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.table import Table
 
 _ROWS = (
@@ -39,6 +61,7 @@ class _Pair(NamedTuple):
     name: str
     prediction: Path
     truth: Path
+    sparse: Path | None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,6 +73,10 @@ class ImageReport:
     """The benchmark's: over all pixels with ground truth, gaps of the prediction filled."""
     predicted_pixels_only: DepthScores | None
     """Over the pixels with a prediction; None where ground truth and prediction never meet."""
+    pixels: int
+    """Number of pixels with ground truth."""
+    sums: ErrorSums = field(compare=False)
+    """By band and place, for the set's."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,6 +87,12 @@ class DepthReport:
     """By name."""
     unused_predictions: int
     """Predictions without ground truth: not scored."""
+    bands: tuple[DepthBand, ...] = ()
+    """Pooled over all images' pixels: those of distance, then those of place."""
+    returns: LostReturns | None = None
+    """Where the sparse maps were given."""
+    against: tuple[PairedDifference, ...] = ()
+    """This method less the other, where one was given."""
 
     @property
     def mean(self) -> DepthScores:
@@ -74,14 +107,25 @@ class DepthReport:
 
     def to_json(self) -> dict[str, object]:
         """What the report file holds."""
-        return {
+        told: dict[str, object] = {
             "images": len(self.images),
             "mean": self.mean.to_json(),
             "per_image": {image.name: image.scores.to_json() for image in self.images},
             "predicted_pixels_only": self.predicted_pixels_only.to_json(),
         }
+        returns = () if self.returns is None else (self.returns,)
+        extras = {"bands": self.bands, "returns": returns, "against": self.against}
+        return told | {name: to_json(rows) for name, rows in extras.items() if rows}
 
-    def table(self) -> "Table":
+    def table(self) -> "RenderableType":
+        """The means, then what was asked for beside them: bands, sound returns, differences."""
+        from rich.console import Group
+
+        pixels = sum(image.pixels for image in self.images)
+        more = breakdown_tables(self.bands, pixels, self.returns, self.against)
+        return Group(self._means_table(), *more) if more else self._means_table()
+
+    def _means_table(self) -> "Table":
         """The means, with gaps filled and over predicted pixels only, one row each."""
         from rich.table import Table
 
@@ -99,7 +143,15 @@ class DepthReport:
 
 
 def evaluate_depth(
-    predictions: Path | str, truth: Path | str, *, workers: int = 2, progress: bool = True
+    predictions: Path | str,
+    truth: Path | str,
+    *,
+    band_ends_m: Sequence[float] = (),
+    sparse: Path | str | None = None,
+    against: Path | str | None = None,
+    seed: int = 0,
+    workers: int = 2,
+    progress: bool = True,
 ) -> DepthReport:
     """Scores predicted depth maps against ground truth, file by file.
 
@@ -119,36 +171,91 @@ def evaluate_depth(
         predictions: Prediction file or folder.
         truth: Ground-truth file or folder. All of it must be predicted; predictions for other
             images are counted but not scored.
+        band_ends_m: Ends of bands of true depth [m], ascending, whose errors are pooled and given
+            beside the means.
+        sparse: Sparse depth maps, matched likewise: adds the errors at returns, within 3 px of one
+            and beyond, and the share of sound returns that predictions leave.
+        against: Predictions of another method: adds paired differences with their intervals.
+        seed: Seed of the resampling of the intervals.
         workers: Threads that read and score.
         progress: Whether to show how far it is, where standard error is a terminal.
 
     Raises:
         ValueError: Names the file that is missing, no 16-bit depth PNG, of another size than its
-            ground truth, or without any ground truth.
+            ground truth, or without any ground truth; or bands do not ascend.
     """
+    ends = (0.0, *band_ends_m)
+    if any(not before < end < np.inf for before, end in pairwise(ends)):
+        raise ValueError(
+            f"bands must end at ascending distances above 0 m, got {', '.join(map(str, ends[1:]))}"
+        )
     predictions, truth = Path(predictions), Path(truth)
+    files = partial(_score_files, truth=truth, workers=workers, progress=progress)
+    images, unused = files(predictions, sparse=None if sparse is None else Path(sparse), ends=ends)
+    report = DepthReport(
+        images=images,
+        unused_predictions=unused,
+        bands=bands(_added(images), band_ends_m, places=sparse is not None),
+        returns=None if sparse is None else lost_returns(_added(images)),
+    )
+    if against is None:
+        return report
+    others, _ = files(Path(against), sparse=None, ends=(0.0,))
+    return replace(report, against=_differences(images, others, seed))
+
+
+def _score_files(
+    predictions: Path,
+    *,
+    truth: Path,
+    sparse: Path | None,
+    ends: Sequence[float],
+    workers: int,
+    progress: bool,
+) -> tuple[tuple[ImageReport, ...], int]:
+    """Each image's scores, and the number of predictions without ground truth."""
     if predictions.is_file() and truth.is_file():
-        pairs, unused = [_Pair(truth.stem, predictions, truth)], 0
+        pairs, unused = [_Pair(truth.stem, predictions, truth, sparse)], 0
     else:
-        pairs, unused = _match(predictions, truth)
+        pairs, unused = _match(predictions, truth, sparse)
     # Threads: decoding and numpy release the lock.
-    images = map_ahead(_score_file, pairs, workers=workers)
+    images = map_ahead(partial(_score_file, band_ends_m=ends[1:]), pairs, workers=workers)
     if progress:
         images = track(images, description="scoring", total=len(pairs))
-    return DepthReport(images=tuple(images), unused_predictions=unused)
+    return tuple(images), unused
 
 
-def _match(predictions: Path, truth: Path) -> tuple[list[_Pair], int]:
-    """Name, prediction and ground truth of each image; and the number of other predictions."""
-    predicted, true = _depth_files(predictions), _depth_files(truth)
-    missing = sorted(true.keys() - predicted.keys())
-    if missing:
-        raise ValueError(
-            f"{predictions} lacks predictions for {len(missing)} of the {len(true)} images with "
-            f"ground truth in {truth} ({describe_absent(missing)}): predict them, or score against "
-            "a folder that has only the ground truth wanted"
+def _added(images: Sequence[ImageReport]) -> ErrorSums:
+    return reduce(add, (image.sums for image in images))
+
+
+def _differences(
+    images: Sequence[ImageReport], others: Sequence[ImageReport], seed: int
+) -> tuple[PairedDifference, ...]:
+    return tuple(
+        paired_difference(
+            label,
+            [getattr(image.scores, score) for image in images],
+            [getattr(image.scores, score) for image in others],
+            seed=seed,
         )
-    pairs = [_Pair(name, predicted[name], true[name]) for name in sorted(true)]
+        for label, score in (("RMSE", "rmse_mm"), ("MAE", "mae_mm"))
+    )
+
+
+def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_Pair], int]:
+    """The files of each image; and the number of other predictions."""
+    predicted, true = _depth_files(predictions), _depth_files(truth)
+    given = {} if sparse is None else _depth_files(sparse)
+    for folder, files, what in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
+        missing = sorted(true.keys() - files.keys())
+        if folder is not None and missing:
+            raise ValueError(
+                f"{folder} lacks {what} for {len(missing)} of the {len(true)} images with "
+                f"ground truth in {truth} ({describe_absent(missing)}): predict them, or score "
+                "against a folder that has only the ground truth wanted"
+            )
+    pairs = [_Pair(name, predicted[name], true[name], given.get(name)) for name in sorted(true)]
     return pairs, len(predicted) - len(true)
 
 
@@ -180,14 +287,21 @@ def _frame_name(name: str) -> str:
     return re.sub(r"_(?:groundtruth_depth|velodyne_raw)_(\d+_image_0\d)$", r"_image_\1", name)
 
 
-def _score_file(pair: _Pair) -> ImageReport:
-    name, prediction, truth = pair
+def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
+    name, prediction, truth, sparse = pair
     prediction_m, truth_m = read_depth_png(prediction), read_depth_png(truth)
+    sparse_m = None if sparse is None else read_depth_png(sparse)
+    if sparse_m is not None and sparse_m.shape != truth_m.shape:
+        raise ValueError(f"{sparse} is not of the size of {truth}: give the maps of these images")
     try:
+        scores = score_depth(prediction_m, truth_m)
+        filled_m = prediction_m if scores.coverage == 1 else fill_gaps(prediction_m)
         return ImageReport(
             name=name,
-            scores=score_depth(prediction_m, truth_m),
+            scores=scores,
             predicted_pixels_only=score_predicted_pixels(prediction_m, truth_m),
+            pixels=int((truth_m > 0).sum()),
+            sums=error_sums(filled_m, truth_m, band_ends_m=band_ends_m, sparse_m=sparse_m),
         )
     except ValueError as error:
         raise ValueError(f"{prediction} against {truth}: {error}") from error

@@ -1,0 +1,268 @@
+"""Depth errors by distance and by place, with their signs, and paired differences of two methods.
+
+One mean hides where a method fails: here errors are pooled over the pixels of all images of a set,
+in bands of true depth and by how near a LiDAR return lies. Depth maps are metres with 0 = none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Final, Literal, get_args
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+from scipy import ndimage
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Place = Literal["measured", "between", "beyond"]
+"""Where a pixel lies: `measured`: at a LiDAR return; `between`: within 3 px of one; `beyond`:
+farther from any."""
+PLACES: Final[tuple[Place, ...]] = get_args(Place)
+
+_NEAR_PX: Final = 3.0
+_OFF_M: Final = 1.0
+_SOUND_M: Final = 0.3
+_FAR_M: Final = 40.0
+_MM_PER_M: Final = 1e3
+_INTERVAL: Final = (2.5, 97.5)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DepthBand:
+    """Errors over the pixels of one band of distance or one place, pooled over images."""
+
+    name: str
+    pixels: int
+    rmse_mm: float
+    mae_mm: float
+    bias_mm: float
+    """Mean of prediction less truth; negative where predictions are too near."""
+    nearer_share: float
+    """Share of the pixels more than 1 m too near."""
+    farther_share: float
+    """Share of the pixels more than 1 m too far."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LostReturns:
+    """Sound LiDAR returns, within 0.3 m of the truth, that a prediction leaves by more than 1 m."""
+
+    sound: int
+    """Number of sound returns with truth."""
+    lost_share: float
+    sound_beyond_40m: int
+    lost_share_beyond_40m: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PairedDifference:
+    """One score of a method less that of another, over the same images."""
+
+    score: str
+    mean: float
+    low: float
+    """Lower end of the 95 % interval over resampled images."""
+    high: float
+    better: int
+    """Images with a lower score than the other method."""
+    images: int
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSums:
+    """Sums over pixels of one image, of which bands and places are made; they add up."""
+
+    cells: Float64[np.ndarray, "num_cells 6"]
+    """A row for each band, then each place: pixels, squared, absolute and signed errors [m], pixels
+    too near, pixels too far."""
+    returns: Float64[np.ndarray, "2 2"]
+    """Sound returns and lost ones, all and beyond 40 m."""
+
+    def __add__(self, other: "ErrorSums") -> "ErrorSums":
+        """The sums over both images' pixels."""
+        return ErrorSums(self.cells + other.cells, self.returns + other.returns)
+
+
+def error_sums(
+    prediction_m: Float[np.ndarray, "height width"],
+    truth_m: Float[np.ndarray, "height width"],
+    *,
+    band_ends_m: Sequence[float] = (),
+    sparse_m: Float[np.ndarray, "height width"] | None = None,
+) -> ErrorSums:
+    """Sum the errors of one image by band and place.
+
+    Args:
+        prediction_m: With its gaps filled.
+        truth_m: 0 = none.
+        band_ends_m: Where bands of true depth end, ascending; each begins where the one before
+            ends, that before the first at 0.
+        sparse_m: The LiDAR returns that the method was given; None leaves places out.
+    """
+    scored = truth_m > 0
+    error = (prediction_m - truth_m)[scored].astype(np.float64)
+    truth = truth_m[scored]
+    starts = (0.0, *band_ends_m[:-1])
+    cells = [
+        (truth >= start) & (truth < end) for start, end in zip(starts, band_ends_m, strict=False)
+    ]
+    returns = np.zeros((2, 2))
+    if sparse_m is not None:
+        cells += [place[scored] for place in _places(sparse_m)]
+        sound = (sparse_m[scored] > 0) & (np.abs(sparse_m[scored] - truth) < _SOUND_M)
+        lost = sound & (np.abs(error) > _OFF_M)
+        for row, chosen in enumerate((sound, sound & (truth >= _FAR_M))):
+            returns[row] = np.count_nonzero(chosen), np.count_nonzero(lost & chosen)
+    columns = np.stack(
+        (np.ones_like(error), error**2, np.abs(error), error, error < -_OFF_M, error > _OFF_M)
+    )
+    sums = [columns[:, cell].sum(axis=1) for cell in cells]
+    return ErrorSums(np.array(sums).reshape(-1, 6), returns)
+
+
+def bands(sums: ErrorSums, band_ends_m: Sequence[float], *, places: bool) -> tuple[DepthBand, ...]:
+    """Name the cells of summed errors; arguments as `error_sums` had them."""
+    starts = (0.0, *band_ends_m[:-1])
+    names = [f"{start:g}-{end:g} m" for start, end in zip(starts, band_ends_m, strict=False)]
+    names += PLACES if places else ()
+    return tuple(_band(name, cell) for name, cell in zip(names, sums.cells, strict=True))
+
+
+def lost_returns(sums: ErrorSums) -> LostReturns:
+    """Share of the sound returns that predictions leave."""
+    (sound, lost), (far, lost_far) = sums.returns
+    return LostReturns(
+        sound=int(sound),
+        lost_share=_ratio(lost, sound),
+        sound_beyond_40m=int(far),
+        lost_share_beyond_40m=_ratio(lost_far, far),
+    )
+
+
+def paired_difference(
+    score: str,
+    ours: Sequence[float],
+    theirs: Sequence[float],
+    *,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> PairedDifference:
+    """Compare two methods image by image: mean difference and its bootstrap interval.
+
+    Images are drawn with replacement (Efron's percentile interval). Neighbouring frames of a drive
+    are alike, so that the true interval is somewhat wider.
+
+    Args:
+        score: Name of the score; lower is better.
+        ours: The first method's scores, an image each.
+        theirs: The other's, in the same order.
+        resamples: Number of resampled sets.
+        seed: Seed of the resampling.
+    """
+    differences = np.asarray(ours, dtype=np.float64) - np.asarray(theirs, dtype=np.float64)
+    drawn = np.random.default_rng(seed).integers(
+        len(differences), size=(resamples, len(differences))
+    )
+    low, high = np.percentile(differences[drawn].mean(axis=1), _INTERVAL)
+    return PairedDifference(
+        score=score,
+        mean=float(differences.mean()),
+        low=float(low),
+        high=float(high),
+        better=int(np.count_nonzero(differences < 0)),
+        images=len(differences),
+    )
+
+
+def breakdown_tables(
+    bands: Sequence[DepthBand],
+    pixels: int,
+    returns: LostReturns | None,
+    against: Sequence[PairedDifference],
+) -> list["Table"]:
+    """Tables for people of what there is of bands, sound returns and differences.
+
+    Args:
+        bands: Of distance and place.
+        pixels: Number of pixels with truth, for the bands' shares.
+        returns: Sound returns.
+        against: Differences to another method.
+    """
+    from rich.table import Table
+
+    def table(title: str, *columns: str) -> Table:
+        made = Table(title=title, title_justify="left")
+        for column in columns:
+            made.add_column(column, justify="right", no_wrap=True)
+        return made
+
+    tables = []
+    if bands:
+        errors = ("RMSE mm", "MAE mm", "bias mm", "> 1 m nearer", "> 1 m farther")
+        title = "by distance and place, pooled over pixels, gaps filled"
+        tables.append(table(title, "pixels", "share", *errors))
+        for band in bands:
+            tables[-1].add_row(band.name, f"{band.pixels / pixels:.1%}", *_cells(band))
+    if returns is not None:
+        title = "sound returns (within 0.3 m of the truth) that the prediction leaves by > 1 m"
+        tables.append(table(title, "returns", "number", "lost"))
+        far = (returns.sound_beyond_40m, returns.lost_share_beyond_40m)
+        for name, number, lost in (
+            ("all", returns.sound, returns.lost_share),
+            ("> 40 m", *far),
+        ):
+            tables[-1].add_row(name, f"{number:,}", f"{lost:.2%}" if number else "-")
+    if against:
+        title = "this method less the other, mean over images"
+        columns = ("score", "difference mm", "95 % interval", "images better")
+        tables.append(table(title, *columns))
+        for row in against:
+            interval = f"{row.low:+.1f} to {row.high:+.1f}"
+            better = f"{row.better} of {row.images}"
+            tables[-1].add_row(row.score, f"{row.mean:+.1f}", interval, better)
+    return tables
+
+
+def to_json(rows: Sequence[DepthBand | PairedDifference | LostReturns]) -> list[dict[str, object]]:
+    """The rows as plain values; None for what is not defined, as JSON has no NaN."""
+    return [
+        {name: None if value != value else value for name, value in asdict(row).items()}
+        for row in rows
+    ]
+
+
+def _places(
+    sparse_m: Float[np.ndarray, "height width"],
+) -> tuple[Bool[np.ndarray, "height width"], ...]:
+    """Masks of `PLACES`, in their order."""
+    measured = sparse_m > 0
+    if not measured.any():
+        return measured, measured, ~measured
+    near = ndimage.distance_transform_edt(~measured) <= _NEAR_PX
+    return measured, near & ~measured, ~near
+
+
+def _band(name: str, cell: Float64[np.ndarray, "6"]) -> DepthBand:
+    pixels, squared, absolute, signed, nearer, farther = cell.tolist()
+    return DepthBand(
+        name=name,
+        pixels=int(pixels),
+        rmse_mm=_MM_PER_M * float(np.sqrt(_ratio(squared, pixels))),
+        mae_mm=_MM_PER_M * _ratio(absolute, pixels),
+        bias_mm=_MM_PER_M * _ratio(signed, pixels),
+        nearer_share=_ratio(nearer, pixels),
+        farther_share=_ratio(farther, pixels),
+    )
+
+
+def _cells(band: DepthBand) -> list[str]:
+    if not band.pixels:
+        return ["-"] * 5
+    errors = (f"{value:.0f}" for value in (band.rmse_mm, band.mae_mm))
+    shares = (f"{share:.2%}" for share in (band.nearer_share, band.farther_share))
+    return [*errors, f"{band.bias_mm:+.0f}", *shares]
+
+
+def _ratio(part: float, whole: float) -> float:
+    return float(part / whole) if whole else float("nan")
