@@ -91,6 +91,16 @@ def test_a_step_that_does_not_end_after_a_signal_is_ended(monkeypatch):
     assert ended.value.exit_status == 128 + signal.SIGTERM
 
 
+def test_a_run_that_is_over_leaves_no_clock_behind(monkeypatch):
+    monkeypatch.setattr(interruption, "_LONGEST_STEP_S", 60.0)
+    note = InterruptionNote()
+    note.listen()
+    signal.raise_signal(signal.SIGTERM)
+    assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
+    note.give_back()
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
+
+
 def test_what_follows_a_step_takes_its_time_after_a_signal():
     note = InterruptionNote()
     note.listen()

@@ -65,10 +65,11 @@ class InterruptionNote:
             self._previous = {number: signal.signal(number, self._note) for number in SIGNALS}
 
     def give_back(self) -> None:
-        """Leaves the signals to whom they were before."""
+        """Leaves the signals to whom they were before, and ends no step any more."""
         for number, handler in self._previous.items():
             signal.signal(number, handler)
         self._previous = {}
+        self.stop_waiting()
 
     def stop_waiting(self) -> None:
         """Lets what follows the step, the writing of a checkpoint, take its time."""

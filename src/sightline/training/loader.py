@@ -138,7 +138,7 @@ class ResumableLoader(BatchLoader):
         """Does nothing: the Trainer's own progress tells the position."""
 
 
-def _handed_on(batch: Batch | Unusable | None) -> Batch | Unusable | _Parcel | None:
+def _handed_on(batch: object) -> object:
     """Put a batch into shared memory while its worker can still do something about a failure.
 
     PyTorch does so in a thread of the worker, whose failure leaves the training waiting.
