@@ -16,7 +16,6 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from sightline.data.parallel import holding_signals, one_blas_thread
-from sightline.structures.batch import Batch
 from sightline.training.interruption import leave_interruption_to_the_parent
 from sightline.training.sampling import EpochPosition, TrainingBatches
 
@@ -161,14 +160,13 @@ class _SharingPickler(pickle.Pickler):
         return id(obj)
 
 
-def _unpacked(parcel: _Parcel) -> Batch:
+def _unpacked(parcel: _Parcel) -> object:
     warnings.warn(
         f"batches come from the workers through pipes, as /dev/shm has no room ({parcel.lacking}); "
         f"it is faster with more (docker run --shm-size 2g); without workers: {_NO_WORKERS}",
         stacklevel=2,
     )
-    batch: Batch = pickle.loads(parcel.content)  # noqa: S301 - from our own worker
-    return batch
+    return pickle.loads(parcel.content)  # noqa: S301 - from our own worker
 
 
 def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
@@ -185,7 +183,7 @@ def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
     return None
 
 
-def _as_it_is(batch: Batch | Unusable | None) -> Batch | Unusable | None:
+def _as_it_is(batch: object) -> object:
     return batch
 
 
