@@ -50,7 +50,7 @@ class Combined(Corruption):
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:  # type: ignore[override]  # as above
-        """Those that a part is a fault of."""
+        """Sensors that the parts are faults of, the camera first."""
         named = {sensor for part in self.parts for sensor in part.sensors}
         return tuple(sensor for sensor in get_args(Sensor) if sensor in named)
 
@@ -116,7 +116,7 @@ def find_corruption(names: str, severity: int, lidar: SpinningLidar = HDL_64E) -
 
 
 def needs_calibration(corruption: Corruption) -> bool:
-    """Whether what a corruption, or one of its parts, does depends on the calibration."""
+    """True of a corruption whose effect, or that of a part, depends on the calibration."""
     if isinstance(corruption, Combined):
         return any(map(needs_calibration, corruption.parts))
     return corruption.needs_calibration

@@ -79,7 +79,7 @@ class Corruption(Fault):
     revision: ClassVar[int] = 1
     """Raised whenever the same settings and draws begin to give something else."""
     needs_calibration: ClassVar[bool] = True
-    """Whether what it does depends on the calibration; masks of the LiDAR always do."""
+    """True where the effect depends on the calibration; masks of the LiDAR always do."""
     leaves_nothing: ClassVar[bool] = False
     """Whether what the masks mark shows nothing of the scene any more, rather than less of it."""
 

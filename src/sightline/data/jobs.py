@@ -254,13 +254,13 @@ def _targets(folder: Path) -> Iterator[Path]:
 
 
 def _links_to(root: Path, file: Path) -> bool:
-    """Whether a file of a data set is a link to this one."""
+    """True if a file of a data set is a link to this one."""
     paths = (Path(folder, name) for folder, _, names in os.walk(root) for name in names)
     return any(path.is_symlink() and path.resolve() == file for path in paths)
 
 
 def change_of_data(data: Path, output: Path) -> ValueError:
-    """What is said of an output that would change the input."""
+    """Error for an output that would change the input."""
     what = "file" if data.is_file() else "data set"
     return ValueError(
         f"{output} cannot be written to, as that would change the {what} {data}, which is only "

@@ -17,7 +17,7 @@ MAX_BYTES: Final = 2**28
 """Largest file, and largest unpacked cloud: 4 million points of 64 bytes."""
 
 REMEDY: Final = "export the cloud again, with fields x, y, z [m] and intensity"
-"""What errors about clouds say to do."""
+"""Remedy in errors about clouds."""
 
 INTENSITY_NAMES: Final = ("reflectivity", "reflectance", "intensity", "intensities", "i")
 """Names of the field that says how bright an echo is, calibrated ones first.

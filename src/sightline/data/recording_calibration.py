@@ -59,9 +59,9 @@ class RecordingCalibration:
     max_intensity: float = 1.0
     """What stands for a reflectance of 1 in the clouds."""
     lidar_height_m: float | None = None
-    """Of the LiDAR above the road; None: to be found in the clouds."""
+    """Height of the LiDAR above the road [m]; None: to be found in the clouds."""
     lidar_tilt: Tilt | None = None
-    """Of the LiDAR against the road; None: to be found in the clouds."""
+    """Tilt of the LiDAR against the road; None: to be found in the clouds."""
 
 
 def read_recording_calibration(path: Path | str) -> RecordingCalibration:

@@ -76,7 +76,7 @@ class ImageReport:
     pixels: int
     """Number of pixels with ground truth."""
     sums: ErrorSums = field(compare=False)
-    """By band and place, for the set's."""
+    """Sums by band and place, from which those of the set are made."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -70,7 +70,7 @@ class HeldOutFrame:
     sensor_beams: int = NUM_RINGS
     """How many the sensor has that took the sweep."""
     is_ring_by_ring: bool = True
-    """Whether the sweep came so, in KITTI's order; rings of others are told by elevation."""
+    """True of a sweep in KITTI's order; rings of others are found by elevation."""
 
     def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
         """The sample as a sensor of so many beams would have taken it.

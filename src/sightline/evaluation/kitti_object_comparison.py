@@ -67,12 +67,12 @@ class ObjectComparison:
     """Two submissions, class by class; what neither has results for is absent."""
 
     first: str
-    """What the first submission is called: its folder."""
+    """Name of the first submission: its folder."""
     second: str
     frames: int
     num_resamples: int
     entries: tuple[ComparedEntry, ...]
-    """By class, then metric, then difficulty."""
+    """Entries by class, then metric, then difficulty."""
     remarks: tuple[str, ...] = ()
     """What was left out, and what the figures must be read with."""
 

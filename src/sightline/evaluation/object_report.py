@@ -128,7 +128,7 @@ class ObjectReport:
 
     frames: int
     entries: tuple[ObjectEntry, ...]
-    """By class, then metric, then difficulty."""
+    """Entries by class, then metric, then difficulty."""
     num_resamples: int = 0
     """Bootstrap resamples behind the intervals of `all_points`; 0: there are none."""
     frames_without_results: int = 0
