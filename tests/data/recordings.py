@@ -366,3 +366,14 @@ def pose_entries(rigid: np.ndarray) -> dict[str, object]:
     """A pose as nuScenes' tables have it: the quaternion's w first."""
     x, y, z, w = Rotation.from_matrix(rigid[:3, :3]).as_quat().tolist()
     return {"rotation": [w, x, y, z], "translation": rigid[:3, 3].tolist()}
+
+
+def usual_topics(bag, *, infos=True, number=2, **info):
+    """The topics of a whole drive; CameraInfo with changes."""
+    bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+    for at in range(number):
+        time_ns = 2 * 10**9 + at * 10**8
+        if infos:
+            bag.info("/front/camera_info", time_ns, **info)
+        bag.image("/front/image_raw", time_ns)
+        bag.cloud("/points", time_ns)

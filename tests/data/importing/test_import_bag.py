@@ -1,25 +1,21 @@
-import bz2
 import shutil
 
 import cv2
-import lz4.frame
 import numpy as np
 import pytest
 import torch
 import yaml
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
-from sightline.data.importing import bag_files, import_bag
+from sightline.data.importing import import_bag
 from sightline.data.importing.bag import CLOUD, TRANSFORMS, kind_of, open_bag
 from sightline.data.importing.bag_topics import choose_topics
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.importing.writer import write_cloud
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.geometry.tilt import Tilt
 from tests.data.recordings import (
@@ -33,6 +29,7 @@ from tests.data.recordings import (
     BagMaker,
     Ros1BagMaker,
     calibration_entries,
+    usual_topics,
     write_bag,
 )
 
@@ -306,17 +303,6 @@ def test_a_damaged_bag_or_none_at_all_is_one_line(tmp_path, bag, capsys):
         assert any(part in error for part in said.split("|"))
 
 
-def usual(bag, *, infos=True, number=2, **info):
-    """The topics of a whole drive; CameraInfo with changes."""
-    bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
-    for at in range(number):
-        time_ns = 2 * 10**9 + at * 10**8
-        if infos:
-            bag.info("/front/camera_info", time_ns, **info)
-        bag.image("/front/image_raw", time_ns)
-        bag.cloud("/points", time_ns)
-
-
 def matrix_of(folder):
     return np.array(yaml.safe_load((folder / "calibration.yaml").read_text())["camera_matrix"])
 
@@ -362,7 +348,7 @@ def test_the_first_camera_info_that_is_a_calibration_is_taken_and_others_are_tol
             (np.zeros((3, 3)), np.full((3, 3), np.nan), FULL, CAMERA_MATRIX)
         ):
             bag.info("/front/camera_info", 10**9 + at, matrix=matrix)
-        usual(bag, infos=False)
+        usual_topics(bag, infos=False)
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
     assert "2 of 4 messages of /front/camera_info hold no calibration: number 2" in report
     assert "warning: 1 of 4 messages of /front/camera_info differ from number 2" in report
@@ -374,7 +360,7 @@ def test_a_camera_info_that_no_reader_takes_is_refused_and_nothing_written(tmp_p
     matrix = CAMERA_MATRIX.copy()
     matrix[1, 1] = focal
     with BagMaker(tmp_path / "drive") as bag:
-        usual(bag, matrix=matrix)
+        usual_topics(bag, matrix=matrix)
     with pytest.raises(ValueError, match="by topic /front/camera_info camera_matrix"):
         import_recording(tmp_path / "drive", tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -396,7 +382,7 @@ def test_transforms_that_are_none_are_passed_over(tmp_path, topic, length):
 
 def test_sensors_that_move_against_each_other_are_told(tmp_path):
     with BagMaker(tmp_path / "drive") as bag:
-        usual(bag)
+        usual_topics(bag)
         moved = CAMERA_FROM_LIDAR.copy()
         moved[0, 3] += 0.5
         bag.transforms("/tf", 3 * 10**9, camera_optical__lidar=moved)
@@ -422,7 +408,7 @@ def test_a_type_is_known_by_each_of_its_spellings(spelling):
 @pytest.mark.parametrize("compression", [None, *Ros1Writer.CompressionFormat])
 def test_a_bag_of_ros_1_gives_the_same_packed_or_not(tmp_path, compression):
     with Ros1BagMaker(tmp_path / "drive.bag", compression=compression) as bag:
-        usual(bag, number=1)
+        usual_topics(bag, number=1)
     import_recording(tmp_path / "drive.bag", tmp_path / "out")
     sample = open_dataset(tmp_path / "out")[0]
     assert torch.equal(sample.points, SAMPLE.points)
@@ -449,157 +435,6 @@ def test_the_camera_info_nearest_to_the_images_is_taken(tmp_path, image, infos, 
         bag.cloud("/points", 10**9)
     with open_bag(tmp_path / "drive") as bag:
         assert choose_topics(bag, image.lstrip("/"), "points", None).info.name == chosen
-
-
-def test_a_frame_that_cannot_be_read_is_dropped_and_told(tmp_path):
-    _, encoded = cv2.imencode(".jpg", IMAGE)
-    with BagMaker(tmp_path / "drive") as bag:
-        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
-        for at in range(4):
-            time_ns = 2 * 10**9 + at * 10**8
-            bag.info("/front/camera_info", time_ns)
-            content = encoded.tobytes()
-            bag.jpeg("/front/image_raw/compressed", time_ns, content[:999] if at < 1 else content)
-            bag.cloud("/points", time_ns, names=("x", "y", "zz" if at == 2 else "z", "i"))
-    report = import_recording(tmp_path / "drive", tmp_path / "out")
-    assert report.written == 2
-    assert "warning: dropped 2 frames that cannot be read; of the first, topic" in str(report)
-    assert open_dataset(tmp_path / "out").sample_ids == ("000001", "000003")
-    assert import_recording(tmp_path / "drive", tmp_path / "out").skipped == 2
-
-
-def test_messages_that_cannot_be_decoded_and_stamps_that_stand_twice_are_counted(tmp_path):
-    with BagMaker(tmp_path / "drive") as bag:
-        usual(bag)
-        bag.image("/front/image_raw", 2 * 10**9)
-        bag._writer.write(
-            bag._connections["/points"], 3 * 10**9, b"\x00\x01\x00\x00\xff\xff\xff\xff"
-        )
-    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "warning: dropped 1 messages of /points that cannot be read" in report
-    assert "warning: 1 images and 0 sweeps have the header time of another one" in report
-
-
-def test_what_a_bag_says_of_its_types_and_services_is_not_followed(tmp_path):
-    write_bag(tmp_path / "drive", 1)
-    (path,) = (tmp_path / "drive").glob("*.mcap")
-    content = path.read_bytes()
-    damaged = content.replace(b"uint32 point_step", b"string point_step")
-    assert damaged != content
-    path.write_bytes(damaged)
-    assert import_recording(path, tmp_path / "out").written == 1
-
-
-@pytest.mark.parametrize(
-    ("said", "fault"),
-    [
-        ("relative_file_paths: [../other.mcap]", "names .*/other.mcap, which is not there"),
-        ("relative_file_paths: [.hidden.mcap]", "entry 1 is '.hidden.mcap', expected a relative"),
-        ("relative_file_paths: [7]", "entry 1 is 7"),
-        ("relative_file_paths: []", "lacks relative_file_paths"),
-        ("relative_file_paths: &a [*a]", "alias"),
-        ("<<: {a: b}", "has a merge"),
-    ],
-)
-def test_metadata_that_lead_elsewhere_or_expand_are_one_line(tmp_path, said, fault):
-    write_bag(tmp_path / "drive", 1)
-    (tmp_path / "drive" / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  {said}\n")
-    with pytest.raises(FileError, match=rf"metadata.yaml: .*{fault}"):
-        import_recording(tmp_path / "drive", tmp_path / "out")
-
-
-@pytest.mark.parametrize(
-    "mode", [CompressionMode.FILE, CompressionMode.MESSAGE, CompressionMode.STORAGE]
-)
-def test_a_packed_bag_is_read_within_a_limit_and_refused_beyond(tmp_path, mode, monkeypatch):
-    bag = BagMaker(tmp_path / "drive")
-    bag._writer.set_compression(mode, CompressionFormat.ZSTD)
-    with bag:
-        usual(bag, number=1)
-    assert import_recording(tmp_path / "drive", tmp_path / "out").written == 1
-    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 1000)
-    monkeypatch.setattr(bag_files, "_MAX_GAIN", 1)
-    with pytest.raises(
-        ValueError, match=r"announces|unpack to more than 1000 bytes|unpacks to more"
-    ):
-        import_recording(tmp_path / "drive", tmp_path / "other")
-    assert not (tmp_path / "other").exists()
-
-
-@pytest.mark.parametrize(
-    "compression", [Ros1Writer.CompressionFormat.LZ4, Ros1Writer.CompressionFormat.BZ2]
-)
-def test_a_chunk_of_ros_1_that_unpacks_beyond_the_limit_is_one_line(
-    tmp_path, compression, monkeypatch
-):
-    with Ros1BagMaker(tmp_path / "drive.bag", compression=compression) as bag:
-        usual(bag, number=1)
-    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 1000)
-    with pytest.raises(ValueError, match="unpack to more than 1000 bytes"):
-        import_recording(tmp_path / "drive.bag", tmp_path / "out")
-
-
-@pytest.mark.parametrize("pack", [bz2.compress, lz4.frame.compress])
-def test_unpacking_stops_at_its_limit(pack):
-    new = {bz2.compress: bz2.BZ2Decompressor}.get(pack, lz4.frame.LZ4FrameDecompressor)
-    packed = pack(bytes(10**7))
-    assert bag_files.unpacked(new, packed, 10**7) == bytes(10**7)
-    with pytest.raises(ValueError, match="unpack to more than 9999999 bytes"):
-        bag_files.unpacked(new, packed, 10**7 - 1)
-    with pytest.raises(ValueError, match="cut short"):
-        bag_files.unpacked(new, packed[:-20], 10**8)
-
-
-def test_an_import_of_a_bag_into_its_folder_is_refused(bag):
-    for out in (bag, bag / "out", bag.parent):
-        with pytest.raises(ValueError, match="beside it"):
-            import_recording(bag, out)
-
-
-def small_bags(folder):
-    """Bags of tiny images and clouds in each format, by suffix."""
-    picture, points = IMAGE[::8, ::8], (POINTS * np.float32([1, 1, 1, 255]))[::100]
-    for name, maker in (
-        ("mcap", BagMaker(folder / "mcap")),
-        ("db3", BagMaker(folder / "db3", storage=StoragePlugin.SQLITE3)),
-        ("bag", Ros1BagMaker(folder / "a.bag")),
-    ):
-        with maker as bag:
-            bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
-            matrix = CAMERA_MATRIX / [[8], [8], [1]]
-            bag.info("/front/camera_info", 10**9, matrix=matrix, size=picture.shape[:2])
-            bag.image("/front/image_raw", 10**9, picture=np.ascontiguousarray(picture))
-            bag.cloud("/points", 10**9, points=points)
-        (path,) = (folder / name).glob(f"*.{name}") if name != "bag" else (folder / "a.bag",)
-        yield name, path.read_bytes()
-
-
-def outcome(work):
-    """What is said of bad data; None where there is nothing to say."""
-    try:
-        work()
-    except ValueError as error:
-        return str(error)
-    return None
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_damaged_bags_give_a_recording_or_one_line(tmp_path):
-    random = np.random.default_rng(3)
-    said = []
-    for name, content in small_bags(tmp_path):
-        for number in range(16):
-            damaged = bytearray(content)
-            for _ in range(random.integers(1, 20)):
-                near_end = random.integers(2) * max(len(content) - 3000, 0)
-                damaged[near_end + random.integers(min(len(content), 3000))] = random.integers(256)
-            path = tmp_path / f"damaged.{name}"
-            path.write_bytes(damaged[: random.integers(len(content))] if number < 3 else damaged)
-            out = tmp_path / f"{name}{number}"
-            said.append(outcome(lambda path=path, out=out: import_recording(path, out)))
-    lines = [line for line in said if line is not None]
-    assert len(lines) > 10
-    assert all(line.isprintable() for line in lines)
 
 
 @pytest.mark.parametrize(("frame", "is_known"), [("base_link", True), ("base", False)])
