@@ -28,7 +28,7 @@ class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]
 
     depth = 0
 
-    def compose_node(self, parent: yaml.Node | None, index: int | None) -> yaml.Node | None:
+    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
         """Read one value with all that it holds."""
         is_alias = self.check_event(yaml.AliasEvent)
         line = self.peek_event().start_mark.line + 1
