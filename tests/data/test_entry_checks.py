@@ -1,3 +1,4 @@
+import shutil
 import warnings
 
 import numpy as np
@@ -9,6 +10,7 @@ from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
 from sightline.data.problem import FileError
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.recordings import write_recording
 from tests.data.trees import (
     LABELS,
@@ -182,3 +184,14 @@ def test_capital_endings_are_read_in_every_tree(tmp_path, tree):
         assert len(dataset) == count
         assert dataset[0].image is not None
         assert dataset[0].points is not None
+
+
+def test_clouds_that_stand_on_their_head_are_doubted_in_kittis_tree_before_anything_else(tmp_path):
+    root = shutil.copytree(PACKAGED_FRAMES, tmp_path / "KITTI")
+    for path in (root / "training" / "velodyne").iterdir():
+        points = np.fromfile(path, "<f4").reshape(-1, 4)
+        (points * np.float32([1, -1, -1, 1])).tofile(path)
+    told = [str(problem) for problem in check_tree(root)]
+    assert any("z" in problem and "convert" in problem for problem in told), told
+    assert not any("millimetres" in problem for problem in told)
+    assert any("convert" in doubt for doubt in doubts(root))

@@ -8,7 +8,15 @@ import pytest
 
 from sightline.data import atomic
 from sightline.data.atomic import atomic_create_text
-from sightline.data.jobs import Claim, claim_folder, claim_folders, run_job, shard
+from sightline.data.jobs import (
+    MANIFEST_NAME,
+    Claim,
+    claim_folder,
+    claim_folders,
+    read_claim,
+    run_job,
+    shard,
+)
 
 SETTINGS = {"task": "toy", "seed": 3, "size": (2, 4)}
 
@@ -173,3 +181,10 @@ def test_shards_part_the_items_and_a_wrong_one_is_refused():
 def test_a_job_without_a_worker_is_refused():
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
         run_job([], 0, description="nothing")
+
+
+def test_a_manifest_that_is_a_pipe_is_no_manifest_and_nobody_waits_for_it(tmp_path):
+    os.mkfifo(tmp_path / MANIFEST_NAME)
+    assert read_claim(tmp_path) is None
+    with pytest.raises(ValueError, match="is no regular file"):
+        claim_folder(tmp_path, {"task": "a"}, results=("*.txt",))

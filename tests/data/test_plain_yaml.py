@@ -54,3 +54,8 @@ def test_bombs_and_broken_files_are_refused_in_one_line(tmp_path, content, compl
     assert caught.value.problem.path == tmp_path / "calibration.yaml"
     assert caught.value.problem.remedy
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("number", ["1:" * 180 + "1.5", "1" + ":1" * 60_000, "1:30"])
+def test_numbers_of_base_60_are_text(tmp_path, number):
+    assert read(tmp_path, f"a: {number}\nb: -1.5e+3\nc: 16") == {"a": number, "b": -1500.0, "c": 16}

@@ -66,6 +66,7 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     assert "by the road that it sees the LiDAR is 1.7" in str(summary)
 
 
+@pytest.mark.filterwarnings("ignore:.*times as deep as the points")
 def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
     write_recording(tmp_path, ("a", "b"))
     (tmp_path / "calibration.yaml").unlink()
@@ -401,9 +402,11 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
         1.73, abs=0.1
     )
     rewrite_calibration(tmp_path, lidar_height_m=2.31)
-    assert open_dataset(tmp_path)[0].lidar_height_m == 2.31
+    with pytest.warns(UserWarning, match=r"lidar_height_m is 2.31, by the road .* is 1.7"):
+        assert open_dataset(tmp_path)[0].lidar_height_m == 2.31
     (summary,) = summarize_tree(tmp_path)
     assert "above it" not in str(summary)
+    assert "warning: lidar_height_m is 2.31" in str(summary)
     rewrite_calibration(tmp_path)
     for name in "abc":
         write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[:3])
@@ -461,7 +464,9 @@ def test_a_tilt_that_the_road_contradicts_is_told(tmp_path):
     write_recording(tmp_path, ("a",), lidar_tilt_deg={"roll": 0, "pitch": 12})
     (summary,) = summarize_tree(tmp_path)
     assert "by its calibration the LiDAR is tilted, 12.0 degrees nose down" in str(summary)
-    assert "warning: by the road that it sees its tilt is none" in str(summary)
+    assert "warning: lidar_tilt_deg is 12.0 degrees nose down" in str(summary)
+    with pytest.warns(UserWarning, match="by the road that the LiDAR sees it is none"):
+        open_dataset(tmp_path)
 
 
 def test_clouds_with_z_down_are_told_to_be_converted_with_their_calibration(tmp_path):

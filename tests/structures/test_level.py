@@ -96,14 +96,16 @@ def test_arrays_of_a_lidar_that_is_tilted_are_levelled_with_a_warning(tilt, yaw_
 
 def test_a_tilt_and_a_height_that_are_given_are_taken_as_they_are():
     calibration, points = mounted_arrays(TILTED)
-    made = CameraLidarSample.from_arrays(
-        calibration, image=IMAGE, points=points, lidar_tilt_deg=(3, 12), lidar_height_m=0
-    )
+    with pytest.warns(UserWarning, match=r"lidar_height_m is 0, by the road .* it is 1\.7"):
+        made = CameraLidarSample.from_arrays(
+            calibration, image=IMAGE, points=points, lidar_tilt_deg=(3, 12), lidar_height_m=0
+        )
     torch.testing.assert_close(level_sample(made).points, SAMPLE.points, rtol=0, atol=1e-4)
     assert made.higher_than_kitti_m == pytest.approx(-1.73)
-    flat = CameraLidarSample.from_arrays(
-        calibration, image=IMAGE, points=points, lidar_tilt_deg=np.zeros(2), lidar_height_m=1.7
-    )
+    with pytest.warns(UserWarning, match="lidar_tilt_deg is .* by the road .*; give degrees"):
+        flat = CameraLidarSample.from_arrays(
+            calibration, image=IMAGE, points=points, lidar_tilt_deg=np.zeros(2), lidar_height_m=1.7
+        )
     assert level_sample(flat).points.equal(made.points)
 
 

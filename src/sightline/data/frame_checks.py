@@ -27,6 +27,7 @@ from sightline.data.problem import FileError, Problem
 from sightline.data.velodyne import read_sweep, sweep_doubt
 from sightline.data.view import is_in_view
 from sightline.geometry.mount import MAX_RANGE_M
+from sightline.geometry.mount_axes import axes_doubt
 
 _DARK_LEVELS = 8  # between the darkest and the brightest channel of an image that shows nothing
 _MAX_LIDAR_DEPTH_M = 120.0  # of nearly all pixels of a projected sweep
@@ -71,9 +72,13 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     if points is not None and frame.points is not None and matrices is not None:
         image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
-        if size is not None:
+        axes = axes_doubt(points, matrices.camera_from_lidar)
+        if axes is not None:
+            # Whatever else is implausible about the cloud comes of it.
+            found.doubted.append(Problem(path=frame.points, problem=axes[0], remedy=axes[1]))
+        elif size is not None:
             found.doubted += _check_view(points, image_from_lidar, size, frame.points)
-        if depth_m is not None and frame.depth is not None:
+        if axes is None and depth_m is not None and frame.depth is not None:
             found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
         found.doubted += check_objects(objects, size, frame.objects)

@@ -11,6 +11,7 @@ from typing import Final, Protocol, TypeVar, runtime_checkable
 from sightline.data.atomic import atomic_create_text
 from sightline.data.object_tree import OBJECT_SPLITS
 from sightline.data.parallel import run_pieces
+from sightline.data.plain_file import read_bytes
 from sightline.data.plain_text import shortened
 from sightline.data.problem import escaped, memory_fault
 from sightline.data.progress import track
@@ -21,6 +22,7 @@ MANIFEST_NAME: Final = "sightline.json"
 RESULT_SUFFIXES: Final = (".txt", ".png")
 """Endings of result files."""
 
+_MAX_MANIFEST_BYTES = 2**22
 _LONGEST_VALUE = 60  # characters of a setting that an error shows
 
 Item = TypeVar("Item")
@@ -170,10 +172,15 @@ def _is_claimed(
         if has_results:
             raise ValueError(_refusal(folder, f"data without a {manifest_name}", manifest_name))
         return False
-    there = path.read_text(errors="replace")
+    there = _manifest_text(path)
     if there != _manifest(settings):
         raise ValueError(_refusal(folder, _difference(there, settings), manifest_name))
     return True
+
+
+def _manifest_text(path: Path) -> str:
+    remedy = "name another output folder, or remove the file"
+    return read_bytes(path, max_bytes=_MAX_MANIFEST_BYTES, remedy=remedy).decode(errors="replace")
 
 
 def _manifest(settings: Mapping[str, object]) -> str:
@@ -271,8 +278,8 @@ def change_of_data(data: Path, output: Path) -> ValueError:
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:
     """What the manifest of a folder says; None where there is none that can be read."""
     try:
-        told = json.loads((folder / manifest_name).read_text(errors="replace"))
-    except (OSError, ValueError, RecursionError):
+        told = json.loads(_manifest_text(folder / manifest_name))
+    except (ValueError, RecursionError):
         return None
     return told if isinstance(told, dict) else None
 

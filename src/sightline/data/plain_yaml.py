@@ -1,5 +1,6 @@
 """YAML and JSON files of a few plain values, read within bounds of time and memory."""
 
+import re
 from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Final
@@ -50,6 +51,17 @@ class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]
         return node
 
 
+_NUMBERS: Final = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+# YAML 1.1 has numbers of base 60 (1:30:00), which take time that grows with their length squared.
+_PlainLoader.yaml_implicit_resolvers = {
+    first: [
+        (tag, re.compile(f"(?!.*:)(?:{form.pattern})", form.flags) if tag in _NUMBERS else form)
+        for tag, form in resolvers
+    ]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+
 def _parts(node: yaml.Node) -> Iterator[yaml.Node]:
     for each in () if isinstance(node, yaml.ScalarNode) else node.value:
         yield from each if isinstance(each, tuple) else (each,)
@@ -85,7 +97,7 @@ def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> 
         said: object = yaml.load(text.expandtabs(), Loader=_PlainLoader)  # noqa: S506 - a safe one
     except _RefusedError as error:
         raise FileError(path, str(error), remedy) from error
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         problem = "is neither YAML nor JSON"
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f": line {mark.line + 1}, column {mark.column + 1}"

@@ -30,6 +30,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     examine_recording_frame,
     first_whole,
+    mount_doubts_of_recording,
     pose_of_recording,
     reference_images,
     size_misfit,
@@ -224,6 +225,8 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 "them levelled; give lidar_tilt_deg (docs/recordings.md)",
                 stacklevel=4,
             )
+        for doubt in mount_doubts_of_recording(self._all_frames, said):
+            warnings.warn(f"{path}: {doubt}", stacklevel=4)
         if self._height(said) is None:
             warnings.warn(
                 f"{path}: the clouds show too little of the road to find the LiDAR's height above "

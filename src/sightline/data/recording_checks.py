@@ -32,15 +32,13 @@ from sightline.geometry.mount import (
     turn_ahead,
 )
 from sightline.geometry.mount_axes import axes_doubt
-from sightline.geometry.road_height import LidarPose, lidar_pose
-from sightline.geometry.tilt import Tilt
+from sightline.geometry.road_height import LidarPose, lidar_pose, mount_doubts
 
 _REMEDY = (
     "correct the calibration file, or clouds and calibration together where both are of another "
     "convention; docs/recordings.md says how"
 )
 _TELL_HEIGHT = 5  # clouds, spread over a recording
-_TILTS_AGREE_DEG = 4.0  # of a calibration and of the road in some clouds
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,12 +119,7 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
         described.append(
             f"{source} the LiDAR is tilted, {pose.tilt}: detectors see its clouds levelled"
         )
-    by_clouds = pose_of_recording(frames) if said.lidar_tilt is not None else pose
-    if said.lidar_tilt is not None and _differ(said.lidar_tilt, by_clouds.tilt):
-        described.append(
-            f"warning: by the road that it sees its tilt is {by_clouds.tilt or 'none'}; correct "
-            "lidar_tilt_deg, or leave it out"
-        )
+    described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, said)]
     if said.lidar_height_m is None:
         described.append(
             f"warning: its clouds show too little of the road to find the LiDAR's height above "
@@ -135,11 +128,6 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
             else f"by the road that it sees the LiDAR is {pose.height_m:.2f} m above it"
         )
     return tuple(described)
-
-
-def _differ(said: Tilt, seen: Tilt | None) -> bool:
-    cosine = float(said.up @ (Tilt(roll_deg=0.0, pitch_deg=0.0) if seen is None else seen).up)
-    return math.degrees(math.acos(min(cosine, 1.0))) > _TILTS_AGREE_DEG
 
 
 def describe_turn(angle_deg: float, subject: str = "detectors see clouds") -> tuple[str, ...]:
@@ -161,10 +149,29 @@ def pose_of_recording(
         frames: All of the recording, so that any selection of frames gets the same.
         said: A calibration, whose tilt is taken where it has one.
     """
+    return lidar_pose(_some_clouds(frames), None if said is None else said.lidar_tilt)
+
+
+def mount_doubts_of_recording(
+    frames: Sequence[ObjectFrame], said: RecordingCalibration
+) -> tuple[str, ...]:
+    """Differences between the mount that a calibration gives and the road in some clouds.
+
+    Args:
+        frames: All of the recording.
+        said: The calibration.
+    """
+    if said.lidar_tilt is None and said.lidar_height_m is None:
+        return ()
+    return mount_doubts(_some_clouds(frames), said.lidar_height_m, said.lidar_tilt)
+
+
+def _some_clouds(
+    frames: Sequence[ObjectFrame],
+) -> list[Float32[np.ndarray, "_num_points 4"]]:
     seen = [frame for frame in frames if frame.points and frame.calibration]
     step = max(len(seen) // _TELL_HEIGHT, 1)
-    clouds = map(_cloud_or_empty, seen[::step][:_TELL_HEIGHT])
-    return lidar_pose(clouds, None if said is None else said.lidar_tilt)
+    return [_cloud_or_empty(frame) for frame in seen[::step][:_TELL_HEIGHT]]
 
 
 def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:

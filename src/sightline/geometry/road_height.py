@@ -3,7 +3,8 @@
 Without PyTorch.
 """
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,6 +37,7 @@ MAX_LIDAR_HEIGHT_M: Final = 10.0
 MAX_TILT_DEG: Final = 45.0
 """More than any LiDAR on the road is tilted in roll or pitch; a greater number is no tilt."""
 
+_TILTS_AGREE_DEG, _HEIGHTS_AGREE_M = 4.0, 0.5  # of what is given and what the road says
 _LEAST_TILT_DEG = 3.0  # by the median of several sweeps; less is a road's crown, or a hill
 _LEAST_TILT_OF_FEW_DEG = 4.0
 _SEVERAL = 3
@@ -72,6 +74,38 @@ class LidarPose:
     """Of the LiDAR above the road; None where hardly any is seen."""
     tilt: Tilt | None
     """None where it is level, or too little tilted to be told from a road's own shape."""
+
+
+def mount_doubts(
+    sweeps: Sequence[Float[np.ndarray, "_num_points _fields"]],
+    height_m: float | None,
+    tilt: Tilt | None,
+) -> tuple[str, ...]:
+    """Differences between the mount that somebody gives for a LiDAR and the road that it sees.
+
+    Args:
+        sweeps: x, y, z first [m], LiDAR frame with z about up.
+        height_m: As given; None: not given.
+        tilt: Likewise.
+    """
+    doubts = []
+    if tilt is not None:
+        seen = lidar_pose(sweeps)
+        up = (seen.tilt or _LEVEL).up
+        apart_deg = math.degrees(math.acos(min(float(tilt.up @ up), 1.0)))
+        if seen.height_m is not None and apart_deg > _TILTS_AGREE_DEG:
+            doubts.append(
+                f"lidar_tilt_deg is {tilt}, by the road that the LiDAR sees it is "
+                f"{seen.tilt or 'none'}; give degrees, or leave it out"
+            )
+    if height_m is not None and not doubts:
+        seen_m = lidar_pose(sweeps, tilt).height_m
+        if seen_m is not None and abs(seen_m - height_m) > _HEIGHTS_AGREE_M:
+            doubts.append(
+                f"lidar_height_m is {height_m:g}, by the road that the LiDAR sees it is "
+                f"{seen_m:.2f}; correct it, or leave it out"
+            )
+    return tuple(doubts)
 
 
 def lidar_pose(

@@ -21,6 +21,7 @@ from sightline.data.jobs import (
 )
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
+from sightline.data.plain_file import read_bytes
 from sightline.inference.predict import (
     Places,
     answered_samples,
@@ -42,6 +43,8 @@ TIMINGS_NAME: Final = "timings.jsonl"
 
 _LINES_FOLDER = "lines"
 _TIMINGS_FOLDER = "timings"
+
+_MAX_LINE_BYTES = 2**26
 
 _Lines = dict[str, tuple[str, dict[str, object]]]  # by frame: its line as text, what it says
 
@@ -225,7 +228,8 @@ def _done_frames(folder: Path, places: Mapping[str, Places]) -> set[str]:
     return {
         name
         for name, (_, line) in _read_lines(folder).items()
-        if all(name in present.get(task, ()) for task in _answering(line))
+        if all(task in _tasks(line) for task in places)
+        and all(name in present.get(task, ()) for task in _answering(line))
     }
 
 
@@ -249,24 +253,37 @@ def _join_timings(out: Path) -> None:
 
 def _read_timings(out: Path) -> list[str]:
     files = sorted((out / _TIMINGS_FOLDER).glob("*.json"))
-    return [path.read_text(errors="replace").strip() for path in files]
+    return [_small_text(path) for path in files]
+
+
+def _small_text(path: Path) -> str:
+    content = read_bytes(path, max_bytes=_MAX_LINE_BYTES, remedy="remove it, and run this again")
+    return content.decode(errors="replace").strip()
 
 
 def _read_lines(folder: Path) -> _Lines:
     """The lines that are there, by frame in order: as text, and what it says; damaged ones not."""
     lines: _Lines = {}
     for path in sorted(folder.glob("*.json")):
-        text = path.read_text(errors="replace").strip()
+        text = _small_text(path)
         with suppress(ValueError, RecursionError):
             told = json.loads(text)
-            tasks = told.get("tasks") if isinstance(told, dict) else None
-            if isinstance(tasks, dict) and all(isinstance(each, dict) for each in tasks.values()):
+            if "\n" not in text and _is_line_of(told, path.stem):
                 lines[path.stem] = (text, told)
     return lines
 
 
+def _is_line_of(told: object, frame: str) -> bool:
+    tasks = told.get("tasks") if isinstance(told, dict) and told.get("frame") == frame else None
+    return isinstance(tasks, dict) and all(isinstance(each, dict) for each in tasks.values())
+
+
 def _answering(line: Mapping[str, object]) -> Collection[str]:
     """The tasks that had an answer to the frame of a line."""
+    return [name for name, told in _tasks(line).items() if "lacks" not in told]
+
+
+def _tasks(line: Mapping[str, object]) -> dict[str, dict[str, object]]:
     tasks = line["tasks"]
     assert isinstance(tasks, dict), "checked when it was read"
-    return [name for name, told in tasks.items() if "lacks" not in told]
+    return tasks

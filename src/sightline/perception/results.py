@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.jobs import read_claim
+from sightline.data.jobs import MANIFEST_NAME, read_claim
+from sightline.data.safe_names import checked_name
 from sightline.inference.predictor import Output
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
@@ -89,16 +90,19 @@ def _of_claim(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
     """As the manifest tells."""
     inner = claim.get("folders")
     if claim.get("job") == JOB_NAME and isinstance(inner, list):
-        found: list[ResultFolder] = []
-        for name in inner:
-            part = folder / Path(str(name)).name
-            if told := read_claim(part):
-                found += _of_claim(part, told)
-        return found
+        source = folder / MANIFEST_NAME
+        names = [checked_name(name, source, "folders:") for name in inner]
+        parts = [(folder / name, read_claim(folder / name)) for name in dict.fromkeys(names)]
+        return [each for part, told in parts if told for each in _of_task(part, told)]
+    return _of_task(folder, claim)
+
+
+def _of_task(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
+    """The results of one task, as their manifest tells."""
     task_name, output_name = claim.get("task"), claim.get("output")
-    if task_name not in REGISTRY:
+    if not isinstance(task_name, str) or task_name not in REGISTRY:
         return []
-    outputs = find_task(str(task_name)).outputs
+    outputs = find_task(task_name).outputs
     return [
         ResultFolder(
             folder=folder,

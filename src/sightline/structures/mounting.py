@@ -17,6 +17,7 @@ from sightline.geometry.road_height import (
     MIN_LIDAR_HEIGHT_M,
     LidarPose,
     lidar_pose,
+    mount_doubts,
 )
 from sightline.geometry.tilt import Tilt
 from sightline.structures.arrays import plain_number
@@ -61,8 +62,11 @@ def pose_of_sweep(
 ) -> LidarPose:
     """Height and tilt of a sweep's LiDAR: what is given, the rest by the road in its points.
 
-    Warns where a tilt is found, and where a height has to be assumed.
+    Warns where a tilt is found, where a height has to be assumed, and where the road in the points
+    contradicts what is given.
     """
+    for doubt in mount_doubts([sweep.numpy()], height_m, tilt):
+        warnings.warn(doubt, stacklevel=3)
     if height_m is not None and tilt is not None:
         return LidarPose(height_m=height_m, tilt=tilt)
     pose = lidar_pose([sweep.numpy()], tilt)

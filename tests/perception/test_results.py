@@ -1,0 +1,35 @@
+import json
+
+import pytest
+
+from sightline.data.jobs import MANIFEST_NAME
+from sightline.perception.results import open_results
+
+RESULTS = {"task": "detection2d", "output": "boxes", "method": "a", "data": "b"}
+
+
+@pytest.mark.parametrize(
+    ("claim", "said"),
+    [
+        ({"job": "perceive", "folders": ["", ""]}, "is empty"),
+        ({"job": "perceive", "folders": [".."]}, "begins with a dot"),
+        ({"job": "perceive", "folders": ["a/../.."]}, "separator"),
+        ({"job": "perceive", "folders": [3]}, "is no text"),
+        ({"task": []}, "no results that can be drawn"),
+        ({"task": {}, "output": 1}, "no results that can be drawn"),
+    ],
+)
+def test_a_forged_manifest_is_refused_in_one_line(tmp_path, claim, said):
+    (tmp_path / MANIFEST_NAME).write_text(json.dumps(claim))
+    with pytest.raises(ValueError, match=said) as refused:
+        open_results([tmp_path])
+    assert "\n" not in str(refused.value)
+
+
+def test_folders_that_hold_several_tasks_are_not_looked_into_any_deeper(tmp_path):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (tmp_path / MANIFEST_NAME).write_text(json.dumps({"job": "perceive", "folders": ["inner"]}))
+    (inner / MANIFEST_NAME).write_text(json.dumps({"job": "perceive", "folders": ["inner"]}))
+    with pytest.raises(ValueError, match="no results that can be drawn"):
+        open_results([tmp_path])
