@@ -195,3 +195,32 @@ def test_clouds_that_stand_on_their_head_are_doubted_in_kittis_tree_before_anyth
     assert any("z" in problem and "convert" in problem for problem in told), told
     assert not any("millimetres" in problem for problem in told)
     assert any("convert" in doubt for doubt in doubts(root))
+
+
+@pytest.mark.parametrize(
+    ("own", "other"),
+    [
+        ("velodyne", "Velodyne"),
+        ("velodyne", "lidar"),
+        ("image_2", "image_02"),
+        ("image_2", "images"),
+    ],
+)
+def test_a_sensors_folder_of_another_name_is_called_so_in_kittis_tree(tree, own, other):
+    (tree / own).rename(tree / other)
+    with pytest.raises(FileError, match=f"{other}.* holds 3 files that nobody reads.*{own}"):
+        open_dataset(tree)
+    assert any(other in str(problem) for problem in check_tree(tree))
+
+
+@pytest.mark.parametrize(
+    ("own", "other"), [("points", "Points"), ("points", "lidar"), ("images", "camera_front")]
+)
+def test_a_sensors_folder_of_another_name_is_called_so_in_recordings(tmp_path, own, other):
+    write_recording(tmp_path, ("a",))
+    (tmp_path / own).rename(tmp_path / other)
+    if other == "camera_front":  # perhaps another camera
+        assert open_dataset(tmp_path)[0].image is None
+        return
+    with pytest.raises(FileError, match=f"{other}.* holds 1 files that nobody reads.*{own}"):
+        open_dataset(tmp_path)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.jobs import check_apart, check_outputs
+from sightline.data.jobs import MANIFEST_NAME, check_apart, check_outputs
 
 
 @pytest.fixture
@@ -62,7 +62,8 @@ def test_a_report_may_stand_beside_results_and_take_the_place_of_none(tree):
     results = [tree / "found"]
     check_outputs({"--json": tree / "found" / "report.json"}, data=[], results=results)
     check_outputs({"--csv": tree / "found" / "report.txt"}, data=[], results=results)
-    for taken in ("found", "found/000001.txt"):
+    (tree / "found" / MANIFEST_NAME).write_text("{}")
+    for taken in ("found", "found/000001.txt", f"found/{MANIFEST_NAME}"):
         with pytest.raises(ValueError, match=r"--csv .* is among the results"):
             check_outputs({"--csv": tree / taken}, data=[], results=results)
 
@@ -86,6 +87,9 @@ def test_two_outputs_are_never_the_same_file(tree):
         ["evaluate", "proposals", "found", "KITTI/training/label_2", "--json", "KITTI/a.json"],
         ["evaluate", "calibration", "found", "KITTI/training/label_2", "--out", "KITTI/out"],
         ["evaluate", "depth", "found", "KITTI/training", "--json", "KITTI/a.json"],
+        ["evaluate", "objects", "found", "KITTI/training/label_2", "--sample-list", "one.bin",
+         "--json", "one.bin"],
+        ["health", "KITTI", "--sample-list", "one.bin", "--json", "one.bin"],
         ["evaluate", "held-out", "KITTI", "--json", "KITTI/a.json"],
         ["evaluate", "realism", "KITTI", "alias", "--json", "KITTI/a.json"],
         ["import", "KITTI", "KITTI/out"],

@@ -11,7 +11,7 @@ from sightline.cli.engine import tell_engine
 from sightline.cli.object_plots import write_object_plots
 from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import check_places, check_writable_folder, deliver, weights_file
+from sightline.cli.report import check_places, check_writable_folder, deliver, named_file
 from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
@@ -67,7 +67,8 @@ def objects_command(
         )
     places = {"--json": json, "--csv": csv, "--markdown": markdown}
     read = [results, *([against] if against else [])]
-    check_outputs(places | {"--plots": plots}, data=[labels], results=read)
+    only_read = [labels, named_file(sample_list)]
+    check_outputs(places | {"--plots": plots}, data=only_read, results=read)
     check_places(places)
     check_writable_folder(plots)
     from sightline.evaluation.kitti_object import compare_objects, evaluate_objects
@@ -125,7 +126,7 @@ def proposals_command(
         max_proposals: Only so many of a frame, those of the highest score.
         json: File for the whole report.
     """
-    check_places({"--json": json}, data=[labels], results=[results])
+    check_places({"--json": json}, data=[labels, named_file(sample_list)], results=[results])
     from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 
     report = evaluate_proposals(
@@ -215,7 +216,7 @@ def held_out_command(
             velodyne_reduced.
         json: File for the whole report.
     """
-    check_places({"--json": json}, data=[data, weights_file(weights)])
+    check_places({"--json": json}, data=[data, named_file(weights), named_file(sample_list)])
     from sightline.data.open import open_dataset
     from sightline.depth_completion.predictor import choose_completer
     from sightline.evaluation.held_out import evaluate_held_out

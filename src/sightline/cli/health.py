@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
-from sightline.cli.report import check_places, deliver
+from sightline.cli.report import check_places, deliver, named_file
 from sightline.data.object_tree import Part, Velodyne
 
 if TYPE_CHECKING:
@@ -50,7 +50,8 @@ def health(
         picture: PNG for the time line and for where sensors were bad.
         json: File for all scores, the worst checks, alarms and regions.
     """
-    check_places({"--json": json, "--picture": picture}, data=[data, limits])
+    only_read = [data, limits, named_file(sample_list)]
+    check_places({"--json": json, "--picture": picture}, data=only_read)
     from sightline.data.image_file import write_rgb
     from sightline.data.open import open_dataset
     from sightline.data.progress import track

@@ -28,7 +28,7 @@ from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
-from sightline.cli.report import check_places, deliver, weights_file
+from sightline.cli.report import check_places, deliver, named_file
 from sightline.cli.reproduce import reproduce_dgfn, reproduce_shiftconv
 from sightline.cli.robustness import robustness
 from sightline.cli.show import show
@@ -85,7 +85,7 @@ def export(
     from sightline.export.write import export_graphs
     from sightline.inference.network import load_network
 
-    check_places({"OUT": out}, data=[weights_file(weights)])
+    check_places({"OUT": out}, data=[named_file(weights)])
     task = choose_task(None, find_weights(weights))
     say(f"{task.name} by {weights}")
     reports = export_graphs(task.graphs(load_network(task, weights)), out, format)

@@ -62,9 +62,9 @@ def check_places(
         check_writable(path)
 
 
-def weights_file(weights: str | None) -> Path | None:
-    """The file that weights are read from, where they are named by one."""
-    return Path(weights) if weights and Path(weights).is_file() else None
+def named_file(name: str | None) -> Path | None:
+    """The file that an argument names, weights or a list of samples say; None: it names none."""
+    return Path(name) if name and Path(name).is_file() else None
 
 
 def check_writable_folder(path: Path | None) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 from sightline.cli.engine import tell_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import check_places, deliver, weights_file
+from sightline.cli.report import check_places, deliver, named_file
 from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.export.choice import choose_engine
@@ -47,9 +47,7 @@ def reproduce_shiftconv(
     """
     if data is None:
         raise ValueError("reproduce shiftconv measures on data; name a data set with --data")
-    check_places(
-        {"--json": json}, data=[data, weights_file(weights), weights_file(weights_without)]
-    )
+    check_places({"--json": json}, data=[data, named_file(weights), named_file(weights_without)])
     from sightline.depth_completion.reproduce import reproduce_shiftconv as reproduce
 
     report = reproduce(
@@ -125,7 +123,7 @@ def reproduce_dgfn(
     """
     if data is None:
         raise ValueError("reproduce dgfn measures on data; name a data set with --data")
-    files = [weights_file(each) for each in (gated, ones, early, late, camera, lidar)]
+    files = [named_file(each) for each in (gated, ones, early, late, camera, lidar)]
     check_outputs({"--json": json, "--out": out, "--figures": figures}, data=[data, *files])
     check_places({"--json": json})
     from sightline.detection2d.gate_figures import GATE_MAPS, GATE_MEANS

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from sightline.cli.output import say
-from sightline.cli.report import check_places, weights_file
+from sightline.cli.report import check_places, named_file
 from sightline.data.object_tree import Velodyne
 from sightline.tasks import choose_task
 
@@ -43,7 +43,7 @@ def show(
     name = frames[0] if len(frames) == 1 else f"{frames[0]}-{frames[-1]}"
     path = out or Path(f"{name}.png")
     folders = [Path(folder) for folder in results]
-    check_places({"--out": path}, data=[data, weights_file(weights)], results=folders)
+    check_places({"--out": path}, data=[data, named_file(weights)], results=folders)
     from sightline.perception.show import Answers, Results, write_frames_picture
 
     if results and (task or method or weights):

@@ -216,7 +216,8 @@ def check_outputs(
     for folder in filter(None, results):
         for option, path in places.items():
             place = path.resolve()
-            is_read = place == folder.resolve() or place.suffix in RESULT_SUFFIXES
+            is_result = place.suffix in RESULT_SUFFIXES or place.name == MANIFEST_NAME
+            is_read = place == folder.resolve() or is_result
             if is_read and place.exists() and place.is_relative_to(folder.resolve()):
                 raise ValueError(
                     f"{option} {path} is among the results that are to be read, which it would "

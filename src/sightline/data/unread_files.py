@@ -1,5 +1,6 @@
 """Files in a sensor's folder that no reader takes, so that they are not lost without a word."""
 
+import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -35,6 +36,16 @@ _NOTES = (
     "thumbs",
 )
 """Names of files that are none of a sensor's, where nothing else is there."""
+_ALSO_CALLED: dict[Part, tuple[str, ...]] = {
+    "image": ("image", "images", "img", "imgs", "camera", "cameras", "cam", "rgb", "pictures"),
+    "points": (
+        *("points", "point", "velodyne", "velodynepoints", "lidar", "lidars", "laser", "cloud"),
+        *("clouds", "pointcloud", "pointclouds", "pcd", "pcds", "sweeps", "scans"),
+    ),
+}
+"""Names by which people call a sensor's folder, letters alone."""
+_OTHER_PARTS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
+"""Folders of other cameras, and that of a depth benchmark's selection."""
 _NAMED = 4  # so many endings an error lists
 
 
@@ -124,9 +135,33 @@ def find_unread(folders: Sequence[PartFolder]) -> list[Unread]:
     return [each for each in found if each is not None]
 
 
+def _misnamed(place: PartFolder) -> Unread | None:
+    """A folder of a sensor's files that is called otherwise, where the part's own is not there."""
+    if place.part not in _ALSO_CALLED or not place.folder.parent.is_dir():
+        return None
+    for other in sorted(place.folder.parent.iterdir()):
+        plain = re.sub("[^a-z]", "", other.name.lower())
+        if (
+            plain not in _ALSO_CALLED[place.part]
+            or other.name in _OTHER_PARTS
+            or not other.is_dir()
+        ):
+            continue
+        files = list_files(other, place.suffixes)
+        if files:
+            described = Problem(
+                path=other,
+                problem=f"holds {len(files)} files that nobody reads, expected them in "
+                f"{place.folder.name}",
+                remedy=f"rename the folder to {place.folder.name} or move it away",
+            )
+            return Unread(problem=described, part=place.part, is_all=True)
+    return None
+
+
 def _unread_of(place: PartFolder) -> Unread | None:
     if not place.folder.is_dir():
-        return None
+        return _misnamed(place)
     read = list_files(place.folder, place.suffixes)
     beside: Collection[str] = _BESIDE if read else ()
     counts: Counter[str] = Counter()
