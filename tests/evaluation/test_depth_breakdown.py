@@ -57,11 +57,12 @@ def test_a_paired_interval_holds_the_mean_and_narrows_to_it_where_all_images_agr
     assert (same.mean, same.low, same.high, same.better, same.images) == (2.0, 2.0, 2.0, 0, 3)
     rng = np.random.default_rng(0)
     ours, theirs = rng.normal(0, 1, 400), rng.normal(0.5, 1, 400)
-    wide = paired_difference("RMSE", ours, theirs, resamples=4000)
+    pair = (ours.tolist(), theirs.tolist())
+    wide = paired_difference("RMSE", *pair, resamples=4000)
     error = np.std(ours - theirs, ddof=1) / np.sqrt(400)
     assert wide.low == pytest.approx(wide.mean - 1.96 * error, abs=0.15 * error)
     assert wide.high == pytest.approx(wide.mean + 1.96 * error, abs=0.15 * error)
-    assert wide == paired_difference("RMSE", ours, theirs, resamples=4000)
+    assert wide == paired_difference("RMSE", *pair, resamples=4000)
 
 
 @pytest.fixture

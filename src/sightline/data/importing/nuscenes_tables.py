@@ -69,7 +69,7 @@ class Row:
     def whole(self, name: str, *, least: int = 0, most: int = _LARGEST_TIME) -> int:
         """Return an entry that must be a whole number, also written as 1.0."""
         value = self.get(name)
-        number = _number(value, most)
+        number = _number(value, float(most))
         if number is None or number != int(number) or number < least:
             raise self.fault(
                 f"has the {name} {_shown(value)}, expected a whole number from {least} on"
@@ -79,7 +79,7 @@ class Row:
     def time_us(self, name: str) -> float:
         """Return an entry that must be a time [us], perhaps with decimals as Lyft's have."""
         value = self.get(name)
-        number = _number(value, _LARGEST_TIME)
+        number = _number(value, float(_LARGEST_TIME))
         if number is None or number < 0:
             raise self.fault(f"has the {name} {_shown(value)}, expected microseconds")
         return number
