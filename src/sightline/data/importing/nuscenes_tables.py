@@ -82,7 +82,7 @@ class Row:
         number = _number(value, float(_LARGEST_TIME))
         if number is None or number < 0:
             raise self.fault(f"has the {name} {_shown(value)}, expected microseconds")
-        return number
+        return float(number)
 
     def numbers(self, name: str, *shape: int) -> Float64[np.ndarray, "..."]:
         """Return an entry that must be numbers in (nested) lists of this shape."""
