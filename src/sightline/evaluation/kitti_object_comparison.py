@@ -74,7 +74,7 @@ class ObjectComparison:
     entries: tuple[ComparedEntry, ...]
     """Entries by class, then metric, then difficulty."""
     remarks: tuple[str, ...] = ()
-    """What was left out, and what the figures must be read with."""
+    """Notes: objects and files left out, and limits of the figures."""
 
     def to_json(self) -> dict[str, Any]:
         """The comparison as its file has it."""

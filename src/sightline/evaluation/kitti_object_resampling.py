@@ -43,7 +43,7 @@ class ResampledCurve(NamedTuple):
 
     steps: FrameSteps
     ends: Bool[np.ndarray, " num_steps"]
-    """Whether a step is the last of its score."""
+    """True of steps that are the last of their score."""
     matches: Matches
     """Highest score first."""
     valid_per_frame: Int64[np.ndarray, " num_frames"]

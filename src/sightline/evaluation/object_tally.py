@@ -19,7 +19,7 @@ _SHOWN = 5  # names in a sentence
 
 @dataclass(slots=True)
 class ObjectTally:
-    """What results and labels of all frames hold, by class as written."""
+    """Counts of results and labels over all frames, by class as written."""
 
     found: Counter[str] = field(default_factory=Counter)
     labelled: Counter[str] = field(default_factory=Counter)

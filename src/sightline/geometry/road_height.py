@@ -57,13 +57,13 @@ class RoadPlane:
     """The road in a sweep."""
 
     height_m: float
-    """Of the LiDAR above it."""
+    """Height of the LiDAR above the road [m]."""
     tilt: Tilt
-    """Of the LiDAR against it."""
+    """Tilt of the LiDAR against the road."""
     num_cells: float
     """Cells of a square metre that lie on it, by their weights."""
     share: float
-    """Of all cells that have points."""
+    """These as a share of all cells that have points."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,7 +71,7 @@ class LidarPose:
     """How a LiDAR is mounted over the road, as far as its sweeps tell."""
 
     height_m: float | None
-    """Of the LiDAR above the road; None where hardly any is seen."""
+    """Height of the LiDAR above the road [m]; None where hardly any road is seen."""
     tilt: Tilt | None
     """None where it is level, or too little tilted to be told from a road's own shape."""
 

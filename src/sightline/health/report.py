@@ -39,9 +39,9 @@ class HealthReport:
     frames: tuple[FrameHealth, ...]
 
     limits: Mapping[str, str] = field(default_factory=dict)
-    """Which limits camera and LiDAR were judged by, in words."""
+    """Limits by which camera and LiDAR were judged, in words."""
     warnings: tuple[str, ...] = ()
-    """What makes the scores doubtful."""
+    """Reasons to doubt the scores."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""

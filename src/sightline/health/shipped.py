@@ -50,7 +50,7 @@ class ChosenLimits:
 
     limits: HealthLimits
     camera: str
-    """Which limits the camera is judged by, in words."""
+    """Limits by which the camera is judged, in words."""
     lidar: str
     """Likewise for the LiDAR and the alignment."""
     warnings: tuple[str, ...] = ()
@@ -220,7 +220,7 @@ def _num_rings(checks: DriveChecks) -> float:
 
 
 def _fits(limits: SensorLimits, rows: Sequence[Checks]) -> bool:
-    """Whether most frames are sound by these limits."""
+    """True if most frames are sound by these limits."""
     return sum(limits.judge(each).is_alarm for each in rows) <= _MOST_ALARMS * len(rows)
 
 

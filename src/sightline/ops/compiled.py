@@ -48,7 +48,7 @@ def compiled(kernel: Kernel) -> Kernel:
 
 
 def _place(package: Path) -> str | None:
-    """What numba is to take for its folder: empty for the package's own; None for no folder."""
+    """Folder for numba: empty for the package's own; None for no folder."""
     if _numba_settings.CACHE_DIR:
         return str(_numba_settings.CACHE_DIR)
     own = package / "__pycache__"
