@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.calibration_checks import check_matrices
+from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.depth_png import read_depth_png
 from sightline.data.frame_checks import Findings, check_depth_scale, examine_image, read_or_note
 from sightline.data.image_header import read_image_size
@@ -26,13 +27,14 @@ from sightline.data.recording_calibration import (
 from sightline.data.view import is_in_view
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
-    LEAST_SHARE_IN_IMAGE,
+    is_hardly_shown,
     mount_doubt,
     resolution_doubt,
     turn_ahead,
 )
 from sightline.geometry.mount_axes import axes_doubt
 from sightline.geometry.road_height import LidarPose, lidar_pose, mount_doubts
+from sightline.geometry.tilt import Tilt
 
 _REMEDY = (
     "correct the calibration file, or clouds and calibration together where both are of another "
@@ -79,13 +81,14 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
         return None
     matrices = said.matrices
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
-    share = float(shown.mean())
+    num_shown = int(np.count_nonzero(shown))
+    share = num_shown / len(points)
     axes = axes_doubt(points, matrices.camera_from_lidar)
     problem = _doubt(said, size)
-    if problem is None and share < LEAST_SHARE_IN_IMAGE:
+    if problem is None and is_hardly_shown(num_shown, len(points)):
         problem = (
             f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
-            f"into the image of {size[0]}x{size[1]} (height x width)"
+            f"into the image of {size[0]}x{size[1]} (height x width): {num_shown}"
         )
     return RecordingView(
         sample_id=frame.sample_id,
@@ -112,13 +115,8 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     if said is None:
         return tuple(described)
     pose = pose_of_recording(frames, said)
-    level = np.eye(4) if pose.tilt is None else pose.tilt.level_from_lidar
-    described += describe_turn(turn_ahead(said.matrices.camera_from_lidar @ level.T)[1])
-    if pose.tilt is not None:
-        source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
-        described.append(
-            f"{source} the LiDAR is tilted, {pose.tilt}: detectors see its clouds levelled"
-        )
+    source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
+    described += describe_mount(said.matrices, pose.tilt, source)
     described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, said)]
     if said.lidar_height_m is None:
         described.append(
@@ -128,6 +126,23 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
             else f"by the road that it sees the LiDAR is {pose.height_m:.2f} m above it"
         )
     return tuple(described)
+
+
+def describe_mount(
+    matrices: CalibrationMatrices, tilt: Tilt | None, source: str = "by the road that it sees"
+) -> tuple[str, ...]:
+    """How a LiDAR is turned and tilted, in a clause each; none of one that is neither.
+
+    Args:
+        matrices: Its calibration.
+        tilt: None: it is level.
+        source: What tells the tilt.
+    """
+    level = np.eye(4) if tilt is None else tilt.level_from_lidar
+    turn = describe_turn(turn_ahead(matrices.camera_from_lidar @ level.T)[1])
+    if tilt is None:
+        return turn
+    return *turn, f"{source} the LiDAR is tilted, {tilt}: detectors see its clouds levelled"
 
 
 def describe_turn(angle_deg: float, subject: str = "detectors see clouds") -> tuple[str, ...]:
