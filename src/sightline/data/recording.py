@@ -30,6 +30,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     examine_recording_frame,
     first_whole,
+    has_points,
     mount_doubts_of_recording,
     pose_of_recording,
     reference_images,
@@ -227,7 +228,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             )
         for doubt in mount_doubts_of_recording(self._all_frames, said):
             warnings.warn(f"{path}: {doubt}", stacklevel=4)
-        if self._height(said) is None:
+        if self._height(said) is None and has_points(self._all_frames):
             warnings.warn(
                 f"{path}: the clouds show too little of the road to find the LiDAR's height above "
                 f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m",

@@ -17,7 +17,7 @@ from sightline.data.image_header import read_image_size
 from sightline.data.kitti_labels import read_labels
 from sightline.data.label_checks import check_objects
 from sightline.data.object_tree import ObjectFrame
-from sightline.data.point_files import read_cloud
+from sightline.data.point_files import cloud_rows, read_cloud
 from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -118,7 +118,7 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
     described += describe_mount(said.matrices, pose.tilt, source)
     described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, said)]
-    if said.lidar_height_m is None:
+    if said.lidar_height_m is None and (pose.height_m is not None or has_points(frames)):
         described.append(
             f"warning: its clouds show too little of the road to find the LiDAR's height above "
             f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m"
@@ -179,6 +179,14 @@ def mount_doubts_of_recording(
     if said.lidar_tilt is None and said.lidar_height_m is None:
         return ()
     return mount_doubts(_some_clouds(frames), said.lidar_height_m, said.lidar_tilt)
+
+
+def has_points(frames: Sequence[ObjectFrame]) -> bool:
+    """Whether some clouds of a recording can be read and hold points.
+
+    Where they cannot, or hold none, that is what there is to say, and not how little they show.
+    """
+    return any(len(cloud) for cloud in _some_clouds(frames))
 
 
 def _some_clouds(
@@ -244,6 +252,8 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         found.unreadable,
     )
     found.has_empty_sweep = points is not None and not len(points)
+    if found.has_empty_sweep and frame.points is not None:
+        found.doubted += _check_emptied(frame.points)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     size = None if image is None else (image.shape[0], image.shape[1])
     if objects is not None and frame.objects is not None:
@@ -268,6 +278,20 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         image_from_lidar = said.matrices.image_from_camera @ said.matrices.camera_from_lidar
         found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     return found
+
+
+def _check_emptied(path: Path) -> list[Problem]:
+    """Doubt about a cloud of which nothing is left, though its file has rows."""
+    num_rows = len(cloud_rows(path))
+    if not num_rows:
+        return []  # a sweep of zero points is a sweep
+    return [
+        Problem(
+            path=path,
+            problem=f"holds no point: all {num_rows} are not finite or at 0, 0, 0",
+            remedy="look whether the LiDAR delivered anything, and how it was converted",
+        )
+    ]
 
 
 def size_misfit(

@@ -58,6 +58,7 @@ from sightline.data.recording_tree import (
     read_times,
     unpaired,
 )
+from sightline.data.safe_names import unprintable_names
 from sightline.data.tree_mount import pose_of_tree
 from sightline.data.unread_files import (
     PartFolder,
@@ -351,7 +352,8 @@ def _tree(
 ) -> Tree | None:
     if not frames:
         return None
-    parts, gaps = [], []
+    misnamed = unprintable_names(folder, (frame.sample_id for frame in frames))
+    parts, gaps = [], [] if misnamed is None else [misnamed]
     for part in expected:
         absent = [frame.sample_id for frame in frames if getattr(frame, part.attribute) is None]
         name = part.folder.parent.name if part.folder.name == "data" else part.folder.name

@@ -1,5 +1,6 @@
 """LiDAR sweeps as KITTI stores them: float32 x, y, z, reflectance, nothing else."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from jaxtyping import Float32
 from sightline.data.atomic import atomic_write_bytes
 from sightline.data.plain_file import read_bytes
 from sightline.data.problem import FileError, Problem
-from sightline.geometry.cloud_checks import cloud_fault, other_layout, warn_of_losses
+from sightline.geometry.cloud_checks import cloud_fault, other_layout
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest LiDAR on the road
@@ -33,7 +34,7 @@ def read_sweep(
         path: A `.bin` file of little-endian float32 values.
         drop_non_finite: Leave out points whose x, y or z is NaN or infinite, as some drivers write
             where no echo came back, and take 0 for reflectances that are, instead of refusing the
-            file.
+            file; warns of their numbers.
 
     Raises:
         FileError: The file cannot be read as `sweep_rows` says, or holds NaN or infinite values.
@@ -43,10 +44,7 @@ def read_sweep(
     if finite.all():
         return points
     if drop_non_finite:
-        warn_of_losses(points, str(path))
-        kept: Float32[np.ndarray, "num_points 4"] = points[np.isfinite(points[:, :3]).all(axis=1)]
-        kept[~np.isfinite(kept[:, 3]), 3] = 0
-        return kept
+        return _finite_alone(points, path)
     raise FileError(
         path,
         f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first is point "
@@ -72,6 +70,26 @@ def sweep_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
             f"write these four, or {_REMEDY}",
         )
     return np.frombuffer(content, "<f4").reshape(-1, 4).astype(np.float32)
+
+
+def _finite_alone(
+    points: Float32[np.ndarray, "num_points 4"], path: Path | str
+) -> Float32[np.ndarray, "num_left 4"]:
+    """Points at finite places, 0 for reflectances that are not finite; warns of both by number."""
+    kept: Float32[np.ndarray, "num_left 4"] = points[np.isfinite(points[:, :3]).all(axis=1)]
+    is_dark = ~np.isfinite(kept[:, 3])
+    kept[is_dark, 3] = 0
+    num_lost, num_dark = len(points) - len(kept), np.count_nonzero(is_dark)
+    said = []
+    if num_lost:
+        said.append(
+            f"{num_lost} of {len(points)} points, whose x, y, z are not finite, are left out: "
+            f"{len(kept) or 'none'} {'are' if len(kept) != 1 else 'is'} left"
+        )
+    if num_dark:
+        said.append(f"{num_dark} reflectances are not finite: 0 is taken")
+    warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
+    return kept
 
 
 def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -> Problem | None:

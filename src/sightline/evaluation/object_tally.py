@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
+from sightline.data.label_checks import in_degrees
 from sightline.data.plain_text import shortened
 from sightline.evaluation.kitti_object_rules import CLASSES, class_code
 
@@ -25,11 +26,17 @@ class ObjectTally:
     labelled: Counter[str] = field(default_factory=Counter)
     without_box3d: int = 0
     """Results of scored classes without a 3D part."""
+    found_in_degrees: int = 0
+    """Results with an angle beyond two pi."""
+    labelled_in_degrees: int = 0
+    """Labels of that kind."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Count a frame."""
         self.found.update(results.class_names)
         self.labelled.update(labels.class_names)
+        self.found_in_degrees += int(in_degrees(results).sum())
+        self.labelled_in_degrees += int(in_degrees(labels).sum())
         lacks = (results.dimensions_hwl <= 0).any(axis=1)
         lacks |= (results.locations == NO_LOCATION).any(axis=1)
         scored = (class_code(name) >= 0 for name in results.class_names)
@@ -75,6 +82,12 @@ class ObjectTally:
             remarks.append(
                 f"{self.without_box3d:,} of {sum(found.values()):,} results of scored classes have "
                 "no 3D part: they find nothing in bird's eye and 3D."
+            )
+        if self.found_in_degrees or self.labelled_in_degrees:
+            remarks.append(
+                f"WARNING: {self.labelled_in_degrees:,} of {self.labelled.total():,} labels and "
+                f"{self.found_in_degrees:,} of {total:,} results have angles beyond two pi, "
+                "probably degrees: they were taken for radians, as KITTI's files have them."
             )
         return tuple(remarks)
 
