@@ -87,7 +87,9 @@ def _finite_alone(
             f"{len(kept) or 'none'} {'are' if len(kept) != 1 else 'is'} left"
         )
     if num_dark:
-        said.append(f"{num_dark} reflectances are not finite: 0 is taken")
+        said.append(
+            f"{num_dark} of {len(kept)} points have a reflectance that is not finite: 0 is taken"
+        )
     warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
     return kept
 

@@ -171,6 +171,17 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
     )
 
 
+def has_columns(content: bytes, columns: int) -> bool:
+    """Whether float32 rows of so many columns, x, y, z and intensity first, give plausible points.
+
+    Of fewer than twenty points nobody can tell: the answer is no.
+    """
+    row_bytes = 4 * columns
+    if len(content) % row_bytes or len(content) < 20 * row_bytes:
+        return False
+    return _is_plausible(np.frombuffer(content, "<f4").reshape(-1, columns))
+
+
 def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:
     """True of rows that can be points in metres, however bright they are."""
     in_order = rows[:, :3].min() >= -MAX_RANGE_M and rows[:, :3].max() <= MAX_RANGE_M
