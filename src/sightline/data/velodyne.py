@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float32
@@ -14,7 +15,7 @@ from sightline.geometry.cloud_checks import cloud_fault, other_layout
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest LiDAR on the road
 _REMEDY = "extract the velodyne archive again"
-_COLUMNS = {
+COLUMNS: Final = {
     3: "three columns (x, y, z alone)",
     4: "four columns",
     5: "five columns (ring or time)",
@@ -22,6 +23,7 @@ _COLUMNS = {
     7: "seven columns",
     8: "eight columns",
 }
+"""Numbers of a point in files of raw floats, in words."""
 _OTHER_FORMATS = {b"# .PCD": "PCD", b"VERSION": "PCD", b"\x93NUMPY": "NPY", b"ply\n": "PLY"}
 
 
@@ -116,15 +118,21 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
     return Problem(path=Path(path), problem=f"holds {problem}", remedy=remedy)
 
 
+def other_format(content: bytes) -> str | None:
+    """Name of the format of clouds that a file has by its first bytes; None of raw numbers."""
+    names = (name for beginning, name in _OTHER_FORMATS.items() if content.startswith(beginning))
+    return next(names, None)
+
+
 def _check_layout(content: bytes, path: Path | str) -> None:
-    for beginning, name in _OTHER_FORMATS.items():
-        if content.startswith(beginning):
-            raise FileError(
-                path,
-                f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
-                f"give it the ending .{name.lower()} in a recording (docs/recordings.md), or "
-                "write these four",
-            )
+    name = other_format(content)
+    if name is not None:
+        raise FileError(
+            path,
+            f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
+            f"give it the ending .{name.lower()} in a recording (docs/recordings.md), or "
+            "write these four",
+        )
     layout = other_layout(content)
     if layout is None:
         return
@@ -134,7 +142,7 @@ def _check_layout(content: bytes, path: Path | str) -> None:
     raise FileError(
         path,
         f"holds {len(content)} bytes: {width} bytes a point fit, {_POINT_BYTES} do not: probably "
-        f"{_COLUMNS[columns]}{kinds}, expected float32 x, y, z, reflectance",
+        f"{COLUMNS[columns]}{kinds}, expected float32 x, y, z, reflectance",
         "write these four alone",
     )
 

@@ -95,7 +95,10 @@ def test_sweeps_of_four_columns_are_named_as_such(tmp_path, num_points):
     write_nuscenes(tmp_path / "data", num_samples=1)
     path = tmp_path / "data" / "samples" / "LIDAR_TOP" / "0.pcd.bin"
     np.fromfile(path, "<f4").reshape(-1, 5)[:num_points, :4].tofile(path)
-    with pytest.raises(FileError, match=r"four columns of float32 .* expected nuScenes' five"):
+    with pytest.raises(FileError, match=r"four columns of float32, expected nuScenes' five"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+    path.write_bytes(b"# .PCD v0.7\n" + bytes(400))
+    with pytest.raises(FileError, match=r"probably, PCD, expected nuScenes' five"):
         import_recording(tmp_path / "data", tmp_path / "out")
 
 
