@@ -47,7 +47,7 @@ def test_a_field_that_is_no_number_a_point_is_refused_by_name(tmp_path, kind):
 
 
 def test_what_float32_cannot_hold_is_left_out_like_other_marks_of_no_echo(tmp_path):
-    rows = np.zeros(2, [("x", "f8"), ("y", "f8"), ("z", "f8")])
+    rows = np.zeros(2, [("x", "f8"), ("y", "f8"), ("z", "f8"), ("i", "f8")])
     rows["x"] = (3, np.finfo(np.float64).max)
     np.save(tmp_path / "cloud.npy", rows)
     assert read_cloud(tmp_path / "cloud.npy").tolist() == [[3, 0, 0, 0]]
@@ -62,11 +62,14 @@ def test_an_archive_of_arrays_is_no_npy_file(tmp_path):
 
 def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(tmp_path):
     np.save(tmp_path / "cloud.npy", POINTS[:5, :3])
-    assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()
+    with pytest.warns(UserWarning, match="have three columns, x, y, z: 0 is taken for the refl"):
+        assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()
     np.save(tmp_path / "empty.npy", POINTS[:0])
     assert read_cloud(tmp_path / "empty.npy").shape == (0, 4)
     PointCloud.from_xyz_points(POINTS[:7, :3]).save(tmp_path / "cloud.pcd")
-    np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.pcd")[:, :3], POINTS[:7, :3])
+    with pytest.warns(UserWarning, match="have no field of brightness among x, y, z: 0 is taken"):
+        points = read_cloud(tmp_path / "cloud.pcd")
+    np.testing.assert_array_equal(points[:, :3], POINTS[:7, :3])
 
 
 def test_an_organised_cloud_is_read_row_by_row(tmp_path):
@@ -81,7 +84,9 @@ def test_points_without_an_echo_are_left_out(tmp_path):
     np.save(tmp_path / "cloud.npy", cloud)
     expected = POINTS[[0, 3]]
     np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255.0), expected, atol=1e-6)
-    np.save(tmp_path / "cloud.npy", np.array([[1e300, 0, 0], [1, 2, 3]]))  # more than float32 has
+    np.save(
+        tmp_path / "cloud.npy", np.array([[1e300, 0, 0, 0], [1, 2, 3, 0]])
+    )  # more than float32 has
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.npy"), [[1, 2, 3, 0]])
 
 
@@ -108,13 +113,14 @@ def test_a_cloud_of_which_no_point_is_left_is_said_to_be_empty(tmp_path, suffix)
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, -1])
 def test_fields_that_nobody_needs_may_hold_anything(tmp_path, bad):
-    kinds = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8"), ("ring", "f8")]
+    kinds = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8"), ("ring", "f8"), ("i", "f4")]
     rows = np.zeros(9, kinds)
     rows["x"], rows["time"], rows["ring"] = 5, bad, bad
     np.save(tmp_path / "cloud.npy", rows)
     assert read_cloud(tmp_path / "cloud.npy").tolist() == [[5, 0, 0, 0]] * 9
     np.save(tmp_path / "rows.npy", np.hstack([POINTS[:9], np.full((9, 2), bad)]))
-    np.testing.assert_array_equal(read_cloud(tmp_path / "rows.npy"), POINTS[:9])
+    with pytest.warns(UserWarning, match="have 6 columns: the first four are taken for x, y, z"):
+        np.testing.assert_array_equal(read_cloud(tmp_path / "rows.npy"), POINTS[:9])
 
 
 def test_one_point_in_a_hundred_may_be_brighter_than_the_scale(tmp_path):

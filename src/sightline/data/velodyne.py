@@ -21,7 +21,13 @@ _COLUMNS = {
     7: "seven columns",
     8: "eight columns",
 }
-_OTHER_FORMATS = {b"# .PCD": "PCD", b"VERSION": "PCD", b"\x93NUMPY": "NPY", b"ply\n": "PLY"}
+_OTHER_FORMATS = {
+    b"# .PCD": "PCD",
+    b"VERSION": "PCD",
+    b"\x93NUMPY": "NPY",
+    b"ply\n": "PLY",
+    b"ply\r": "PLY",
+}
 
 
 def read_sweep(
