@@ -231,7 +231,9 @@ def two_blocks(heights_and_lasers=HDL_64E, *, rng):
 
 @pytest.mark.parametrize("move_m", [(0, 0), (0.01, 0.03), (-0.02, 0.01)])
 def test_rings_of_two_blocks_of_lasers_above_the_origin_are_found_by_elevation(move_m, rng):
-    blocks = [(height + move, lasers) for (height, lasers), move in zip(HDL_64E, move_m)]
+    blocks = [
+        (height + move, lasers) for (height, lasers), move in zip(HDL_64E, move_m, strict=True)
+    ]
     points, rings = two_blocks(blocks, rng=rng)
     order = rng.permutation(len(points))
     found, is_ring_by_ring = rings_of_any_order(points[order])

@@ -28,7 +28,7 @@ _ENOUGH = 20_000  # points to tell a height by
 
 
 def rings_by_elevation(
-    points: Float[np.ndarray, "num_points fields"],
+    points: Float[np.ndarray, "num_points fields"], most_doubtful: float = _DOUBTFUL_SHARE
 ) -> Int64[np.ndarray, " num_points"]:
     """Number the rings of a sweep in any order from the top, by the elevations of its points.
 
@@ -36,11 +36,15 @@ def rings_by_elevation(
     the lasers turn about, and lasers that start at its origin, all at one height above it, or in
     two blocks as those of the HDL-64E. Rings without a return have no number.
 
+    Args:
+        points: Of the sweep, x, y, z first [m], LiDAR frame.
+        most_doubtful: Share of the points that may lie between two rings.
+
     Raises:
         ValueError: Elevations do not part into 8 to 135 rings.
     """
     best = min((_parted(elevation) for elevation in _laser_elevations(points)), key=_doubt)
-    if best.doubtful > _DOUBTFUL_SHARE:
+    if best.doubtful > most_doubtful:
         raise ValueError(
             "the points are not in the order of KITTI's own files, ring by ring, and their "
             f"elevations do not part into rings either ({100 * best.doubtful:.0f} % of them lie "

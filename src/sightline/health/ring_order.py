@@ -11,6 +11,7 @@ SEAM_DEG = 30.0
 _FEWEST = 100  # points, below which no order can be told
 _APART = 7  # points that far from each other are on one ring, or nearly so
 _SCATTERED = 0.2  # of the spread of elevations, that they differ by where they are not
+_MOST_DOUBTFUL = 0.15  # of points between rings: a noisy sensor is to be judged, too
 _RING_GAP_DEG = 0.1
 _FEWEST_RINGS = 4
 _RING_STEP_DEG = 0.4  # where noise blurs the rings
@@ -63,7 +64,7 @@ def _rings_from_below(
 ) -> Int64[np.ndarray, " num_points"] | None:
     """Numbers by elevation; None of points that may be ring by ring and show no other rings."""
     try:
-        return -rings_by_elevation(points)
+        return -rings_by_elevation(points, _MOST_DOUBTFUL)
     except ValueError:
         return _groups_by_elevation(elevation_deg) if is_scattered else None
 
