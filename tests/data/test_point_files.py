@@ -8,6 +8,7 @@ from pypcd4 import Encoding, PointCloud
 
 from sightline.data.point_files import read_cloud
 from sightline.data.problem import FileError
+from sightline.data.rings import ring_numbers
 from tests.data.recordings import POINTS, write_cloud_file
 
 SCALED = POINTS * np.float32([1, 1, 1, 255])
@@ -145,6 +146,46 @@ def test_a_pcd_of_fewer_points_than_it_announces_is_cut_short(tmp_path, data):
     path.write_bytes(b"".join(lines[:-9]) if data == "ascii" else content[: -9 * 12])
     with pytest.raises(FileError, match=r"holds 41 of the 50 points .*: it is cut short"):
         read_cloud(path)
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".ply", ".npy"])
+@pytest.mark.parametrize("name", ["ring", "scalar_Ring"])
+def test_a_field_of_rings_brings_points_into_kittis_order(tmp_path, suffix, name):
+    path, rings = tmp_path / f"cloud{suffix}", ring_numbers(POINTS)
+    laser = 63 - (rings - (POINTS[:, 1] < 0))  # from the bottom, as many drivers number them
+    kinds = [(field, "<f4") for field in ("x", "y", "z", "intensity", name)]
+    order = np.argsort(np.arctan2(POINTS[:, 1], POINTS[:, 0]))
+    rows = np.hstack([POINTS, laser[:, None]])[order].astype(np.float32)
+    if suffix == ".npy":
+        np.save(path, rows.view(kinds).ravel())
+    elif suffix == ".pcd":
+        header = f"FIELDS x y z intensity {name}\nWIDTH {len(rows)}\nDATA binary\n"
+        path.write_bytes(header.encode() + rows.tobytes())
+    else:
+        header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
+        header += "".join(f"property float {field}\n" for field, _ in kinds) + "end_header\n"
+        path.write_bytes(header.encode() + rows.tobytes())
+    found = ring_numbers(read_cloud(path))
+    assert abs(found.max() - rings.max()) <= 1
+    np.testing.assert_array_equal(np.sort(read_cloud(path), axis=0), np.sort(POINTS, axis=0))
+
+
+def test_a_scale_far_above_all_intensities_is_doubted(tmp_path):
+    np.save(tmp_path / "cloud.npy", POINTS)
+    with pytest.warns(UserWarning, match="reach no hundredth of max_intensity, 255, so refl"):
+        read_cloud(tmp_path / "cloud.npy", 255.0)
+
+
+def test_rings_in_the_place_of_intensities_are_told_as_such(tmp_path):
+    elevation = np.degrees(np.arctan2(POINTS[:, 2], np.hypot(*POINTS[:, :2].T)))
+    rings = np.floor(elevation - elevation.min())[:, None]
+    rows = np.hstack([POINTS[:, :3], rings, POINTS[:, 3:]])
+    np.save(tmp_path / "cloud.npy", rows)
+    with (
+        pytest.warns(UserWarning, match="have 5 columns"),
+        pytest.raises(FileError, match=r"holds ring numbers \(0 to \d+, .* x, y, z, intensity$"),
+    ):
+        read_cloud(tmp_path / "cloud.npy", 255.0)
 
 
 def save(array):

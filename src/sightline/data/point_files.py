@@ -57,16 +57,21 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
         FileError: The file cannot be read or is cut short, lacks a coordinate, is not in metres, or
             an intensity is negative, or more than one in a hundred above max_intensity.
     """
+    return checked_cloud(cloud_rows(path), max_intensity, path)
+
+
+def cloud_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
+    """Read x, y, z and intensity (else 0) as the file has them, of points without an echo, too.
+
+    Raises:
+        FileError: The file cannot be read or is cut short, or lacks a coordinate.
+    """
     suffix = Path(path).suffix.lower()
     if suffix == ".bin":
-        points = sweep_rows(path)
-    elif suffix == ".npy":
-        points = _read_npy(path)
-    elif suffix == ".ply":
-        points = columns_of(read_ply(path), path)
-    else:
-        points = columns_of(read_pcd(path), path)
-    return checked_cloud(points, max_intensity, path)
+        return sweep_rows(path)
+    if suffix == ".npy":
+        return _read_npy(path)
+    return columns_of(read_ply(path) if suffix == ".ply" else read_pcd(path), path)
 
 
 def checked_cloud(
