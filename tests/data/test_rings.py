@@ -270,6 +270,49 @@ def test_cut_sweeps_of_kitti_shot_by_shot_have_the_rings_of_their_own_order(kitt
         assert np.mean((found == laser[order])[is_sure]) >= 0.999
 
 
+def azimuth_deg(points):
+    return np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+
+
+# Sort keys of the azimuth inside each ring.
+BEGINS = {
+    "from behind": lambda azimuth: azimuth,
+    "from behind, clockwise": lambda azimuth: -azimuth,
+    "from ahead, clockwise": lambda azimuth: -azimuth % 360,
+    "from the left": lambda azimuth: (azimuth - 90) % 360,
+    "from the left, clockwise": lambda azimuth: (90 - azimuth) % 360,
+}
+
+
+@pytest.mark.parametrize("begin", BEGINS)
+@pytest.mark.parametrize("tilt_deg", [0, 3])
+def test_rings_one_after_the_other_are_found_wherever_they_begin(begin, tilt_deg, rng):
+    points, rings = turn(SENSORS["64 beams"], rng=rng)
+    order = np.lexsort((BEGINS[begin](azimuth_deg(points)), rings))
+    sine, cosine = np.sin(np.radians(tilt_deg)), np.cos(np.radians(tilt_deg))
+    points[:, [0, 2]] = points[:, [0, 2]] @ np.array([[cosine, -sine], [sine, cosine]])
+    found, is_kittis = rings_of_any_order(points[order])
+    assert not is_kittis
+    assert np.mean(found == rings[order]) >= 0.99
+
+
+@pytest.mark.parametrize("begin", BEGINS)
+def test_rings_of_kitti_are_found_wherever_they_begin(kitti_root, begin):
+    for points in real_sweeps(kitti_root, "full_sweeps/*.bin")[:2]:
+        rings = ring_numbers(points)
+        order = np.lexsort((BEGINS[begin](azimuth_deg(points)), rings))
+        found, is_kittis = rings_of_any_order(points[order])
+        assert not is_kittis
+        assert np.mean(found == rings[order]) >= 0.999
+
+
+def test_whole_sweeps_of_kitti_are_numbered_by_their_own_order(kitti_root):
+    for points in real_sweeps(kitti_root, "full_sweeps/*.bin"):
+        rings, is_kittis = rings_of_any_order(points)
+        assert is_kittis
+        assert (rings == ring_numbers(points)).all()
+
+
 NUMBERINGS = {
     "from the top": lambda rings: rings,
     "from the bottom": lambda rings: 63 - rings,

@@ -1,6 +1,7 @@
 """Rings of a spinning LiDAR, by the order of the points as in KITTI's files, or by elevation."""
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, Shaped
@@ -25,6 +26,9 @@ _TOP_DOWN_SLACK_DEG = 8.0  # a ring on a near object seems higher: lasers sit ab
 _FEWEST_POINTS = 100  # below which no order can be told
 _SCATTERED = 0.004  # of the spread of elevations: KITTI's neighbours differ by up to 0.0006
 _NAMED_SHARE = 0.5  # of the variance of elevations, that ring numbers of a tilted LiDAR explain
+_AHEAD_DEG = 5.0  # from straight ahead, that whole sweeps in KITTI's order mostly begin
+_STUB_POINTS = 3  # at a seam, where azimuths go to and fro
+_KEPT = 0.5  # of the step from ring to ring, that KITTI's order has to show beside another one
 _IN_ORDER = 0.9  # correlation of numbers and elevations where numbers go up or down
 
 
@@ -92,29 +96,95 @@ def rings_of_any_order(
 ) -> tuple[Int64[np.ndarray, " num_points"], bool]:
     """Number the rings of a sweep from the top; True beside them where its points lie ring by ring.
 
-    Sweeps in KITTI's order are numbered as `ring_numbers` does, others by elevation.
+    Sweeps in KITTI's order are numbered as `ring_numbers` does. Others that lie ring by ring, from
+    another side on or clockwise, are numbered by their order, too, all others by elevation.
 
     Raises:
         ValueError: Neither order nor elevation shows rings.
     """
-    fault: ValueError | None = None
-    if comes_by_firing(points):
-        try:
-            return rings_by_elevation(points), False
-        except ValueError as error:
-            fault = error
     try:
-        rings = ring_numbers(points)
-    except ValueError as error:
-        if fault is not None:
-            raise fault from error
-        try:
+        if comes_by_firing(points):
             return rings_by_elevation(points), False
-        except ValueError:
+    except ValueError as error:
+        rings, is_kittis = _rings_by_order(points)
+        if rings is None or int(rings[-1]) + 1 < FEWEST_RINGS:
             raise error from None
-    if fault is not None and int(rings[-1]) + 1 < FEWEST_RINGS:
-        raise fault
-    return rings, True
+        return rings, is_kittis
+    rings, is_kittis = _rings_by_order(points)
+    if rings is not None:
+        return rings, is_kittis
+    try:
+        return rings_by_elevation(points), False
+    except ValueError:
+        return ring_numbers(points), True  # tells what is wrong with their order
+
+
+def _rings_by_order(
+    points: Float[np.ndarray, "num_points fields"],
+) -> tuple[Int64[np.ndarray, " num_points"] | None, bool]:
+    """Rings of a sweep that lies ring by ring, else None; True beside them in KITTI's order."""
+    kittis = _ring_numbers_or_none(points)
+    if kittis is not None and _begins_as_kittis(points, kittis):
+        return kittis, True
+    found = []
+    if kittis is not None and int(kittis[-1]) + 1 >= FEWEST_RINGS:
+        found.append((_step_down_deg(points, kittis) / _KEPT, kittis))
+    for turned in _other_orders(points):
+        rings = _ring_numbers_or_none(turned)
+        if rings is not None and int(rings[-1]) + 1 >= FEWEST_RINGS:
+            found.append((_step_down_deg(points, rings), _without_stubs(rings)))
+    _, best = max(found, key=lambda each: each[0], default=(0.0, kittis))
+    return best, best is kittis
+
+
+def _begins_as_kittis(
+    points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
+) -> bool:
+    if len(points) < _FEWEST_POINTS:
+        return True
+    if is_whole_turn(points):
+        return bool(_from_ahead_deg(points)[0] < _AHEAD_DEG)
+    return int(rings[-1]) + 1 >= FEWEST_RINGS
+
+
+def _other_orders(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Iterator[Float[np.ndarray, "num_points fields"]]:
+    """The sweep, turned and mirrored so that one in another order by ring is in KITTI's."""
+    begin_deg = float(_azimuth_deg(points)[0])
+    seams_deg = (0.0, 90.0, 180.0, 270.0, begin_deg) if is_whole_turn(points) else (0.0,)
+    for mirror in (1, -1):
+        for seam_deg in seams_deg:
+            turn = np.radians(-seam_deg)
+            x, y = points[:, 0], points[:, 1]
+            turned = points.astype(np.float64)
+            turned[:, 0] = np.cos(turn) * x - np.sin(turn) * y
+            turned[:, 1] = mirror * (np.sin(turn) * x + np.cos(turn) * y)
+            yield turned
+
+
+def _ring_numbers_or_none(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Int64[np.ndarray, " num_points"] | None:
+    try:
+        return ring_numbers(points)
+    except ValueError:  # in another order
+        return None
+
+
+def _without_stubs(rings: Int64[np.ndarray, " num_points"]) -> Int64[np.ndarray, " num_points"]:
+    """The same numbers where the few points before a seam are none of their own."""
+    counts = np.bincount(rings)
+    numbers: Int64[np.ndarray, " num_rings"] = np.cumsum(counts > _STUB_POINTS) - 1
+    return np.asarray(numbers.clip(min=0)[rings], dtype=np.int64)
+
+
+def _step_down_deg(
+    points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
+) -> float:
+    """Elevation that is lost from the end of a ring to the begin of the next: the median."""
+    is_step = np.diff(rings) > 0
+    return float(np.median(-np.diff(elevations_deg(points))[is_step])) if is_step.any() else 0.0
 
 
 def in_kitti_order(
@@ -136,7 +206,8 @@ def in_kitti_order(
     elevation = elevations_deg(made_points)
     heights_deg = np.array([np.median(elevation[which == n]) for n in range(len(numbers))])
     # Near points of an HDL-64E may swap the medians of neighbours; numbers in order do not.
-    trend = float(np.corrcoef(numbers.astype(np.float64), heights_deg)[0, 1])
+    with np.errstate(invalid="ignore", divide="ignore"):  # not a number of heights all alike
+        trend = float(np.corrcoef(numbers.astype(np.float64), heights_deg)[0, 1])
     from_top = -trend * which if abs(trend) > _IN_ORDER else -heights_deg[which]
     order = np.lexsort((_from_ahead_deg(made_points), from_top))
     return np.concatenate((made_points[order], points[~made]))
@@ -153,9 +224,8 @@ def turned_in_order(
     """
     if comes_by_firing(points) or not len(points) or not is_whole_turn(points):
         return turned
-    try:
-        rings = ring_numbers(points)
-    except ValueError:  # in another order
+    rings = _ring_numbers_or_none(points)
+    if rings is None:
         return turned
     return turned[np.lexsort((_from_ahead_deg(turned), rings))]
 

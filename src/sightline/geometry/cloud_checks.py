@@ -27,6 +27,7 @@ _CLEARLY: Final = 0.8  # so much less unlike than rows of four have to be those 
 _FEWEST_TO_DOUBT: Final = 100  # points
 _DARK_SHARE: Final = 0.01  # of max_intensity: of 255, intensities up to 1 are such
 _FEWEST_RINGS: Final = 4
+_LARGEST_RING: Final = 1e6
 _RING_SHARE: Final = 0.95  # of the variance of elevations, that rings explain and no intensity does
 _POINTS_A_RING: Final = 20  # so that they do not explain it by chance
 _MOST_RINGS: Final = 128
@@ -192,7 +193,9 @@ def holds_rings(
     """
     made = is_echo(points)
     chosen = numbers[made].astype(np.float64)
-    if not len(chosen) or not np.isfinite(chosen).all() or (chosen != np.rint(chosen)).any():
+    if not len(chosen) or not (np.abs(chosen) <= _LARGEST_RING).all():
+        return False
+    if (chosen != np.rint(chosen)).any():
         return False
     rings, which = np.unique(chosen, return_inverse=True)
     if not _FEWEST_RINGS <= len(rings) <= min(_MOST_RINGS, len(chosen) / points_a_ring):
