@@ -67,6 +67,16 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     assert "by the road that it sees the LiDAR is 1.7" in str(summary)
 
 
+def test_points_without_an_echo_are_counted_in_the_summary(tmp_path):
+    write_recording(tmp_path)
+    cloud = POINTS.copy()
+    cloud[:30, 1], cloud[30:37, :3] = np.nan, 0
+    write_cloud_file(tmp_path / "points/b.pcd", cloud)
+    (summary,) = summarize_tree(tmp_path)
+    said = f"of {2 * len(POINTS)} points in 2 clouds looked at 37 are left out"
+    assert f"{said}, where no echo came back: 30 whose x, y, z are not finite, 7 at" in str(summary)
+
+
 @pytest.mark.filterwarnings("ignore:.*times as deep as the points")
 def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
     write_recording(tmp_path, ("a", "b"))

@@ -254,6 +254,16 @@ def test_sweeps_in_another_order_than_kittis_are_scored_as_those_in_it(num_laser
         assert pairs[0] == pairs[1]
 
 
+def test_a_whole_sweep_of_64_beams_far_apart_is_scored_as_its_beams_are_counted():
+    sample = turning_sample(64, step=0.024)  # 88 degrees in all, as an OS0-64 has
+    found = split_rings(sample)
+    check_rings(found)
+    assert found.sensor_beams == 64
+    cut = replace(sample, points=sample.points[sample.points[:, 0] > 5])
+    with pytest.raises(ValueError, match="too far for the 64 beams that a sweep cut to the image"):
+        check_rings(split_rings(cut))
+
+
 def test_whole_sweeps_and_those_cut_to_the_image_score_alike(kitti_root):
     samples = KittiObjectDataset(kitti_root, sample_list=["000000", "000006"], parts=("points",))
     for cut in (samples[0], samples[1]):

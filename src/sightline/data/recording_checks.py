@@ -25,6 +25,7 @@ from sightline.data.recording_calibration import (
     require_usable,
 )
 from sightline.data.view import is_in_view
+from sightline.geometry.cloud_checks import is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
     is_hardly_shown,
@@ -112,6 +113,7 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )
     described = [] if view is None else [str(view)]
+    described += _describe_losses(frames)
     if said is None:
         return tuple(described)
     pose = pose_of_recording(frames, said)
@@ -189,12 +191,35 @@ def has_points(frames: Sequence[ObjectFrame]) -> bool:
     return any(len(cloud) for cloud in _some_clouds(frames))
 
 
+def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+    """Points without an echo in some clouds, in a clause; none where there are none."""
+    read = [read_or_note(cloud_rows, frame.points, []) for frame in _some_frames(frames)]
+    clouds = [cloud for cloud in read if cloud is not None and len(cloud)]
+    if not clouds:
+        return ()
+    points = np.concatenate(clouds)
+    num_lost = int(np.count_nonzero(~is_echo(points)))
+    num_wild = int(np.count_nonzero(~np.isfinite(points[:, :3]).all(axis=1)))
+    if not num_lost:
+        return ()
+    return (
+        f"of {len(points)} points in {len(clouds)} clouds looked at {num_lost} are left out, where "
+        f"no echo came back: {num_wild} whose x, y, z are not finite, {num_lost - num_wild} at "
+        "0, 0, 0",
+    )
+
+
 def _some_clouds(
     frames: Sequence[ObjectFrame],
 ) -> list[Float32[np.ndarray, "_num_points 4"]]:
+    return [_cloud_or_empty(frame) for frame in _some_frames(frames)]
+
+
+def _some_frames(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
+    """Frames with a cloud and a calibration, spread over all."""
     seen = [frame for frame in frames if frame.points and frame.calibration]
     step = max(len(seen) // _TELL_HEIGHT, 1)
-    return [_cloud_or_empty(frame) for frame in seen[::step][:_TELL_HEIGHT]]
+    return seen[::step][:_TELL_HEIGHT]
 
 
 def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:

@@ -24,7 +24,13 @@ COLUMNS: Final = {
     8: "eight columns",
 }
 """Numbers of a point in files of raw floats, in words."""
-_OTHER_FORMATS = {b"# .PCD": "PCD", b"VERSION": "PCD", b"\x93NUMPY": "NPY", b"ply\n": "PLY"}
+_OTHER_FORMATS = {
+    b"# .PCD": "PCD",
+    b"VERSION": "PCD",
+    b"\x93NUMPY": "NPY",
+    b"ply\n": "PLY",
+    b"ply\r": "PLY",
+}
 
 
 def read_sweep(

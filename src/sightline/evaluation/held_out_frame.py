@@ -25,6 +25,7 @@ from sightline.data.rings import (
     NUM_RINGS,
     check_spacing,
     count_beams,
+    is_whole_turn,
     ring_numbers,
     rings_of_any_order,
     sensor_of,
@@ -69,8 +70,8 @@ class HeldOutFrame:
     first_held_out: int = FIRST_HELD_OUT
     sensor_beams: int = NUM_RINGS
     """How many the sensor has that took the sweep."""
-    is_ring_by_ring: bool = True
-    """True of a sweep in KITTI's order; rings of others are found by elevation."""
+    are_beams_assumed: bool = True
+    """True of a sweep cut to the image in KITTI's order: `sensor_beams` is not counted."""
 
     def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
         """The sample as a sensor of so many beams would have taken it.
@@ -127,7 +128,7 @@ def split_rings(
             "sample out"
         )
     try:
-        points, rings, sensor_beams, is_ring_by_ring = _rings_in_view(sample, sample.points)
+        points, rings, sensor_beams, are_beams_assumed = _rings_in_view(sample, sample.points)
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
     held_out = _is_held_out(rings, first_held_out)
@@ -154,32 +155,34 @@ def split_rings(
         truth_m=truth_m,
         first_held_out=first_held_out,
         sensor_beams=sensor_beams,
-        is_ring_by_ring=is_ring_by_ring,
+        are_beams_assumed=are_beams_assumed,
     )
 
 
 def _rings_in_view(
     sample: CameraLidarSample, sweep: Float32[Tensor, "num_points 4"]
 ) -> tuple[Float32[Tensor, "num_in_view 4"], Int64[Tensor, " num_in_view"], int, bool]:
-    """Points in view, ring by ring, their numbers, the sensor's beams; True if they came so."""
+    """Points in view, ring by ring, their numbers, beams of the sensor; True if assumed."""
     is_in_view = points_in_view(sample)
     numbers, is_ring_by_ring = rings_of_any_order(sweep.numpy())
     if not is_ring_by_ring:
         rings, order = torch.sort(torch.from_numpy(numbers)[is_in_view], stable=True)
         return sweep[is_in_view][order], rings, sensor_of(int(numbers.max()) + 1), False
     points, sensor_beams = sweep[is_in_view], count_beams(sweep.numpy())
-    if sensor_beams == NUM_RINGS:  # numbered after the cut: as sweeps that come cut
-        return points, torch.from_numpy(ring_numbers(points.numpy())), sensor_beams, True
-    return points, torch.from_numpy(numbers)[is_in_view], sensor_beams, True
+    if sensor_beams == NUM_RINGS and not is_whole_turn(points.numpy()):
+        # numbered after the cut: as sweeps that come cut
+        rings = torch.from_numpy(ring_numbers(points.numpy()))
+        return points, rings, sensor_beams, not is_whole_turn(sweep.numpy())
+    return points, torch.from_numpy(numbers)[is_in_view], sensor_beams, False
 
 
 def check_rings(frame: HeldOutFrame) -> None:
-    """Refuses a frame of KITTI's sensor whose points are not in its order.
+    """Refuses a frame cut to the image whose rings are not those of 64 beams, as is assumed.
 
     Raises:
-        ValueError: Its rings do not lie as that sensor's do.
+        ValueError: Its rings lie too far apart.
     """
-    if frame.sensor_beams != NUM_RINGS or not frame.is_ring_by_ring:
+    if not frame.are_beams_assumed:
         return
     points = frame.sample.points
     assert points is not None, "split_rings leaves points"
