@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from sightline.data.open import open_dataset
-from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.examples import (
     AugmentationConfig,
     DepthExamples,
     ExampleConfig,
     make_example,
 )
+from sightline.depth_completion.methods import starting_depth
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -61,7 +61,7 @@ def test_for_validation_nothing_is_perturbed_and_the_whole_crop_is_seen(sample):
     given = frame.with_beams(64)
     sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
     assert torch.equal(seen.sparse_depth_m[0, 0], sparse_m)
-    assert torch.equal(seen.filled_depth_m[0, 0], adaptive_depth(sparse_m.numpy()).depth_m)
+    assert torch.equal(seen.filled_depth_m[0, 0], starting_depth(sparse_m).depth_m)
     assert torch.equal(seen.depth_m[0, 0], frame.truth_m)
     assert torch.equal(seen.image[0], given.image.float() / 255)
 

@@ -11,7 +11,7 @@ from sightline.corruptions.occlusion import LidarOcclusion
 from sightline.data.augmentation import crop, jitter_color
 from sightline.data.faults import FalseEchoes, NoCamera, draw_turned_lidar
 from sightline.depth_completion.batch import DepthBatch
-from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.methods import starting_depth
 from sightline.evaluation.held_out_frame import (
     BEAMS,
     CROP_SIZE,
@@ -149,7 +149,7 @@ def make_example(
     if dense_m is not None:
         maps["dense_depth_m"] = _up_to(config.farthest_m, dense_m)[None]
     if config.filled:  # of the whole width: a crop has too few rings to measure their spacing
-        maps["filled_depth_m"] = complete_depth(sparse_m, "adaptive").depth_m[None]
+        maps["filled_depth_m"] = starting_depth(sparse_m).depth_m[None]
     top, left, height, width = _window(given.image_size, config, rng, training=training)
     cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
     if training and config.augmentation.mirror and rng.random() < 0.5:
