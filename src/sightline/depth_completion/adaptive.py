@@ -15,6 +15,7 @@ from sightline.depth_completion.adaptive_kernels import (
     gap_counts,
     hidden_pixels,
     inverse,
+    move_towards,
     right_neighbours,
     smooth_rows,
     trace_rings,
@@ -37,6 +38,7 @@ _KITTI_COLUMNS = 3  # column spacing of KITTI's sweeps in its images [px]
 # spacings per difference of inverse depths [m]. Wider than the parallax of KITTI's mount, some 20:
 # true depth bleeds at edges, too. Found on the frames of real truth.
 _ABOVE, _BELOW, _BESIDE = (0.6, 50.0), (0.8, 133.0), (4 / 3, 40 / 3)
+_NEAR_PX = 5  # square around a measurement in which morphological completion counts
 _MEDIAN_PX, _GAUSS_PX, _GAUSS_SIGMA_PX = 5, 5, 0.8
 
 
@@ -77,8 +79,10 @@ class AdaptiveConfig:
     trusted_rings: float = 4.0
     """Rings further apart than so many ring spacings leave a gap that is not valid."""
     classical_share: float = 0.5
-    """Weight of morphological completion (`classical_depth`) where the ring spacing is within the
-    reach of its kernels."""
+    """Weight of morphological completion (`classical_depth`) near measurements where both differ,
+    if the ring spacing is within the reach of its kernels."""
+    classical_difference: float = 0.03
+    """Smallest difference of both, as a share of the depth, at which their mean is taken."""
     classical_rows: float = 7.0
     """Largest ring spacing [px] at which morphological completion has a share."""
 
@@ -156,9 +160,7 @@ def adaptive_depth(
     depth_m, is_trusted = _between_rings(inverse_depth, pixels, spacing, config)
     depth_m = _softened(depth_m, config.softening)
     if config.classical_share and spacing.rows <= config.classical_rows:
-        filtered = classical_depth(sparse_depth_m).depth_m.numpy()
-        mean = (1 - config.classical_share) * depth_m + config.classical_share * filtered
-        depth_m = np.where(filtered > 0, mean, depth_m).astype(np.float32)
+        depth_m = _mixed_with_classical(depth_m, sparse_depth_m, config)
     depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions
     return DepthMap(depth_m=torch.from_numpy(depth_m), valid=torch.from_numpy(is_trusted))
 
@@ -180,9 +182,11 @@ def _between_rings(
         config.ground_slope * _KITTI_COLUMNS / spacing.columns,
         config.nearer_share if is_dense else -1.0,
     )
-    nearest = _nearest_true(filled[0] > 0)  # a column is filled from top to bottom or not at all
-    to_ring = np.where(filled > 0, distance, np.float32(np.inf))
-    filled, distance = filled.take(nearest, axis=1), distance.take(nearest, axis=1)
+    has_rings = filled[0] > 0  # a column is filled from top to bottom or not at all
+    to_ring = np.where(has_rings, distance, np.float32(np.inf))
+    if not has_rings.all():
+        nearest = _nearest_true(has_rings)
+        filled, distance = filled.take(nearest, axis=1), distance.take(nearest, axis=1)
     beyond_bends = float(spacing.rows + HOLE_COLUMNS * spacing.columns)
     depth_m = inverse(bridge_rows(filled, to_ring, is_trusted, beyond_bends))
     for _ in range(SMOOTHING_PASSES):
@@ -193,13 +197,31 @@ def _between_rings(
 def _softened(
     depth_m: Float32[np.ndarray, "height width"], tolerance: float
 ) -> Float32[np.ndarray, "height width"]:
-    """The map with what stands out of its surroundings replaced by their smoothed median."""
+    """The map with depths that differ from the smoothed median around them replaced by it."""
     if not np.isfinite(tolerance):
         return depth_m
     median = cv2.medianBlur(depth_m, _MEDIAN_PX)
     smooth = cv2.GaussianBlur(median, (_GAUSS_PX, _GAUSS_PX), _GAUSS_SIGMA_PX)
-    is_off = cv2.absdiff(smooth, depth_m) > np.float32(tolerance) * depth_m
-    return np.where(is_off, smooth, depth_m)
+    return move_towards(depth_m, smooth, smooth > 0, tolerance, 1.0)
+
+
+def _mixed_with_classical(
+    depth_m: Float32[np.ndarray, "height width"],
+    sparse_depth_m: Float32[np.ndarray, "height width"],
+    config: AdaptiveConfig,
+) -> Float32[np.ndarray, "height width"]:
+    """The mean with morphological completion near and above measurements, where both differ."""
+    filtered = classical_depth(sparse_depth_m).depth_m.numpy()
+    beside = cv2.dilate((sparse_depth_m > 0).view(np.uint8), np.ones((1, _NEAR_PX), np.uint8))
+    is_near = cv2.dilate(beside, np.ones((_NEAR_PX, 1), np.uint8)) > 0
+    is_above = beside.argmax(axis=0) > np.arange(len(beside))[:, None]
+    return move_towards(
+        depth_m,
+        filtered,
+        (is_near | is_above) & (filtered > 0),
+        config.classical_difference,
+        config.classical_share,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -339,3 +339,25 @@ def smooth_rows(
                 start, end = max(column - reach, 0), min(column + reach + 1, width)
                 smooth[row, column] = (total[end] - total[start]) / (end - start)
     return smooth
+
+
+@compiled
+def move_towards(
+    depth_m: Float32[ndarray, "height width"],
+    other_m: Float32[ndarray, "height width"],
+    chosen: Bool[ndarray, "height width"],
+    tolerance: float,
+    share: float,
+) -> Float32[ndarray, "height width"]:
+    """Moves chosen depths by a share of the way to others that differ by more than a tolerance.
+
+    The tolerance is a share of the depth.
+    """
+    moved = depth_m.copy()
+    for row in range(depth_m.shape[0]):
+        for column in range(depth_m.shape[1]):
+            depth = depth_m[row, column]
+            difference = other_m[row, column] - depth
+            if chosen[row, column] and abs(difference) > np.float32(tolerance) * depth:
+                moved[row, column] = depth + np.float32(share) * difference
+    return moved
