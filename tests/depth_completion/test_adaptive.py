@@ -16,6 +16,7 @@ from sightline.depth_completion.adaptive_kernels import (
     bridge_rows,
     fill_columns,
     hidden_pixels,
+    move_towards,
     right_neighbours,
     smooth_rows,
     trace_rings,
@@ -331,17 +332,42 @@ def test_a_value_that_stands_out_of_its_surroundings_takes_their_median():
     np.testing.assert_allclose(soft[31, 30], 20.0, rtol=0.01)
 
 
-def test_dense_rings_give_the_mean_with_morphological_completion_and_keep_measurements():
+def test_dense_rings_give_the_mean_with_morphology_where_both_differ_and_keep_measurements():
     truth = np.full((120, 120), 50.0, np.float32)
     truth[60:] = 20.0
     sparse = rings(truth, row_spacing=5)
+    sparse[:30] = 0
     alone, mean = (adaptive_depth(sparse, config).depth_m for config in (ALONE, MEAN))
     filtered = classical_depth(sparse).depth_m
-    between = torch.from_numpy((sparse == 0) & (filtered.numpy() > 0))
-    torch.testing.assert_close(mean[between], (alone + filtered)[between] / 2)
-    assert torch.equal(mean[sparse > 0], torch.from_numpy(sparse[sparse > 0]))
-    sparse = rings(truth, row_spacing=11)  # beyond the reach of the kernels
+    differs = (filtered - alone).abs() > MEAN.classical_difference * alone
+    is_mixed = torch.from_numpy(sparse == 0) & (filtered > 0) & differs
+    is_mixed &= torch.tensor(reference.near_or_above(sparse.tolist(), reach=2))
+    assert 100 < is_mixed.sum() < is_mixed.numel() / 2
+    torch.testing.assert_close(mean[is_mixed], (alone + filtered)[is_mixed] / 2)
+    assert torch.equal(mean[~is_mixed], alone[~is_mixed])
+
+
+def test_where_rings_are_beyond_the_reach_of_its_kernels_morphology_has_no_share():
+    truth = np.full((120, 120), 50.0, np.float32)
+    truth[60:] = 20.0
+    sparse = rings(truth, row_spacing=11)
     assert torch.equal(adaptive_depth(sparse, ALONE).depth_m, adaptive_depth(sparse, MEAN).depth_m)
+
+
+@given(random_maps(most_rows=8), st.integers(0, 2**31), st.sampled_from([0.0, 0.03, 0.5]))
+def test_depths_move_towards_others_that_differ_by_more_than_a_tolerance(depth, seed, tolerance):
+    rng = np.random.default_rng(seed)
+    other = rng.uniform(0, 60, depth.shape).astype(np.float32)
+    chosen = rng.random(depth.shape) < 0.5
+    moved = move_towards(depth, other, chosen, tolerance, 0.25)
+    expected = [
+        [
+            a + 0.25 * (b - a) if is_chosen and abs(b - a) > tolerance * a else a
+            for a, b, is_chosen in zip(*row, strict=True)
+        ]
+        for row in zip(depth.tolist(), other.tolist(), chosen.tolist(), strict=True)
+    ]
+    np.testing.assert_allclose(moved, np.array(expected, np.float32), rtol=1e-5)
 
 
 @pytest.mark.parametrize("row_spacing", [5, 11])

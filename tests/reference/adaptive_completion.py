@@ -124,3 +124,17 @@ def smooth_row(values, distances, share):
         window = values[max(x - reach, 0) : x + reach + 1]
         smooth.append(sum(window) / len(window))
     return smooth
+
+
+def near_or_above(image, reach):
+    """Whether a pixel has a measurement in the square around it, or none above or beside it.
+
+    Beside and above count within the columns of that square.
+    """
+    measured = [(y, x) for y, row in enumerate(image) for x, value in enumerate(row) if value > 0]
+
+    def is_chosen(y, x):
+        columns = [v for v, u in measured if abs(u - x) <= reach]
+        return any(abs(v - y) <= reach for v in columns) or (bool(columns) and y < min(columns))
+
+    return [[is_chosen(y, x) for x in range(len(image[0]))] for y in range(len(image))]
