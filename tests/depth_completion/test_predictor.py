@@ -116,6 +116,17 @@ def test_small_corrections_are_left_out_as_the_settings_say(flip_test, above, be
     assert (careful_m != plain_m).any()
 
 
+def test_measurements_that_the_completion_keeps_are_put_back_as_the_settings_say(tmp_path):
+    sparse, image = random_frame(40, 60)
+    settings = {**FILLED, "filling": "second", "keep_measured": True}
+    weights = write_tiny_weights(tmp_path / "w.safetensors", **settings)
+    depth_m = DepthPredictor.load(weights).complete(sparse, image).depth_m
+    is_kept = (sparse > 0) & (starting_depth(sparse, "second").depth_m == sparse)
+    assert is_kept.any()
+    assert torch.equal(depth_m[is_kept], sparse[is_kept])
+    assert (depth_m != starting_depth(sparse, "second").depth_m)[~is_kept].any()
+
+
 def test_a_flip_test_is_made_where_the_settings_say_so(tmp_path):
     sparse, image = random_frame(16, 20)
     weights = write_tiny_weights(tmp_path / "w.safetensors", flip_test=True, **FILLED)
