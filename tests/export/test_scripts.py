@@ -15,7 +15,7 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.open import open_dataset
 from sightline.data.scene_changes import resize
 from sightline.data.weights import write_weights
-from sightline.depth_completion.adaptive import adaptive_depth
+from sightline.depth_completion.adaptive import FIRST_EDITION, adaptive_depth
 from sightline.depth_completion.config import ByDirection, PlaneSmoothing
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.processing import processing as depth_processing
@@ -179,7 +179,7 @@ def test_the_scripts_completion_between_rings_is_sightlines(keep_every):
     sparse = sparse_depth_map(points, sample.calibration, sample.image_size).numpy()
     rule = json.loads(json.dumps(depth_processing(random_network(FILLED))))["filling"]
     depth_m, is_trusted = fill(sparse, rule)
-    expected = adaptive_depth(sparse)
+    expected = adaptive_depth(sparse, FIRST_EDITION)
     np.testing.assert_allclose(depth_m, expected.depth_m.numpy(), atol=1e-3, rtol=0)
     assert (is_trusted == expected.valid.numpy()).all()
 

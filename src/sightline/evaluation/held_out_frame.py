@@ -30,7 +30,9 @@ from sightline.data.rings import (
     rings_of_any_order,
     sensor_of,
 )
+from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
+from sightline.ops.parallax import Parallax, hidden_by_parallax
 from sightline.structures.sample import CameraLidarSample
 
 BEAMS = (64, 32, 16, 8)
@@ -42,11 +44,6 @@ _LARGEST_CROPPED = (376, 1242)  # KITTI's largest images: of others the crop wou
 HELD_OUT_EVERY = 8
 FIRST_HELD_OUT = 4
 """The tables' own; training may hold out others."""
-# A return farther than this behind the nearest point around it is hidden from the camera, which
-# sits elsewhere than the LiDAR: it is no truth for the pixel that it falls on.
-_VISIBILITY_WINDOW = (15, 7)  # rows, columns
-_VISIBILITY_FACTOR = 1.15
-_VISIBILITY_MARGIN_M = 0.5
 
 TruthChoice = Literal["rings", "depth", "depth_in_reach"]
 """What a method is scored on. `rings`: the returns of the held-out rings. `depth`: the sample's own
@@ -135,7 +132,7 @@ def split_rings(
     everything = sparse_depth_map(points, sample.calibration, sample.image_size)
     if truth == "rings":
         returns = sparse_depth_map(points[held_out], sample.calibration, sample.image_size)
-        truth_m = torch.where(_is_visible(returns, everything), returns, 0.0)
+        truth_m = _without_hidden(returns, everything, sample.calibration)
     else:
         is_partial = truth == "depth_in_reach"
         truth_m = dense_truth_in_reach(sample) if is_partial else _dense_truth(sample)
@@ -196,13 +193,20 @@ def _is_held_out(rings: Int64[Tensor, " count"], first: int) -> Bool[Tensor, " c
     return rings % HELD_OUT_EVERY == first
 
 
-def _is_visible(
-    depth_m: Float32[Tensor, "height width"], everything_m: Float32[Tensor, "height width"]
-) -> Bool[Tensor, "height width"]:
-    """Which depths have no nearer point of the sweep around them that would hide them."""
-    occupied = np.where(everything_m.numpy() > 0, everything_m.numpy(), np.inf)
-    nearest = torch.from_numpy(cv2.erode(occupied, np.ones(_VISIBILITY_WINDOW, np.uint8)))
-    return depth_m <= _VISIBILITY_FACTOR * nearest + _VISIBILITY_MARGIN_M
+def _without_hidden(
+    returns_m: Float32[Tensor, "height width"],
+    everything_m: Float32[Tensor, "height width"],
+    calibration: Calibration,
+) -> Float32[Tensor, "height width"]:
+    """The returns that the camera sees: the others are no truth for the pixels they fall on."""
+    depths_m = returns_m.numpy()
+    pixels = np.argwhere(depths_m > 0)
+    of_pixels = depths_m[*pixels.T]
+    parallax = Parallax.of(calibration)
+    is_hidden = hidden_by_parallax(everything_m.numpy(), pixels, of_pixels, parallax)
+    seen_m = returns_m.clone()
+    seen_m[*pixels[is_hidden].T] = 0
+    return seen_m
 
 
 def _dense_truth(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
