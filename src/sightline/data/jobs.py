@@ -10,6 +10,7 @@ from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.data.atomic import atomic_create_text
 from sightline.data.object_tree import OBJECT_SPLITS
+from sightline.data.output_links import check_links
 from sightline.data.parallel import run_pieces
 from sightline.data.plain_file import read_bytes
 from sightline.data.plain_text import shortened
@@ -126,7 +127,7 @@ def claim_folder(
 
     Raises:
         ValueError: Other settings stand there, or results that nobody knows the maker of; or the
-            folder cannot be written to.
+            folder cannot be written to, or holds links that lead out of it (`check_links`).
     """
     if _is_claimed(folder, settings, results=results, manifest_name=manifest_name):
         return
@@ -165,6 +166,7 @@ def _is_claimed(
     """Whether the same settings stand there; others, and results of nobody knows whom, raise."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is no folder; name another output folder")
+    check_links(folder)
     path = folder / manifest_name
     # In this order: a job has written its manifest before its first result.
     has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
