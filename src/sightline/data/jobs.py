@@ -23,6 +23,8 @@ MANIFEST_NAME: Final = "sightline.json"
 RESULT_SUFFIXES: Final = (".txt", ".png")
 """Endings of result files."""
 
+_WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
+# of what commands write into folders: a file of weights, for one, is never replaced
 _MAX_MANIFEST_BYTES = 2**22
 _LONGEST_VALUE = 60  # characters of a setting that an error shows
 
@@ -204,7 +206,8 @@ def check_outputs(
             must not take the place of one.
 
     Raises:
-        ValueError: An output is in the data, is one of the results or is named twice.
+        ValueError: An output is in the data, is one of the results, is named twice, or is a folder
+            in which a file lies that is read and that reports or results might replace.
     """
     taken: dict[Path, str] = {}
     places = {option: path for option, path in outputs.items() if path is not None}
@@ -215,6 +218,7 @@ def check_outputs(
     for each in data:
         if each is not None:
             check_apart(each, places.values())
+            _check_not_within(each, places)
     for folder in filter(None, results):
         for option, path in places.items():
             place = path.resolve()
@@ -225,6 +229,17 @@ def check_outputs(
                     f"{option} {path} is among the results that are to be read, which it would "
                     "replace; name another place"
                 )
+
+
+def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:
+    if file.suffix.lower() not in _WRITTEN_SUFFIXES or file.is_dir():
+        return
+    for option, place in places.items():
+        if not place.is_file() and file.resolve().is_relative_to(place.resolve()):
+            raise ValueError(
+                f"{file}, which is only read, lies in {option} {place}, whose files are written; "
+                "name a copy of it elsewhere, or another place"
+            )
 
 
 def check_apart(data: Path, outputs: Iterable[Path]) -> None:
