@@ -88,7 +88,7 @@ def test_a_folder_that_is_a_link_is_followed(tmp_path):
     assert (tmp_path / "store" / "a.txt").read_text() == "content"
 
 
-def test_links_of_the_system_to_streams_stay(tmp_path):
+def test_links_of_the_system_to_streams_stay():
     for path in ("/dev/stdout", "/proc/self/fd/0"):
         with pytest.raises(ValueError, match="is no regular file; choose another name"):
             atomic_write_text(path, "content")

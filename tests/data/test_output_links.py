@@ -20,7 +20,7 @@ def elsewhere(tmp_path):
 
 
 @pytest.fixture
-def out(tmp_path, elsewhere):
+def out(tmp_path):
     (tmp_path / "out").mkdir()
     return tmp_path / "out"
 

@@ -173,7 +173,7 @@ def _cells_from_plain(plain: Mapping[str, Any]) -> GateCells:
     return GateCells(total=_number(plain["total"], _MOST_CELLS), counts=counts)
 
 
-def _number(value: object, most: float) -> float:
+def _number(value: object, most: int) -> float:
     if not isinstance(value, int | float) or not 0 <= value <= most:
         raise ValueError(f"no {value} can be a mean or a sum of gates")
     return float(value)
