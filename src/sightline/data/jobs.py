@@ -26,6 +26,7 @@ RESULT_SUFFIXES: Final = (".txt", ".png")
 _WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
 # of what commands write into folders: a file of weights, for one, is never replaced
 _MAX_MANIFEST_BYTES = 2**22
+_MOST_DIFFERENCES = 12  # settings that an error names
 _LONGEST_VALUE = 60  # characters of a setting that an error shows
 
 Item = TypeVar("Item")
@@ -325,8 +326,12 @@ def _difference(there: str, settings: Mapping[str, object]) -> str:
         before = json.loads(there)
     if not isinstance(before, dict):
         return "a damaged manifest"
-    described = _differences(before, json.loads(json.dumps(dict(settings))))
-    return f"files made with {', '.join(described) or 'the same settings, written otherwise'}"
+    described = list(_differences(before, json.loads(json.dumps(dict(settings)))))
+    if not described:
+        return "files made with the same settings, written otherwise"
+    more = len(described) - _MOST_DIFFERENCES
+    beyond = [f"{more} more that differ"] if more > 0 else []
+    return f"files made with {', '.join(described[:_MOST_DIFFERENCES] + beyond)}"
 
 
 def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Iterator[str]:
@@ -336,7 +341,7 @@ def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Ite
         if isinstance(held, dict) and isinstance(asked, dict):
             yield from (f"{name} {inner}" for inner in _differences(held, asked))
         elif held != asked:
-            yield f"{name} {_shown(held)} instead of {_shown(asked)}"
+            yield f"{shortened(name)} {_shown(held)} instead of {_shown(asked)}"
 
 
 def _shown(value: object) -> str:
