@@ -107,8 +107,7 @@ def submission(results: Path, out: Path, *, sample_list: str | None = None) -> N
     """
     from sightline.data.submission import write_submission
 
-    check_places({"OUT": out}, results=[results])
-
+    check_places({"OUT": out}, data=[named_file(sample_list)], results=[results])
     say(f"{out}: {write_submission(results, out, sample_list=sample_list)} frames")
 
 

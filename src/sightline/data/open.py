@@ -9,6 +9,7 @@ from torch.utils.data import Dataset
 
 from sightline.data.calibration_checks import check_matrices
 from sightline.data.depth_tree import (
+    DepthFrame,
     DriveSplit,
     SelectedSplit,
     list_drive_frames,
@@ -207,6 +208,18 @@ def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
         examine = partial(examine_drive_frame, matrices=whole.matrices)
         shared = check_matrices(whole.matrices, whole.image_size, whole.calibration_folder)
         judge_frames(path, moments, examine, parts, shared=shared)
+
+
+def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
+    """Whether a data set of `open_dataset` has a file of a part of a sample; none is read."""
+    if isinstance(dataset, NamedSubset):
+        return has_file(dataset.dataset, dataset.positions[index], part)
+    assert isinstance(
+        dataset, KittiObjectDataset | RecordingDataset | KittiDepthDataset | KittiRawDrive
+    ), "open_dataset gives no other"
+    frame = dataset.frames[index]
+    in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
+    return getattr(frame, in_frame, None) is not None
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:

@@ -1,7 +1,7 @@
 """Counts of what an evaluation of objects cannot score, so that nothing is left out unsaid."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -90,6 +90,20 @@ class ObjectTally:
                 "probably degrees: they were taken for radians, as KITTI's files have them."
             )
         return tuple(remarks)
+
+
+def tallied(
+    frames: Iterable[tuple[KittiObjects, KittiObjects]], tally: ObjectTally
+) -> Iterator[tuple[KittiObjects, KittiObjects]]:
+    """Results and labels of each frame as they come, counted on the way."""
+    for results, labels in frames:
+        tally.add(results, labels)
+        yield results, labels
+
+
+def unread_files(results_dir: Path, labels_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on files that are not read where all frames with labels are scored."""
+    return unread_labels(labels_dir) + unread_results(results_dir, names)
 
 
 def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
