@@ -323,13 +323,21 @@ def test_images_and_clouds_of_different_names_are_told_once(tmp_path):
     assert problem.remedy == "give the files of a frame one name"
 
 
-def test_an_image_or_a_cloud_that_another_of_its_name_hides_is_told_by_check(tmp_path):
+def test_a_file_that_another_of_its_name_hides_is_told_by_check_and_on_opening(tmp_path, recwarn):
     write_recording(tmp_path, ("1", "2"))
     (tmp_path / "images" / "1.jpeg").write_bytes(b"")
+    (tmp_path / "images" / "2.JPG").write_bytes(b"")
     (tmp_path / "points" / "2.bin").write_bytes(b"")  # an empty sweep, taken before 2.pcd
+    (tmp_path / "calibration.json").write_text("{}")
     problems = list(check_tree(tmp_path))
-    assert [problem.path.name for problem in problems] == ["1.jpeg", "2.pcd"]
-    assert problems[1].problem == "is not read, as 2.bin has its name, too"
+    hidden = ["1.jpeg", "2.JPG", "2.pcd", "calibration.json"]
+    assert [problem.path.name for problem in problems] == hidden
+    assert problems[2].problem == "is not read, as 2.bin has its name, too"
+    open_dataset(tmp_path)
+    said = "\n".join(str(warning.message) for warning in recwarn)
+    assert f"{problems[0]} (2 like it)" in said
+    assert str(problems[2]) in said
+    assert str(problems[3]) in said
 
 
 def test_frames_of_one_sensor_each_are_no_misnamed_ones_where_others_have_both(tmp_path, recwarn):

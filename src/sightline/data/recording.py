@@ -36,7 +36,8 @@ from sightline.data.recording_checks import (
     size_misfit,
     view_of_recording,
 )
-from sightline.data.recording_tree import list_recording, read_times, unpaired
+from sightline.data.recording_times import read_times, times_doubts
+from sightline.data.recording_tree import list_recording, unpaired
 from sightline.data.sample_list import read_sample_list
 from sightline.data.undistortion import undistort
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
@@ -102,8 +103,13 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         pictures = (frame.image or frame.depth for frame in files.frames)
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._reference_images = reference_images(files.frames)
-        self._times = None if files.times is None else read_times(files.times)
-        self._start_s = min((self._times or {}).values(), default=Decimal(0))
+        self._times: dict[str, Decimal] | None = None
+        if files.times is not None:
+            self._times = read_times(files.times)
+            for doubt in times_doubts(files.times, self._times, tuple(known)):
+                warnings.warn(str(doubt), stacklevel=3)
+        starts = (self._times[name] for name in known if name in (self._times or {}))
+        self._start_s = min(starts, default=Decimal(0))
         self._last_rig: tuple[Path, _Rig] | None = None
         view = view_of_recording(first_whole(self.frames))
         if view is not None and view.doubt is not None:

@@ -40,6 +40,7 @@ from sightline.data.recording_checks import (
     examine_recording_frame,
     reference_images,
 )
+from sightline.data.recording_times import check_times
 from sightline.data.recording_tree import (
     CALIBRATIONS,
     DEPTH,
@@ -47,16 +48,15 @@ from sightline.data.recording_tree import (
     LABELS,
     POINTS,
     RecordingFiles,
-    ambiguous,
     is_recording,
     list_recording,
-    read_times,
     unpaired,
 )
 from sightline.data.unread_files import (
     PartFolder,
     depth_folders,
     drive_folders,
+    find_twins,
     find_unread,
     object_folders,
     recording_folders,
@@ -257,20 +257,23 @@ def _recording_tree(folder: Path) -> Tree | None:
     misnamed = unpaired(folder, frames)
     if misnamed is not None:  # instead of all files that are missing
         tree = replace(tree, gaps=(misnamed,))
-    tree = replace(tree, gaps=(*tree.gaps, *ambiguous(folder)))
     note = "; ".join(describe_recording(frames))
     tree = replace(tree, summary=replace(tree.summary, note=note))
     return _with_unread(tree, recording_folders(folder))
 
 
 def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | None:
-    """The tree with a problem of each folder with files that nobody reads, instead of its gaps."""
+    """The tree with a problem of each folder with files that nobody reads, instead of its gaps.
+
+    Files in whose place another one is read come after them.
+    """
     if tree is None:
         return None
     unread = find_unread(folders)
     hollow = [each.problem.path for each in unread if each.is_all]
     gaps = [gap for gap in tree.gaps if not {gap.path, gap.path.parent} & set(hollow)]
-    return replace(tree, gaps=(*(each.problem for each in unread), *gaps))
+    twins = [twin for place in folders for twin in find_twins(place)]
+    return replace(tree, gaps=(*(each.problem for each in unread), *gaps, *twins))
 
 
 def _recording_checks(files: RecordingFiles) -> list[Check]:
@@ -283,7 +286,9 @@ def _recording_checks(files: RecordingFiles) -> list[Check]:
         for path, image in references.items()
     ]
     if files.times is not None:
-        checks.append(Check(subject=files.times.name, run=partial(_check_times, files.times)))
+        names = [frame.sample_id for frame in files.frames]
+        run_times = partial(check_times, files.times, names)
+        checks.append(Check(subject=files.times.name, run=run_times))
     for frame in files.frames:
         reference = None if frame.calibration is None else references.get(frame.calibration)
         run = partial(examine_recording_frame, frame, reference=reference)
@@ -311,12 +316,6 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         return check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
     except FileError as error:
         return [error.problem]
-
-
-def _check_times(path: Path) -> list[Problem]:
-    problems: list[Problem] = []
-    read_or_note(read_times, path, problems)
-    return problems
 
 
 def _tree(

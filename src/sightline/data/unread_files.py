@@ -57,6 +57,8 @@ class PartFolder:
     folder: Path
     suffixes: tuple[str, ...]
     """Endings that are read, in lower case."""
+    only: str = ""
+    """Name without ending of the one file of the part; empty: all files of the folder are its."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,9 +88,15 @@ def recording_folders(folder: Path) -> list[PartFolder]:
         ("depth", DEPTH, PART_SUFFIXES["depth"]),
         ("calibration", CALIBRATIONS, CALIBRATION_SUFFIXES),
     )
+    shared = PartFolder(
+        part="calibration", folder=folder, suffixes=CALIBRATION_SUFFIXES, only=CALIBRATIONS
+    )
     return [
-        PartFolder(part=part, folder=folder / name, suffixes=suffixes)
-        for part, name, suffixes in places
+        *(
+            PartFolder(part=part, folder=folder / name, suffixes=suffixes)
+            for part, name, suffixes in places
+        ),
+        shared,
     ]
 
 
@@ -131,8 +139,29 @@ def find_unread(folders: Sequence[PartFolder]) -> list[Unread]:
     Not counted are hidden files, notes (such as timestamps.txt) beside other files, and a file
     whose name another one has that is read.
     """
-    found = [_unread_of(each) for each in folders]
+    found = [_unread_of(each) for each in folders if not each.only]
     return [each for each in found if each is not None]
+
+
+def find_twins(place: PartFolder) -> list[Problem]:
+    """Find the files of a folder in whose place another one of the same name is read."""
+    read = list_files(place.folder, place.suffixes)
+    hidden = [
+        path
+        for path in (place.folder.iterdir() if place.folder.is_dir() else ())
+        if read.get(path.stem, path) != path
+        and path.suffix.lower() in place.suffixes
+        and not path.name.startswith(".")
+        and place.only in ("", path.stem)
+    ]
+    return [
+        Problem(
+            path=path,
+            problem=f"is not read, as {read[path.stem].name} has its name, too",
+            remedy="keep one of them, or give the other a name of its own",
+        )
+        for path in sorted(hidden)
+    ]
 
 
 def _misnamed(place: PartFolder) -> Unread | None:
