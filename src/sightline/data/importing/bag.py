@@ -204,6 +204,11 @@ def kind_of(msgtype: object) -> str:
     return _KINDS.get((words[0].lower(), words[-1].lower()), msgtype) if words else ""
 
 
+def plain_frame(name: object) -> str:
+    """A coordinate frame's name without the slash that ROS 1 put before it."""
+    return str(name).strip().lstrip("/")
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Opens a bag: a folder with metadata.yaml, one .mcap, .db3 or .bag file, or a folder of such.

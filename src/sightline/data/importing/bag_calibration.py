@@ -1,6 +1,8 @@
 """A recording's calibration from the CameraInfo and TF messages of a bag."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final, cast, get_args
 
@@ -8,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from sightline.data.importing.bag import TRANSFORMS, Bag
+from sightline.data.importing.bag import TRANSFORMS, Bag, plain_frame
 from sightline.data.importing.bag_messages import picture_size
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.camera_region import region_of_image
@@ -27,6 +29,7 @@ from sightline.geometry.tilt import Tilt
 _FILE: Final = "give a calibration file by --calibration (docs/recordings.md has an example)"
 _MOVED_M: Final = 1e-3
 _TURNED_DEG: Final = 0.05
+_COMPARED: Final = 20  # transforms that are left out to see whether others say the same
 _LEVEL_FRAMES: Final = ("base_footprint", "base_link")
 _LEAST_TILT_DEG: Final = 1.0  # less is what calibrations are off by
 _MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
@@ -55,12 +58,19 @@ def calibration_of_bag(
     """
     if topics.info is None:
         raise ValueError(f"{bag.path} has no CameraInfo of {topics.camera.name}; {_FILE}")
-    camera_frames, image_size = _camera_of(bag, topics)
+    camera_frame = _first_frame(bag, topics.camera.name)
+    image_size = _image_size(bag, topics)
     info, info_notes = _usable_info(bag, topics)
     image_from_camera, rectified_from_camera = _projection(info, topics)
     region = region_of_image(info, image_from_camera, image_size)
     lens = None if topics.is_rectified else _lens(info, topics, undistort=undistort)
-    frames = (*camera_frames, _plain_frame(info.header.frame_id))
+    info_frame = plain_frame(info.header.frame_id)
+    frames = tuple(dict.fromkeys(frame for frame in (camera_frame, info_frame) if frame))
+    if len(frames) > 1:
+        info_notes += (
+            f"warning: images are in frame {shortened(camera_frame)}, {_info_name(topics)} in "
+            f"{shortened(info_frame)}: it is perhaps of another camera",
+        )
     camera_from_lidar, tilt, tf_notes = _lidar_mount(bag, topics, frames)
     try:
         calibration = RecordingCalibration(
@@ -75,16 +85,12 @@ def calibration_of_bag(
     return calibration, (*info_notes, *region.notes, *tf_notes)
 
 
-def _camera_of(bag: Bag, topics: ChosenTopics) -> tuple[tuple[str, ...], tuple[int, int] | None]:
-    """The frame and the size (height, width) of the images, by the first that can be read."""
+def _image_size(bag: Bag, topics: ChosenTopics) -> tuple[int, int] | None:
+    """The height and width of the images, by the first that can be read; None of none."""
     for message in bag.messages([topics.camera.name]):
-        frame = _plain_frame(message.content.header.frame_id)
-        try:
-            size = picture_size(message.content)
-        except ValueError:
-            continue  # told where images are written
-        return ((frame,) if frame else ()), size
-    return (), None
+        with suppress(ValueError):  # told where images are written
+            return picture_size(message.content)
+    return None
 
 
 def _usable_info(bag: Bag, topics: ChosenTopics) -> tuple[Any, tuple[str, ...]]:
@@ -126,7 +132,8 @@ def _said_by(info: Any) -> tuple[object, ...]:  # noqa: ANN401
     roi = info.roi
     numbers = (tuple(_field(info, name).tolist()) for name in ("d", "k", "r", "p"))
     region = (roi.x_offset, roi.y_offset, roi.height, roi.width)
-    return (info.height, info.width, info.binning_x, info.binning_y, *region, *numbers)
+    frame = plain_frame(info.header.frame_id)
+    return (frame, info.height, info.width, info.binning_x, info.binning_y, *region, *numbers)
 
 
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
@@ -171,7 +178,7 @@ def _lidar_mount(
     """
     lidar = _first_frame(bag, topics.lidar.name)
     transforms = _transforms(bag)
-    for camera in dict.fromkeys(camera_frames):
+    for camera in camera_frames:
         found = find_transform(transforms.first, camera, lidar)
         if found is not None:
             last = find_transform(transforms.last, camera, lidar)
@@ -221,7 +228,7 @@ def _transforms(bag: Bag) -> _Transforms:
     for name in sorted(names, key=lambda name: "static" not in name):
         for message in bag.messages([name]):
             for each in message.content.transforms:
-                pair = (_plain_frame(each.header.frame_id), _plain_frame(each.child_frame_id))
+                pair = (plain_frame(each.header.frame_id), plain_frame(each.child_frame_id))
                 turn, move = each.transform.rotation, each.transform.translation
                 try:
                     rigid = rigid_from_quaternion(
@@ -240,23 +247,51 @@ def _transforms(bag: Bag) -> _Transforms:
 def _notes_of_transforms(
     first: Rigid, last: Rigid | None, transforms: _Transforms, frames: tuple[str, str]
 ) -> tuple[str, ...]:
-    """Return notes on transforms that are not usable and on sensors that move."""
+    """Return notes on transforms that are not usable, sensors that move and ways that differ."""
     notes = []
     if transforms.faults:
         notes.append(
             f"left out {len(transforms.faults)} transforms that are none, the first of them "
             f"{transforms.faults[0].removesuffix('; calibrate again')}"
         )
-    change = np.eye(4) if last is None else np.linalg.inv(first) @ last
+    lidar, camera = frames
+    change = _change(first, last)
+    if change is not None:
+        notes.append(
+            f"warning: by TF {shortened(lidar)} moves against {shortened(camera)} during the "
+            f"drive, by {change} from first to last: the first is taken"
+        )
+    for pair in _doubtful_pairs(transforms.first):
+        others = {each: rigid for each, rigid in transforms.first.items() if each != pair}
+        change = _change(first, find_transform(others, camera, lidar))
+        if change is not None:
+            notes.append(
+                f"warning: TF has several ways from {shortened(lidar)} to {shortened(camera)}: "
+                f"without the transform of {shortened(pair[1])} in {shortened(pair[0])} they "
+                f"differ by {change}; the shortest way is taken"
+            )
+            break
+    return tuple(notes)
+
+
+def _change(first: Rigid, other: Rigid | None) -> str | None:
+    """By how much two transforms differ; None where not at all, or where there is no other."""
+    change = np.eye(4) if other is None else np.linalg.inv(first) @ other
     moved_m = float(np.linalg.norm(change[:3, 3]))
     turned_deg = float(np.degrees(Rotation.from_matrix(change[:3, :3]).magnitude()))
-    if moved_m > _MOVED_M or turned_deg > _TURNED_DEG:
-        notes.append(
-            f"warning: by TF {shortened(frames[0])} moves against {shortened(frames[1])} during "
-            f"the drive, by {moved_m:.3g} m and {turned_deg:.3g} degrees from first to last: the "
-            "first is taken"
-        )
-    return tuple(notes)
+    if moved_m <= _MOVED_M and turned_deg <= _TURNED_DEG:
+        return None
+    return f"{moved_m:.3g} m and {turned_deg:.3g} degrees"
+
+
+def _doubtful_pairs(transforms: Mapping[tuple[str, str], Rigid]) -> list[tuple[str, str]]:
+    """Some transforms that no tree has: of frames with several parents, or turned about as well."""
+    parents = Counter(child for _, child in transforms)
+    return [
+        (parent, child)
+        for parent, child in transforms
+        if parent != child and (parents[child] > 1 or (child, parent) in transforms)
+    ][:_COMPARED]
 
 
 def _first_frame(bag: Bag, topic: str) -> str:
@@ -267,16 +302,11 @@ def _first_frame(bag: Bag, topic: str) -> str:
     """
     message = None
     for message in bag.messages([topic]):
-        if frame := _plain_frame(message.content.header.frame_id):
+        if frame := plain_frame(message.content.header.frame_id):
             return frame
     if message is None:
         raise bag.nothing_readable(topic)
     return ""
-
-
-def _plain_frame(name: object) -> str:
-    """A frame's name without the slash that ROS 1 put before it."""
-    return str(name).strip().lstrip("/")
 
 
 def _field(info: Any, name: str) -> Float64[np.ndarray, " count"]:  # noqa: ANN401

@@ -1,11 +1,13 @@
 """What ROS messages hold, as files of a recording."""
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from sightline.data.frame_checks import shows_nothing
 from sightline.data.image_file import decode_pixels
 from sightline.data.image_header import parse_image_header
 from sightline.data.point_files import columns_of
@@ -75,8 +77,20 @@ def picture_size(message: Any) -> tuple[int, int]:  # noqa: ANN401
     return int(message.height), int(message.width)
 
 
-def picture_file_of(message: Any, topic: str) -> tuple[str, bytes, tuple[int, int]]:  # noqa: ANN401
-    """The file in a CompressedImage message: its suffix, its bytes as they are, height and width.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PictureFile:
+    """A picture as a file."""
+
+    suffix: str
+    content: bytes
+    size: tuple[int, int]
+    """Height, width [px]."""
+    shows_nothing: bool
+    """True of a picture of one colour."""
+
+
+def picture_file_of(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
+    """The file in a CompressedImage message, its bytes as they are.
 
     Raises:
         ValueError: It is no whole JPEG or PNG of 8 bits; names the topic.
@@ -85,7 +99,8 @@ def picture_file_of(message: Any, topic: str) -> tuple[str, bytes, tuple[int, in
     source = f"topic {topic} ({message.format})"
     try:
         header = parse_image_header(content, source)
-        decode_pixels(content, header, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, source)
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        pixels = decode_pixels(content, header, flags, source)
     except FileError as error:
         raise FileError(
             source, error.problem.problem, "choose another by --camera-topic, or republish as Image"
@@ -95,7 +110,12 @@ def picture_file_of(message: Any, topic: str) -> tuple[str, bytes, tuple[int, in
             f"topic {topic} holds pictures of {header.bits_per_channel} bits, expected 8: they are "
             "perhaps depth; choose another by --camera-topic"
         )
-    return (".jpg" if header.file_format == "jpeg" else ".png"), content, header.size
+    return PictureFile(
+        suffix=".jpg" if header.file_format == "jpeg" else ".png",
+        content=content,
+        size=header.size,
+        shows_nothing=shows_nothing(pixels),
+    )
 
 
 def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  # noqa: ANN401
