@@ -172,6 +172,8 @@ def checked_matrices(
     for name, matrix in (("camera_matrix", camera), ("camera_from_lidar", rigid)):
         if not (np.abs(matrix) < _LIMIT).all():  # NaN compares false
             raise ValueError(f"{name} holds NaN, infinite or absurdly large values")
+    if not camera.any():
+        raise ValueError("camera_matrix holds zeros alone: the camera was not calibrated")
     if np.abs(camera[2, :3] - (0, 0, 1)).max() > 1e-9:
         hint = ": it is probably transposed" if not camera[:2, 2].any() else ""
         raise ValueError(

@@ -122,25 +122,6 @@ def test_messages_of_another_frame_are_dropped_and_told(tmp_path, renamed, topic
     assert "warning: kept 2 of 4 messages" in str(report)
 
 
-def test_several_ways_through_tf_that_differ_are_told(tmp_path):
-    moved = CAMERA_FROM_LIDAR.copy()
-    moved[0, 3] += 0.5
-    with OddBag(tmp_path / "drive") as bag:
-        bag.transforms(
-            "/tf_static",
-            10**9,
-            camera_optical__lidar=CAMERA_FROM_LIDAR,
-            camera_optical__base=moved,
-            base__lidar=np.eye(4),
-        )
-        bag.info("/front/camera_info", 10**9)
-        bag.image("/front/image_raw", 10**9)
-        bag.cloud("/points", 10**9)
-    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "warning: TF has several ways from lidar to camera_optical" in report
-    assert "differ by 0.5 m and 0 degrees" in report
-
-
 @pytest.mark.parametrize("compressed", [False, True])
 def test_black_pictures_are_counted(tmp_path, compressed):
     _, encoded = cv2.imencode(".png", IMAGE[..., ::-1])

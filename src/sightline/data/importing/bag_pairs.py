@@ -146,7 +146,7 @@ def _nothing_pairs(
     other = "received" if clock == "header" else "header"
     switch = f"--clock {other} or " if clock == asked else ""
     return (
-        f"no image of {topics.camera.name} and sweep of {topics.lidar.name} lie within "
-        f"{max_gap_s:g} s; the first are {gap_s:.3g} s apart by their {clock} time; try "
+        f"no image of {shortened(topics.camera.name)} and sweep of {shortened(topics.lidar.name)} "
+        f"lie within {max_gap_s:g} s; the first are {gap_s:.3g} s apart by their {clock} time; try "
         f"{switch}a larger --max-gap-s"
     )

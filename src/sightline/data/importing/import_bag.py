@@ -39,6 +39,7 @@ from sightline.data.importing.writer import (
     write_times,
 )
 from sightline.data.jobs import claim_folder, data_name
+from sightline.data.plain_text import shortened
 from sightline.data.progress import track
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -233,14 +234,14 @@ class _Frames:
         expected = self.calibration.image_size
         if expected is not None and size != expected:
             raise ValueError(
-                f"topic {message.topic}: image {message.number} is {size[0]}x{size[1]} (height x "
-                f"width), but its calibration is for {expected[0]}x{expected[1]}; choose the topic "
-                "that was calibrated, or give its calibration by --calibration"
+                f"topic {shortened(message.topic)}: image {message.number} is {size[0]}x{size[1]} "
+                f"(height x width), but its calibration is for {expected[0]}x{expected[1]}; choose "
+                "the topic that was calibrated, or give its calibration by --calibration"
             )
 
     def _cloud(self, name: str, message: Message) -> Callable[[], None]:
         """Reads a cloud; what is returned writes it."""
-        source = f"topic {message.topic}"
+        source = f"topic {shortened(message.topic)}"
         read = cloud_of(message.content, message.topic)
         points, tally = counted_cloud(name, read, self.max_intensity, source)
         self.clouds += tally
