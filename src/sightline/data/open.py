@@ -34,7 +34,6 @@ from sightline.data.object_tree import (
     suggest_frames,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
-from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_tree import is_recording
@@ -42,6 +41,7 @@ from sightline.data.sample_list import read_sample_list
 from sightline.data.unread_files import (
     depth_folders,
     drive_folders,
+    find_unseen,
     object_folders,
     recording_folders,
 )
@@ -190,12 +190,9 @@ def _open_object_tree(
 
 def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
     """Judge some frames by the rules of `check`, before any work on them."""
-    undecodable = [name for name in dataset.sample_ids if not name.isprintable()]
-    if undecodable:
-        said = (
-            f"has {len(undecodable)} frames whose names are not UTF-8, or not to be seen, such as"
-        )
-        raise FileError(path, f"{said} {shortened(undecodable[0])}", "rename their files")
+    unseen = find_unseen(path, dataset.sample_ids)
+    if unseen is not None:
+        raise FileError(unseen.path, unseen.problem, unseen.remedy)
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
     chosen = dataset.positions if isinstance(dataset, NamedSubset) else range(len(dataset))
     if isinstance(whole, KittiObjectDataset):

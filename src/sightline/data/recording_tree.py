@@ -69,7 +69,7 @@ def list_recording(folder: Path) -> RecordingFiles:
     labels, depths = list_files(folder / LABELS, (".txt",)), list_files(folder / DEPTH, (".png",))
     common = _common_calibration(folder)
     own = list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
-    times = folder / TIMES_NAME
+    times = list_files(folder, (".txt",)).get(Path(TIMES_NAME).stem)
     return RecordingFiles(
         folder=folder,
         frames=tuple(
@@ -83,7 +83,7 @@ def list_recording(folder: Path) -> RecordingFiles:
             )
             for name in sorted({*images, *clouds})
         ),
-        times=times if times.is_file() else None,
+        times=times,
     )
 
 
@@ -92,5 +92,4 @@ def _has_sensor(folder: Path) -> bool:
 
 
 def _common_calibration(folder: Path) -> Path | None:
-    path = list_files(folder, CALIBRATION_SUFFIXES).get(CALIBRATIONS)
-    return path if path is not None and path.is_file() else None
+    return list_files(folder, CALIBRATION_SUFFIXES).get(CALIBRATIONS)

@@ -58,6 +58,7 @@ from sightline.data.unread_files import (
     drive_folders,
     find_twins,
     find_unread,
+    find_unseen,
     object_folders,
     recording_folders,
 )
@@ -329,7 +330,9 @@ def _tree(
 ) -> Tree | None:
     if not frames:
         return None
-    parts, gaps = [], []
+    unseen = find_unseen(folder, [frame.sample_id for frame in frames])
+    parts: list[PartCount] = []
+    gaps = [] if unseen is None else [unseen]
     for part in expected:
         absent = [frame.sample_id for frame in frames if getattr(frame, part.attribute) is None]
         name = part.folder.parent.name if part.folder.name == "data" else part.folder.name

@@ -1,6 +1,7 @@
 """Files in a sensor's folder that no reader takes, so that they are not lost without a word."""
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -144,24 +145,38 @@ def find_unread(folders: Sequence[PartFolder]) -> list[Unread]:
 
 
 def find_twins(place: PartFolder) -> list[Problem]:
-    """Find the files of a folder in whose place another one of the same name is read."""
+    """Find files of a folder that hide each other, here or on a file system without capitals."""
     read = list_files(place.folder, place.suffixes)
-    hidden = [
-        path
-        for path in (place.folder.iterdir() if place.folder.is_dir() else ())
-        if read.get(path.stem, path) != path
-        and path.suffix.lower() in place.suffixes
-        and not path.name.startswith(".")
-        and place.only in ("", path.stem)
-    ]
-    return [
+    problems = [
         Problem(
             path=path,
             problem=f"is not read, as {read[path.stem].name} has its name, too",
             remedy="keep one of them, or give the other a name of its own",
         )
-        for path in sorted(hidden)
+        for path in (sorted(place.folder.iterdir()) if read else ())
+        if read.get(path.stem, path) != path
+        and path.suffix.lower() in place.suffixes
+        and not path.name.startswith(".")
+        and place.only in ("", path.stem)
     ]
+    first: dict[str, str] = {}
+    for stem, path in read.items():
+        plain = unicodedata.normalize("NFC", stem).casefold()
+        other = first.setdefault(plain, stem)
+        if other != stem and not place.only:
+            problem = f"is called like {shortened(other)} but for capitals or accents' form"
+            remedy = "rename it: on some disks the results of one overwrite those of the other"
+            problems.append(Problem(path=path, problem=problem, remedy=remedy))
+    return problems
+
+
+def find_unseen(root: Path, names: Sequence[str]) -> Problem | None:
+    """Tell of frames whose names no screen shows; None where all can be seen."""
+    unseen = [name for name in names if not name.isprintable()]
+    if not unseen:
+        return None
+    said = f"has {len(unseen)} frames whose names are not UTF-8, or not to be seen, such as"
+    return Problem(path=root, problem=f"{said} {shortened(unseen[0])}", remedy="rename their files")
 
 
 def _misnamed(place: PartFolder) -> Unread | None:
