@@ -16,7 +16,8 @@ from sightline.data.depth_tree import (
     list_selected_frames,
     selection_folder,
 )
-from sightline.data.drive_tree import DriveFrame, list_drive
+from sightline.data.drive_poses import drive_times
+from sightline.data.drive_tree import DriveFiles, DriveFrame, list_drive
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -225,6 +226,8 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     ]
     read_calibration = partial(_check_raw_calibration, folder, files.calibration)
     checks = [Check(subject="the calibration", run=read_calibration)]
+    if files.timestamps is not None and files.frames:
+        checks.append(Check(subject=files.timestamps.name, run=partial(_check_drive_times, files)))
     matrices = read_or_note(read_raw_matrices, files.calibration, [])
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     tree = _tree(folder, "raw frames", files.frames, expected, checks)
@@ -317,6 +320,14 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         return check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
     except FileError as error:
         return [error.problem]
+
+
+def _check_drive_times(files: DriveFiles) -> list[Problem]:
+    try:
+        drive_times(files)
+    except FileError as error:
+        return [error.problem]
+    return []
 
 
 def _tree(
