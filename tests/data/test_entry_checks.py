@@ -224,3 +224,38 @@ def test_a_sensors_folder_of_another_name_is_called_so_in_recordings(tmp_path, o
         return
     with pytest.raises(FileError, match=f"{other}.* holds 1 files that nobody reads.*{own}"):
         open_dataset(tmp_path)
+
+
+def test_files_that_hide_each_other_are_told_by_check_and_on_opening(tree, recwarn):
+    shutil.copy(tree / "image_2" / "000001.png", tree / "image_2" / "000001.PNG")
+    assert [problem.path.name for problem in check_tree(tree)] == ["000001.PNG"]
+    open_dataset(tree)
+    assert any("is not read, as 000001.png has its name" in str(each.message) for each in recwarn)
+
+
+@pytest.mark.parametrize(("name", "other"), [("a", "A"), ("\u00e9", "e\u0301"), ("\u00df", "ss")])
+def test_frames_that_some_disks_take_for_one_are_told(tmp_path, name, other):
+    write_recording(tmp_path, (name, other))
+    if len(list((tmp_path / "images").iterdir())) < 2:
+        pytest.skip("this disk is one of them")
+    with pytest.warns(UserWarning, match="but for capitals or accents' form"):
+        open_dataset(tmp_path)
+    assert {problem.path.parent.name for problem in check_tree(tmp_path)} == {"images", "points"}
+
+
+def test_names_that_no_screen_shows_are_told_by_check_as_on_opening(tmp_path):
+    write_recording(tmp_path, ("a\nb", "c"))
+    with pytest.raises(FileError, match=r"has 1 frames whose names") as raised:
+        open_dataset(tmp_path)
+    assert [str(problem) for problem in check_tree(tmp_path)] == [str(raised.value)]
+
+
+@pytest.mark.parametrize("name", ["times.txt", "calibration.yaml"])
+def test_what_is_no_file_is_told_and_not_passed_over(tmp_path, name):
+    write_recording(tmp_path, ("a",))
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / name).symlink_to("nowhere")
+    (problem,) = check_tree(tmp_path)
+    assert str(problem).startswith(f"{tmp_path / name}: cannot be read: no such file")
+    with pytest.raises(FileError, match=f"{name}: cannot be read: no such file"):
+        open_dataset(tmp_path)[0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.data.check import check_tree
 from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_raw import KittiRawDrive
@@ -56,8 +57,9 @@ def test_frames_named_without_leading_zeros_are_in_the_order_of_their_numbers(tm
 def test_too_few_times_are_refused_by_name(tmp_path):
     folder = write_drive(tmp_path / "day" / "drive")
     (folder / "velodyne_points" / "timestamps.txt").write_text("2011-09-26 13:02:25.5\n")
-    with pytest.raises(ValueError, match=r"timestamps\.txt: holds 1 times, expected one for each"):
+    with pytest.raises(ValueError, match=r"timestamps\.txt: holds 1 times, expected one") as raised:
         KittiRawDrive(folder)
+    assert str(raised.value) in [str(problem) for problem in check_tree(folder)]
 
 
 def test_a_file_of_poses_gives_each_frame_its_own(tmp_path):

@@ -6,7 +6,7 @@ from sightline.data.calibration_text import read_object_matrices
 from sightline.data.drive_poses import read_poses, read_timestamps
 from sightline.data.plain_text import MAX_CALIBRATION_BYTES, read_text
 from sightline.data.problem import FileError
-from sightline.data.recording_tree import read_times
+from sightline.data.recording_times import read_times
 from sightline.data.sample_list import read_sample_list
 from tests.data.trees import write_object_tree
 

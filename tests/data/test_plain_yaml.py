@@ -59,3 +59,21 @@ def test_bombs_and_broken_files_are_refused_in_one_line(tmp_path, content, compl
 @pytest.mark.parametrize("number", ["1:" * 180 + "1.5", "1" + ":1" * 60_000, "1:30"])
 def test_numbers_of_base_60_are_text(tmp_path, number):
     assert read(tmp_path, f"a: {number}\nb: -1.5e+3\nc: 16") == {"a": number, "b": -1500.0, "c": 16}
+
+
+@pytest.mark.parametrize("number", ["0700", "0x1F", "0b11", "7_00", "7_00.5"])
+def test_numbers_of_other_bases_and_in_groups_are_refused_by_line(tmp_path, number):
+    with pytest.raises(FileError, match=f"line 2 has the number {number}, expected decimal"):
+        read(tmp_path, f"a: 1\nb: [{number}]\n")
+    assert read(tmp_path, f"b: '{number}'") == {"b": number}
+
+
+def test_exponents_need_neither_point_nor_sign_as_in_json(tmp_path):
+    said = "a: [7e2, -1E-3, 2.5e+1, 2.5e1, .5e1, .inf, +0, -0.5, 1.e1]"
+    expected = [700.0, -0.001, 25.0, 25.0, 5.0, float("inf"), 0, -0.5, 10.0]
+    assert read(tmp_path, said) == {"a": expected}
+
+
+def test_a_control_character_is_named(tmp_path):
+    with pytest.raises(FileError, match=r"it holds the control character '.x1b'"):
+        read(tmp_path, "a: \x1b[31m")

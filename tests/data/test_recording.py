@@ -228,7 +228,12 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"lidar_tilt_deg": {"roll": 3, "pitch": 90}}, "each from -45 to 45"),
         ({"lidar_tilt_deg": {"roll": 3, "pitch": math.nan}}, "each from -45 to 45"),
         ({"lidar_tilt_deg": {"roll": True, "pitch": 0}}, "expected {roll: .., pitch: ..}"),
-        ({"camera_matrix": [[10**400] * 3] * 3}, "camera_matrix is no matrix of 3x3 or 3x4"),
+        ({"camera_matrix": [[10**400] * 3] * 3}, "NaN, infinite or absurdly large values"),
+        ({"camera_matrix": [["700", 0, 5]] * 3}, "camera_matrix holds '700', expected numbers"),
+        ({"camera_matrix": [[True, 0, 5]] * 3}, "camera_matrix holds True, expected numbers"),
+        ({"camera_matrix": [[None, 0, 5]] * 3}, "camera_matrix holds None, expected numbers"),
+        ({"camera_matrix": [[0] * 9]}, "camera_matrix is no matrix of 3x3 or 3x4 numbers"),
+        ({"camera_matrix": np.zeros((3, 3)).tolist()}, "zeros alone: the camera was not"),
         ({"image_size": [375, 1242]}, "image_size is no {width: .., height: ..}"),
         ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
         ({"image_size": {"width": True, "height": True}}, "no width and height in whole pixels"),
@@ -244,7 +249,8 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
             "lens folds the picture of 375x1242 over itself",
         ),
         ({"lens": {"coefficients": "1234"}}, "lens has coefficients that are no list of numbers"),
-        ({"lens": {"coefficients": [10**400] * 4}}, "lens has coefficients that are no numbers"),
+        ({"lens": {"coefficients": [10**400] * 4}}, "expected 4 or 5 finite numbers"),
+        ({"lens": {"coefficients": ["0.1"] * 4}}, "lens: coefficients holds '0.1', expected"),
         (
             {"lens": {"coefficients": [0.1]}},
             "expected 4 or 5 finite numbers of the model plumb_bob",
@@ -334,13 +340,21 @@ def test_images_and_clouds_of_different_names_are_told_once(tmp_path):
     assert problem.remedy == "give the files of a frame one name"
 
 
-def test_an_image_or_a_cloud_that_another_of_its_name_hides_is_told_by_check(tmp_path):
+def test_a_file_that_another_of_its_name_hides_is_told_by_check_and_on_opening(tmp_path, recwarn):
     write_recording(tmp_path, ("1", "2"))
     (tmp_path / "images" / "1.jpeg").write_bytes(b"")
+    (tmp_path / "images" / "2.JPG").write_bytes(b"")
     (tmp_path / "points" / "2.bin").write_bytes(b"")  # an empty sweep, taken before 2.pcd
+    (tmp_path / "calibration.json").write_text("{}")
     problems = list(check_tree(tmp_path))
-    assert [problem.path.name for problem in problems] == ["1.jpeg", "2.pcd"]
-    assert problems[1].problem == "is not read, as 2.bin has its name, too"
+    hidden = ["1.jpeg", "2.JPG", "2.pcd", "calibration.json"]
+    assert [problem.path.name for problem in problems] == hidden
+    assert problems[2].problem == "is not read, as 2.bin has its name, too"
+    open_dataset(tmp_path)
+    said = "\n".join(str(warning.message) for warning in recwarn)
+    assert f"{problems[0]} (2 like it)" in said
+    assert str(problems[2]) in said
+    assert str(problems[3]) in said
 
 
 def test_frames_of_one_sensor_each_are_no_misnamed_ones_where_others_have_both(tmp_path, recwarn):

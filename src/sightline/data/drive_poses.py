@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.calibration_text import read_rigid_transform
+from sightline.data.drive_tree import DriveFiles
 from sightline.data.plain_text import REMEDY, parse_numbers, read_text, shortened
 from sightline.data.problem import FileError
 from sightline.geometry.rotations import rotation_fault
@@ -76,6 +77,30 @@ def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
     first, first_fraction = moments[0]
     since = [(moment - first).total_seconds() + part - first_fraction for moment, part in moments]
     return np.round(np.array(since), _TIME_DIGITS)
+
+
+def drive_times(files: DriveFiles) -> tuple[float, ...] | None:
+    """Seconds since a raw drive's first frame, by the frames' numbers; None without a file of them.
+
+    Raises:
+        FileError: The file cannot be read, or has too few times.
+    """
+    if files.timestamps is None:
+        return None
+    times = read_timestamps(files.timestamps)
+    sample_ids = [frame.sample_id for frame in files.frames]
+    if len(times) == len(sample_ids):
+        lines = list(range(len(times)))
+    else:  # KITTI has a time for every number, also where a frame was lost
+        lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
+        if not 0 <= min(lines) <= max(lines) < len(times):
+            raise FileError(
+                files.timestamps,
+                f"holds {len(times)} times, expected one for each of the {len(sample_ids)} frames, "
+                "or for each number up to the last",
+                "extract the drive again",
+            )
+    return tuple((times[lines] - times[lines[0]]).tolist())
 
 
 def read_oxts_poses(

@@ -11,7 +11,7 @@ from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
 from sightline.data.object_tree import OBJECT_SPLITS, ObjectFrame, Part
 from sightline.data.problem import FileError, Problem
-from sightline.data.unread_files import PartFolder, find_unread
+from sightline.data.unread_files import PartFolder, find_twins, find_unread
 
 _DRAWN: Final = 3  # frames: the first, and others spread over the rest
 _CORRUPTED: Final = "corruption"  # folder of what was done to each frame of a tree
@@ -22,7 +22,7 @@ Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
 
 
 def judge_folders(folders: Sequence[PartFolder], parts: Collection[Part]) -> None:
-    """Warn of files that nobody reads, by number and kind.
+    """Warn of files that nobody reads, by number and kind, and of those that another one hides.
 
     Args:
         folders: Of the data set.
@@ -38,6 +38,11 @@ def judge_folders(folders: Sequence[PartFolder], parts: Collection[Part]) -> Non
             problem = unread.problem
             raise FileError(problem.path, problem.problem, problem.remedy)
         warnings.warn(str(unread.problem), stacklevel=_STACK)
+    for place in folders:
+        twins = find_twins(place) if place.part in parts else []
+        if twins:
+            more = f" ({len(twins)} like it)" if len(twins) > 1 else ""
+            warnings.warn(f"{twins[0]}{more}", stacklevel=_STACK)
 
 
 def judge_frames(

@@ -122,8 +122,13 @@ def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "heig
     """Read an image and note whether it can be read and shows anything."""
     image = read_or_note(read_rgb, path, found.unreadable)
     if image is not None:
-        found.has_dark_image = int(image.max()) - int(image.min()) <= _DARK_LEVELS
+        found.has_dark_image = shows_nothing(image)
     return image
+
+
+def shows_nothing(image: UInt8[np.ndarray, "height width 3"]) -> bool:
+    """Whether an image is of one colour, but for noise."""
+    return int(image.max()) - int(image.min()) <= _DARK_LEVELS
 
 
 def read_or_note(

@@ -15,7 +15,9 @@ from sightline.data.image_header import (
     parse_image_header,
 )
 from sightline.data.plain_file import read_bytes
+from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError
+from sightline.data.quiet_decoder import decode_quietly
 
 _JPEG_QUALITY = 95
 _REMEDY = "extract it again"
@@ -86,11 +88,13 @@ def decode_pixels(
     check_complete(content, header, source)
     shape = (*header.size, 3) if flags & cv2.IMREAD_COLOR else header.size
     try:
-        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+        pixels, damage = decode_quietly(content, flags)
     except cv2.error:  # a side longer than OpenCV takes
-        pixels = None
+        pixels, damage = None, ""
     if pixels is None or pixels.shape != shape:
         raise FileError(source, "is damaged: its pixels cannot be decoded", _REMEDY)
+    if damage:
+        raise FileError(source, f"is damaged: {shortened(damage)}", _REMEDY)
     return pixels
 
 

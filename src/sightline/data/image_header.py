@@ -102,6 +102,7 @@ def parse_image_header(
     if header is None:
         other = next((name for begin, name in _OTHER_FORMATS if content.startswith(begin)), None)
         said = "" if other is None else f": it is {other} by its first bytes"
+        said = said if content else ": it is empty"
         raise FileError(source, f"is neither a PNG nor a JPEG picture{said}", _REMEDY)
     height, width = header.size
     announced = f"announces {height}x{width} pixels (height x width)"

@@ -6,7 +6,7 @@ import torch
 from torch.utils.data import Dataset
 
 from sightline.data.calibration_text import read_raw_matrices
-from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
+from sightline.data.drive_poses import drive_times, read_oxts_poses, read_poses
 from sightline.data.drive_tree import DriveFiles, list_drive
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
@@ -66,7 +66,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self._pose = pose_of_tree(files.frames)
         warn_of_tilt(self._pose, self.folder)
         self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
-        self._times = _times(files)
+        self._times = drive_times(files)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]
         self.image_size = (
@@ -120,26 +120,6 @@ def _check_whole(folder: Path, files: DriveFiles) -> None:
                 f"{folder} is incomplete: {name} lacks {len(absent)} of {len(files.frames)} frames "
                 f"({describe_absent(absent)}); extract the drive again or allow gaps"
             )
-
-
-def _times(files: DriveFiles) -> tuple[float, ...] | None:
-    """Seconds since the drive's first frame, by the frames' numbers."""
-    if files.timestamps is None:
-        return None
-    times = read_timestamps(files.timestamps)
-    sample_ids = [frame.sample_id for frame in files.frames]
-    if len(times) == len(sample_ids):
-        lines = list(range(len(times)))
-    else:  # KITTI has a time for every number, also where a frame was lost
-        lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
-        if not 0 <= min(lines) <= max(lines) < len(times):
-            raise FileError(
-                files.timestamps,
-                f"holds {len(times)} times, expected one for each of the {len(sample_ids)} frames, "
-                "or for each number up to the last",
-                "extract the drive again",
-            )
-    return tuple((times[lines] - times[lines[0]]).tolist())
 
 
 def _poses(files: DriveFiles, poses: Path | str) -> torch.Tensor:

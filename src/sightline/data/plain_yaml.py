@@ -44,6 +44,9 @@ class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]
             return node
         if isinstance(node, yaml.MappingNode):
             _check_keys(node)
+        elif node.tag in _NUMBERS and not _PLAIN_NUMBER.fullmatch(node.value):
+            problem = f"line {line} has the number {shortened(node.value, 40)}"
+            raise _RefusedError(f"{problem}, expected decimal digits without leading zeros or _")
         node.num_values = 1 + sum(each.num_values for each in _parts(node))
         if node.num_values > _MAX_VALUES:
             problem = f"line {line} stands for more than {_MAX_VALUES} values by its aliases (*)"
@@ -52,6 +55,12 @@ class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]
 
 
 _NUMBERS: Final = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_PLAIN_NUMBER: Final = re.compile(
+    r"[-+]?(0|[1-9][0-9]*|[0-9]*\.[0-9]*|\.(inf|Inf|INF)|[0-9]+(?=[eE]))([eE][-+]?[0-9]+)?|\.(nan|NaN|NAN)"
+)
+"""YAML's other forms are of base 2, 8 (0700) and 16, or have digits in groups (7_00)."""
+_EXPONENT: Final = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
+"""Numbers of JSON that are text in YAML 1.1, which wants a point and a sign with an exponent."""
 # YAML 1.1 has numbers of base 60 (1:30:00), which take time that grows with their length squared.
 _PlainLoader.yaml_implicit_resolvers = {
     first: [
@@ -60,6 +69,8 @@ _PlainLoader.yaml_implicit_resolvers = {
     ]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
+for _first in "-+.0123456789":
+    _PlainLoader.yaml_implicit_resolvers[_first].append((_NUMBERS[1], _EXPONENT))
 
 
 def _parts(node: yaml.Node) -> Iterator[yaml.Node]:
@@ -101,5 +112,7 @@ def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> 
         problem = "is neither YAML nor JSON"
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f": line {mark.line + 1}, column {mark.column + 1}"
+        if isinstance(error, yaml.reader.ReaderError):
+            where = f": it holds the control character {chr(error.character)!a}"
         raise FileError(path, f"{problem}{where}", remedy) from error
     return said

@@ -172,6 +172,8 @@ def checked_matrices(
     for name, matrix in (("camera_matrix", camera), ("camera_from_lidar", rigid)):
         if not (np.abs(matrix) < _LIMIT).all():  # NaN compares false
             raise ValueError(f"{name} holds NaN, infinite or absurdly large values")
+    if not camera.any():
+        raise ValueError("camera_matrix holds zeros alone: the camera was not calibrated")
     if np.abs(camera[2, :3] - (0, 0, 1)).max() > 1e-9:
         hint = ": it is probably transposed" if not camera[:2, 2].any() else ""
         raise ValueError(
@@ -216,13 +218,23 @@ def _matrix(
     expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
     if name not in said:
         raise ValueError(f"lacks {name}, expected a matrix of {expected}")
-    try:
-        matrix = np.array(said[name], dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        matrix = np.empty(0)
-    if matrix.shape not in shapes:
+    rows = said[name]
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise ValueError(f"{name} is no matrix of {expected} numbers")
-    return matrix
+    values = [[_number(value, name) for value in row] for row in rows]
+    if (len(values), *{len(row) for row in values}) not in shapes:
+        raise ValueError(f"{name} is no matrix of {expected} numbers")
+    return np.array(values, dtype=np.float64)
+
+
+def _number(said: object, name: str) -> float:
+    if isinstance(said, bool) or not isinstance(said, int | float):
+        shown = shortened(repr(said), 40)
+        raise ValueError(f"{name} holds {shown}, expected numbers, without quotes")
+    try:
+        return float(said)
+    except OverflowError:
+        return math.inf
 
 
 def _image_size(said: object) -> tuple[int, int] | None:
@@ -250,10 +262,7 @@ def _lens(said: object) -> Lens | None:
         raise ValueError("lens is no {model: .., coefficients: [..], undistort: true}")
     if not isinstance(said["coefficients"], list):
         raise ValueError("lens has coefficients that are no list of numbers")
-    try:
-        coefficients = tuple(float(value) for value in said["coefficients"])
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError("lens has coefficients that are no numbers") from None
+    coefficients = tuple(_number(value, "lens: coefficients") for value in said["coefficients"])
     model = said.get("model", "plumb_bob")
     if model not in get_args(LensModel):
         raise ValueError(

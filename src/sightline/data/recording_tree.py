@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 from typing import Final
 
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.object_tree import ObjectFrame, list_files
-from sightline.data.plain_text import parse_numbers, read_text
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.problem import FileError, Problem
+from sightline.data.problem import Problem
 
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
 CALIBRATIONS: Final = "calibration"
@@ -59,20 +57,6 @@ def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
     )
 
 
-def ambiguous(folder: Path) -> list[Problem]:
-    """Each image and cloud of a recording that another file of its name stands beside."""
-    problems = []
-    for name, suffixes in ((IMAGES, IMAGE_SUFFIXES), (POINTS, CLOUD_SUFFIXES)):
-        taken = list_files(folder / name, suffixes)
-        for suffix in suffixes:
-            for stem, path in list_files(folder / name, (suffix,)).items():
-                if path != taken[stem]:
-                    said = f"is not read, as {taken[stem].name} has its name, too"
-                    remedy = "keep one of them, or give the other a name of its own"
-                    problems.append(Problem(path=path, problem=said, remedy=remedy))
-    return problems
-
-
 def list_recording(folder: Path) -> RecordingFiles:
     """Lists a recording: images/NAME.jpg, points/NAME.pcd and calibration.yaml, and what else is.
 
@@ -85,7 +69,7 @@ def list_recording(folder: Path) -> RecordingFiles:
     labels, depths = list_files(folder / LABELS, (".txt",)), list_files(folder / DEPTH, (".png",))
     common = _common_calibration(folder)
     own = list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
-    times = folder / TIMES_NAME
+    times = list_files(folder, (".txt",)).get(Path(TIMES_NAME).stem)
     return RecordingFiles(
         folder=folder,
         frames=tuple(
@@ -99,28 +83,8 @@ def list_recording(folder: Path) -> RecordingFiles:
             )
             for name in sorted({*images, *clouds})
         ),
-        times=times if times.is_file() else None,
+        times=times,
     )
-
-
-def read_times(path: Path) -> dict[str, Decimal]:
-    """Reads the lines "NAME SECONDS" of a times.txt, exactly: a float of epoch seconds is not.
-
-    Raises:
-        FileError: A line is no name and time.
-    """
-    times = {}
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        words = line.rsplit(maxsplit=1)
-        if not words:
-            continue
-        if len(words) < 2:
-            problem = f"line {number} is no frame's name and a time in seconds"
-            raise FileError(path, problem, "write lines like `000001 0.1`")
-        name, seconds = words
-        parse_numbers([seconds], path, f"line {number}:")
-        times[name.strip()] = Decimal(seconds)
-    return times
 
 
 def _has_sensor(folder: Path) -> bool:
@@ -128,5 +92,4 @@ def _has_sensor(folder: Path) -> bool:
 
 
 def _common_calibration(folder: Path) -> Path | None:
-    candidates = (folder / f"{CALIBRATIONS}{suffix}" for suffix in CALIBRATION_SUFFIXES)
-    return next((path for path in candidates if path.is_file()), None)
+    return list_files(folder, CALIBRATION_SUFFIXES).get(CALIBRATIONS)

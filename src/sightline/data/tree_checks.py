@@ -20,7 +20,8 @@ from sightline.data.depth_tree import (
     list_selected_frames,
     selection_folder,
 )
-from sightline.data.drive_tree import DriveFrame, list_drive
+from sightline.data.drive_poses import drive_times
+from sightline.data.drive_tree import DriveFiles, DriveFrame, list_drive
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -45,6 +46,7 @@ from sightline.data.recording_checks import (
     examine_recording_frame,
     reference_images,
 )
+from sightline.data.recording_times import check_times
 from sightline.data.recording_tree import (
     CALIBRATIONS,
     DEPTH,
@@ -52,10 +54,8 @@ from sightline.data.recording_tree import (
     LABELS,
     POINTS,
     RecordingFiles,
-    ambiguous,
     is_recording,
     list_recording,
-    read_times,
     unpaired,
 )
 from sightline.data.safe_names import unprintable_names
@@ -64,6 +64,7 @@ from sightline.data.unread_files import (
     PartFolder,
     depth_folders,
     drive_folders,
+    find_twins,
     find_unread,
     object_folders,
     recording_folders,
@@ -233,6 +234,8 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     ]
     read_calibration = partial(_check_raw_calibration, folder, files.calibration)
     checks = [Check(subject="the calibration", run=read_calibration)]
+    if files.timestamps is not None and files.frames:
+        checks.append(Check(subject=files.timestamps.name, run=partial(_check_drive_times, files)))
     matrices = read_or_note(read_raw_matrices, files.calibration, [])
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     tree = _tree(folder, "raw frames", files.frames, expected, checks)
@@ -266,7 +269,6 @@ def _recording_tree(folder: Path) -> Tree | None:
     misnamed = unpaired(folder, frames)
     if misnamed is not None:  # instead of all files that are missing
         tree = replace(tree, gaps=(misnamed,))
-    tree = replace(tree, gaps=(*tree.gaps, *ambiguous(folder)))
     tree = _with_notes(tree, *describe_recording(frames))
     return _with_unread(tree, recording_folders(folder))
 
@@ -286,13 +288,17 @@ def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:
 
 
 def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | None:
-    """The tree with a problem of each folder with files that nobody reads, instead of its gaps."""
+    """The tree with a problem of each folder with files that nobody reads, instead of its gaps.
+
+    Files in whose place another one is read come after them.
+    """
     if tree is None:
         return None
     unread = find_unread(folders)
     hollow = [each.problem.path for each in unread if each.is_all]
     gaps = [gap for gap in tree.gaps if not {gap.path, gap.path.parent} & set(hollow)]
-    return replace(tree, gaps=(*(each.problem for each in unread), *gaps))
+    twins = [twin for place in folders for twin in find_twins(place)]
+    return replace(tree, gaps=(*(each.problem for each in unread), *gaps, *twins))
 
 
 def _recording_checks(files: RecordingFiles) -> list[Check]:
@@ -305,7 +311,9 @@ def _recording_checks(files: RecordingFiles) -> list[Check]:
         for path, image in references.items()
     ]
     if files.times is not None:
-        checks.append(Check(subject=files.times.name, run=partial(_check_times, files.times)))
+        names = [frame.sample_id for frame in files.frames]
+        run_times = partial(check_times, files.times, names)
+        checks.append(Check(subject=files.times.name, run=run_times))
     for frame in files.frames:
         reference = None if frame.calibration is None else references.get(frame.calibration)
         run = partial(examine_recording_frame, frame, reference=reference)
@@ -335,10 +343,12 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         return [error.problem]
 
 
-def _check_times(path: Path) -> list[Problem]:
-    problems: list[Problem] = []
-    read_or_note(read_times, path, problems)
-    return problems
+def _check_drive_times(files: DriveFiles) -> list[Problem]:
+    try:
+        drive_times(files)
+    except FileError as error:
+        return [error.problem]
+    return []
 
 
 def _tree(
@@ -353,7 +363,8 @@ def _tree(
     if not frames:
         return None
     misnamed = unprintable_names(folder, (frame.sample_id for frame in frames))
-    parts, gaps = [], [] if misnamed is None else [misnamed]
+    parts: list[PartCount] = []
+    gaps = [] if misnamed is None else [misnamed]
     for part in expected:
         absent = [frame.sample_id for frame in frames if getattr(frame, part.attribute) is None]
         name = part.folder.parent.name if part.folder.name == "data" else part.folder.name

@@ -1,6 +1,7 @@
 """Files in a sensor's folder that no reader takes, so that they are not lost without a word."""
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -57,6 +58,8 @@ class PartFolder:
     folder: Path
     suffixes: tuple[str, ...]
     """Endings that are read, in lower case."""
+    only: str = ""
+    """Name without ending of the one file of the part; empty: all files of the folder are its."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,9 +89,15 @@ def recording_folders(folder: Path) -> list[PartFolder]:
         ("depth", DEPTH, PART_SUFFIXES["depth"]),
         ("calibration", CALIBRATIONS, CALIBRATION_SUFFIXES),
     )
+    shared = PartFolder(
+        part="calibration", folder=folder, suffixes=CALIBRATION_SUFFIXES, only=CALIBRATIONS
+    )
     return [
-        PartFolder(part=part, folder=folder / name, suffixes=suffixes)
-        for part, name, suffixes in places
+        *(
+            PartFolder(part=part, folder=folder / name, suffixes=suffixes)
+            for part, name, suffixes in places
+        ),
+        shared,
     ]
 
 
@@ -131,8 +140,34 @@ def find_unread(folders: Sequence[PartFolder]) -> list[Unread]:
     Not counted are hidden files, notes (such as timestamps.txt) beside other files, and a file
     whose name another one has that is read.
     """
-    found = [_unread_of(each) for each in folders]
+    found = [_unread_of(each) for each in folders if not each.only]
     return [each for each in found if each is not None]
+
+
+def find_twins(place: PartFolder) -> list[Problem]:
+    """Find files of a folder that hide each other, here or on a file system without capitals."""
+    read = list_files(place.folder, place.suffixes)
+    problems = [
+        Problem(
+            path=path,
+            problem=f"is not read, as {read[path.stem].name} has its name, too",
+            remedy="keep one of them, or give the other a name of its own",
+        )
+        for path in (sorted(place.folder.iterdir()) if read else ())
+        if read.get(path.stem, path) != path
+        and path.suffix.lower() in place.suffixes
+        and not path.name.startswith(".")
+        and place.only in ("", path.stem)
+    ]
+    first: dict[str, str] = {}
+    for stem, path in read.items():
+        plain = unicodedata.normalize("NFC", stem).casefold()
+        other = first.setdefault(plain, stem)
+        if other != stem and not place.only:
+            problem = f"is called like {shortened(other)} but for capitals or accents' form"
+            remedy = "rename it: on some disks the results of one overwrite those of the other"
+            problems.append(Problem(path=path, problem=problem, remedy=remedy))
+    return problems
 
 
 def _misnamed(place: PartFolder) -> Unread | None:

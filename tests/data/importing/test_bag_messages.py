@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sightline.data.importing.bag_messages import cloud_of, picture_file_of, picture_of
+from sightline.data.importing.bag_messages import (
+    PictureFile,
+    cloud_of,
+    picture_file_of,
+    picture_of,
+)
 from tests.data.recordings import IMAGE
 
 
@@ -72,7 +77,9 @@ def test_an_image_that_cannot_be_read_names_its_topic(changes, said):
 def test_a_picture_that_was_sent_as_a_file_stays_as_it_is():
     _, encoded = cv2.imencode(".jpg", IMAGE)
     sent = SimpleNamespace(format="jpeg", data=encoded.ravel())
-    assert picture_file_of(sent, "/camera") == (".jpg", encoded.tobytes(), IMAGE.shape[:2])
+    assert picture_file_of(sent, "/camera") == PictureFile(
+        suffix=".jpg", content=encoded.tobytes(), size=IMAGE.shape[:2], shows_nothing=False
+    )
     sent.data = encoded.ravel()[: len(encoded) // 2]
     with pytest.raises(ValueError, match=r"topic /camera.* is cut short"):
         picture_file_of(sent, "/camera")
@@ -89,7 +96,7 @@ def test_a_note_of_the_orientation_in_a_picture_is_not_followed():
     rotated[0x0112] = 6
     Image.fromarray(IMAGE).save(file := io.BytesIO(), "JPEG", exif=rotated)
     sent = SimpleNamespace(format="jpeg", data=np.frombuffer(file.getvalue(), np.uint8))
-    assert picture_file_of(sent, "/camera")[2] == IMAGE.shape[:2]
+    assert picture_file_of(sent, "/camera").size == IMAGE.shape[:2]
 
 
 def test_an_image_of_a_size_that_its_encoding_cannot_have_names_its_topic():

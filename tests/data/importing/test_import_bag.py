@@ -217,7 +217,7 @@ def not_rectified_by_its_name(bag):
         (in_millimetres, r"topic /points: .* probably in millimetres; write them in metres"),
         (not_finite, r"/tf_static: the transform of lidar in camera_optical holds NaN or infinite"),
         (no_such_lens, r"/front/camera_info: the lens has 8 coefficients .* --calibration"),
-        (no_rectification, r"by topic /front/camera_info camera_from_lidar holds no rotation"),
+        (no_rectification, r"by topic /front/camera_info R is no rotation"),
         (not_rectified_by_its_name, r"/front/camera_info tells of a lens that distorts"),
     ],
 )

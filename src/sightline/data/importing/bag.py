@@ -127,8 +127,11 @@ class Bag:
                 numbers[name] += 1
                 if wanted is not None and (name, number) not in wanted:
                     continue
+                if abs(received_ns) >= _TIME_LIMIT_NS:
+                    said = f"its time of receipt, {received_ns} ns, is that of no clock"
+                    self.undecodable[name, number] = said
                 content = self._content(raw, kinds[name], (name, number))
-                if content is not None and abs(received_ns) < _TIME_LIMIT_NS:
+                if content is not None:
                     yield Message(name, number, received_ns, content)
         except Exception as error:
             raise ValueError(
@@ -202,6 +205,11 @@ def kind_of(msgtype: object) -> str:
         return ""
     words = [word.strip("_ ") for word in msgtype.replace("::", "/").split("/") if word]
     return _KINDS.get((words[0].lower(), words[-1].lower()), msgtype) if words else ""
+
+
+def plain_frame(name: object) -> str:
+    """A coordinate frame's name without the slash that ROS 1 put before it."""
+    return str(name).strip().lstrip("/")
 
 
 @contextmanager

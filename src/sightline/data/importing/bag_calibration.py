@@ -1,18 +1,26 @@
 """A recording's calibration from the CameraInfo and TF messages of a bag."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final, cast, get_args
 
 import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from sightline.data.importing.bag import TRANSFORMS, Bag
+from sightline.data.importing.bag import TRANSFORMS, Bag, plain_frame
 from sightline.data.importing.bag_messages import picture_size
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.camera_region import region_of_image
-from sightline.data.importing.frames import Rigid, find_transform, rigid_from_quaternion
+from sightline.data.importing.frames import (
+    Rigid,
+    find_transform,
+    find_way,
+    rigid_from_quaternion,
+)
+from sightline.data.object_tree import describe_absent
 from sightline.data.plain_text import shortened
 from sightline.data.recording_calibration import (
     Lens,
@@ -22,11 +30,13 @@ from sightline.data.recording_calibration import (
 )
 from sightline.data.undistortion import LensModel, check_lens
 from sightline.geometry.road_height import MAX_TILT_DEG
+from sightline.geometry.rotations import rotation_fault
 from sightline.geometry.tilt import Tilt
 
 _FILE: Final = "give a calibration file by --calibration (docs/recordings.md has an example)"
 _MOVED_M: Final = 1e-3
 _TURNED_DEG: Final = 0.05
+_COMPARED: Final = 20  # transforms that are left out to see whether others say the same
 _LEVEL_FRAMES: Final = ("base_footprint", "base_link")
 _LEAST_TILT_DEG: Final = 1.0  # less is what calibrations are off by
 _MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
@@ -54,13 +64,22 @@ def calibration_of_bag(
             the images.
     """
     if topics.info is None:
-        raise ValueError(f"{bag.path} has no CameraInfo of {topics.camera.name}; {_FILE}")
-    camera_frames, image_size = _camera_of(bag, topics)
+        raise ValueError(
+            f"{bag.path} has no CameraInfo of {shortened(topics.camera.name)}; {_FILE}"
+        )
+    camera_frame = _first_frame(bag, topics.camera.name)
+    image_size = _image_size(bag, topics)
     info, info_notes = _usable_info(bag, topics)
     image_from_camera, rectified_from_camera = _projection(info, topics)
     region = region_of_image(info, image_from_camera, image_size)
     lens = None if topics.is_rectified else _lens(info, topics, undistort=undistort)
-    frames = (*camera_frames, _plain_frame(info.header.frame_id))
+    info_frame = plain_frame(info.header.frame_id)
+    frames = tuple(dict.fromkeys(frame for frame in (camera_frame, info_frame) if frame))
+    if len(frames) > 1:
+        info_notes += (
+            f"warning: images are in frame {shortened(camera_frame)}, {_shown_info(topics)} in "
+            f"{shortened(info_frame)}: it is perhaps of another camera",
+        )
     camera_from_lidar, tilt, tf_notes = _lidar_mount(bag, topics, frames)
     try:
         calibration = RecordingCalibration(
@@ -71,20 +90,16 @@ def calibration_of_bag(
         )
         require_usable(calibration, region.size or image_size)
     except ValueError as error:
-        raise ValueError(f"by topic {_info_name(topics)} {error}; {_FILE}") from error
+        raise ValueError(f"by topic {_shown_info(topics)} {error}; {_FILE}") from error
     return calibration, (*info_notes, *region.notes, *tf_notes)
 
 
-def _camera_of(bag: Bag, topics: ChosenTopics) -> tuple[tuple[str, ...], tuple[int, int] | None]:
-    """The frame and the size (height, width) of the images, by the first that can be read."""
+def _image_size(bag: Bag, topics: ChosenTopics) -> tuple[int, int] | None:
+    """The height and width of the images, by the first that can be read; None of none."""
     for message in bag.messages([topics.camera.name]):
-        frame = _plain_frame(message.content.header.frame_id)
-        try:
-            size = picture_size(message.content)
-        except ValueError:
-            continue  # told where images are written
-        return ((frame,) if frame else ()), size
-    return (), None
+        with suppress(ValueError):  # told where images are written
+            return picture_size(message.content)
+    return None
 
 
 def _usable_info(bag: Bag, topics: ChosenTopics) -> tuple[Any, tuple[str, ...]]:
@@ -106,17 +121,17 @@ def _usable_info(bag: Bag, topics: ChosenTopics) -> tuple[Any, tuple[str, ...]]:
             others += 1
     notes = bag.undecodable_note([_info_name(topics)])
     if chosen is None and fault is not None:
-        raise ValueError(f"by topic {_info_name(topics)} {fault}; {_FILE}") from fault
+        raise ValueError(f"by topic {_shown_info(topics)} {fault}; {_FILE}") from fault
     if chosen is None:
         raise bag.nothing_readable(_info_name(topics))
     if unusable:
         notes += (
-            f"{unusable} of {total} messages of {_info_name(topics)} hold no calibration: number "
+            f"{unusable} of {total} messages of {_shown_info(topics)} hold no calibration: number "
             f"{chosen_number} (from 0), the first that does, is taken",
         )
     if others:
         notes += (
-            f"warning: {others} of {total} messages of {_info_name(topics)} differ from number "
+            f"warning: {others} of {total} messages of {_shown_info(topics)} differ from number "
             f"{chosen_number} (from 0), which is taken for all images",
         )
     return chosen, notes
@@ -126,15 +141,24 @@ def _said_by(info: Any) -> tuple[object, ...]:  # noqa: ANN401
     roi = info.roi
     numbers = (tuple(_field(info, name).tolist()) for name in ("d", "k", "r", "p"))
     region = (roi.x_offset, roi.y_offset, roi.height, roi.width)
-    return (info.height, info.width, info.binning_x, info.binning_y, *region, *numbers)
+    frame = plain_frame(info.header.frame_id)
+    return (frame, info.height, info.width, info.binning_x, info.binning_y, *region, *numbers)
 
 
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
-    """image_from_camera of the full resolution, and the rotation of rectified cameras."""
+    """image_from_camera of the full resolution, and the rotation of rectified cameras.
+
+    Raises:
+        ValueError: R is no rotation; the rest of a sentence that begins with the topic.
+    """
     rectified_from_camera = np.eye(4)
     if topics.is_rectified:
         image_from_camera = _field(info, "p").reshape(3, 4)
-        rectified_from_camera[:3, :3] = _field(info, "r").reshape(3, 3)
+        rotation = _field(info, "r").reshape(3, 3)
+        fault = rotation_fault(rotation)
+        if image_from_camera.any() and fault is not None:
+            raise ValueError(f"R is no rotation: {fault}")
+        rectified_from_camera[:3, :3] = rotation
     else:
         image_from_camera = np.pad(_field(info, "k").reshape(3, 3), ((0, 0), (0, 1)))
     return image_from_camera, rectified_from_camera
@@ -148,14 +172,16 @@ def _lens(info: Any, topics: ChosenTopics, *, undistort: bool) -> Lens | None:  
     model = _MODELS.get(said, said)
     shown = ", ".join(f"{value:.4g}" for value in coefficients)
     if model not in get_args(LensModel):
-        raise ValueError(f"topic {_info_name(topics)} has the unknown lens model {said!r}; {_FILE}")
+        raise ValueError(
+            f"topic {_shown_info(topics)} has the unknown lens model {shortened(said)!r}; {_FILE}"
+        )
     try:
         check_lens(cast("LensModel", model), coefficients)
     except ValueError as error:
-        raise ValueError(f"topic {_info_name(topics)}: {error}; {_FILE}") from error
+        raise ValueError(f"topic {_shown_info(topics)}: {error}; {_FILE}") from error
     if not undistort:
         raise ValueError(
-            f"topic {_info_name(topics)} tells of a lens that distorts ({said}: {shown}); give "
+            f"topic {_shown_info(topics)} tells of a lens that distorts ({said}: {shown}); give "
             "--undistort to have the images straightened, or choose rectified ones by "
             "--camera-topic"
         )
@@ -171,7 +197,7 @@ def _lidar_mount(
     """
     lidar = _first_frame(bag, topics.lidar.name)
     transforms = _transforms(bag)
-    for camera in dict.fromkeys(camera_frames):
+    for camera in camera_frames:
         found = find_transform(transforms.first, camera, lidar)
         if found is not None:
             last = find_transform(transforms.last, camera, lidar)
@@ -180,11 +206,19 @@ def _lidar_mount(
     if transforms.faults:
         raise ValueError(f"{bag.path}: {transforms.faults[0]}")
     camera = camera_frames[0] if camera_frames else ""
-    frames = sorted({shortened(frame) for pair in transforms.first for frame in pair})
-    known = f"knows {', '.join(frames)}" if frames else "is empty"
+    sensors = (("LiDAR", topics.lidar, lidar), ("camera", topics.camera, camera))
+    for what, topic, frame in sensors:
+        if not frame:
+            raise ValueError(
+                f"{bag.path} does not tell where the {what} sits: no message of "
+                f"{shortened(topic.name)} names its frame (header.frame_id); {_FILE}"
+            )
+    frames = sorted({frame for pair in transforms.first for frame in pair})
+    known = f"knows {describe_absent(frames)}" if frames else "is empty"
     raise ValueError(
-        f"{bag.path} does not tell where the LiDAR sits: TF has no way from frame {lidar!r} "
-        f"(topic {topics.lidar.name}) to {camera!r} (topic {topics.camera.name}), it {known}; "
+        f"{bag.path} does not tell where the LiDAR sits: TF has no way from frame "
+        f"'{shortened(lidar)}' (topic {shortened(topics.lidar.name)}) to "
+        f"'{shortened(camera)}' (topic {shortened(topics.camera.name)}), it {known}; "
         f"{_FILE}"
     )
 
@@ -221,7 +255,7 @@ def _transforms(bag: Bag) -> _Transforms:
     for name in sorted(names, key=lambda name: "static" not in name):
         for message in bag.messages([name]):
             for each in message.content.transforms:
-                pair = (_plain_frame(each.header.frame_id), _plain_frame(each.child_frame_id))
+                pair = (plain_frame(each.header.frame_id), plain_frame(each.child_frame_id))
                 turn, move = each.transform.rotation, each.transform.translation
                 try:
                     rigid = rigid_from_quaternion(
@@ -240,23 +274,43 @@ def _transforms(bag: Bag) -> _Transforms:
 def _notes_of_transforms(
     first: Rigid, last: Rigid | None, transforms: _Transforms, frames: tuple[str, str]
 ) -> tuple[str, ...]:
-    """Return notes on transforms that are not usable and on sensors that move."""
+    """Return notes on transforms that are not usable, sensors that move and ways that differ."""
     notes = []
     if transforms.faults:
         notes.append(
             f"left out {len(transforms.faults)} transforms that are none, the first of them "
             f"{transforms.faults[0].removesuffix('; calibrate again')}"
         )
-    change = np.eye(4) if last is None else np.linalg.inv(first) @ last
+    lidar, camera = frames
+    change = _change(first, last)
+    if change is not None:
+        notes.append(
+            f"warning: by TF {shortened(lidar)} moves against {shortened(camera)} during the "
+            f"drive, by {change} from first to last: the first is taken"
+        )
+    way = find_way(transforms.first, camera, lidar) or []
+    for pair in list(pairwise(way))[:_COMPARED]:
+        for step in (pair, pair[::-1]):
+            others = {each: rigid for each, rigid in transforms.first.items() if each != step}
+            change = _change(first, find_transform(others, camera, lidar))
+            if change is not None:
+                notes.append(
+                    f"warning: TF has several ways from {shortened(lidar)} to {shortened(camera)} "
+                    f"that differ by {change}: the shortest is taken, by {shortened(pair[0])} and "
+                    f"{shortened(pair[1])}"
+                )
+                return tuple(notes)
+    return tuple(notes)
+
+
+def _change(first: Rigid, other: Rigid | None) -> str | None:
+    """By how much two transforms differ; None where not at all, or where there is no other."""
+    change = np.eye(4) if other is None else np.linalg.inv(first) @ other
     moved_m = float(np.linalg.norm(change[:3, 3]))
     turned_deg = float(np.degrees(Rotation.from_matrix(change[:3, :3]).magnitude()))
-    if moved_m > _MOVED_M or turned_deg > _TURNED_DEG:
-        notes.append(
-            f"warning: by TF {shortened(frames[0])} moves against {shortened(frames[1])} during "
-            f"the drive, by {moved_m:.3g} m and {turned_deg:.3g} degrees from first to last: the "
-            "first is taken"
-        )
-    return tuple(notes)
+    if moved_m <= _MOVED_M and turned_deg <= _TURNED_DEG:
+        return None
+    return f"{moved_m:.3g} m and {turned_deg:.3g} degrees"
 
 
 def _first_frame(bag: Bag, topic: str) -> str:
@@ -267,16 +321,11 @@ def _first_frame(bag: Bag, topic: str) -> str:
     """
     message = None
     for message in bag.messages([topic]):
-        if frame := _plain_frame(message.content.header.frame_id):
+        if frame := plain_frame(message.content.header.frame_id):
             return frame
     if message is None:
         raise bag.nothing_readable(topic)
     return ""
-
-
-def _plain_frame(name: object) -> str:
-    """A frame's name without the slash that ROS 1 put before it."""
-    return str(name).strip().lstrip("/")
 
 
 def _field(info: Any, name: str) -> Float64[np.ndarray, " count"]:  # noqa: ANN401
@@ -288,3 +337,7 @@ def _field(info: Any, name: str) -> Float64[np.ndarray, " count"]:  # noqa: ANN4
 def _info_name(topics: ChosenTopics) -> str:
     assert topics.info is not None, "it was read"
     return topics.info.name
+
+
+def _shown_info(topics: ChosenTopics) -> str:
+    return shortened(_info_name(topics))

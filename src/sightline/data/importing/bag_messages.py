@@ -1,13 +1,16 @@
 """What ROS messages hold, as files of a recording."""
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from sightline.data.frame_checks import shows_nothing
 from sightline.data.image_file import decode_pixels
 from sightline.data.image_header import parse_image_header
+from sightline.data.plain_text import shortened
 from sightline.data.point_files import columns_of
 from sightline.data.problem import FileError
 
@@ -41,10 +44,11 @@ def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:
         ValueError: Its encoding is none of 8 bits that is known, or it is cut short; names the
             topic.
     """
+    topic = shortened(topic)
     color = _COLOR.get(_plain_encoding(message.encoding))
     if color is None:
         raise ValueError(
-            f"topic {topic} holds images of encoding {message.encoding!r}, expected one of "
+            f"topic {topic} holds images of encoding {_quoted(message.encoding)}, expected one of "
             f"{', '.join(_COLOR)}; republish it as rgb8, or choose another by --camera-topic"
         )
     channels, conversion = color
@@ -59,7 +63,7 @@ def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:
     except cv2.error as error:
         raise ValueError(
             f"topic {topic} holds an image of {height}x{width} (height x width), which encoding "
-            f"{message.encoding!r} cannot have; republish it as rgb8"
+            f"{_quoted(message.encoding)} cannot have; republish it as rgb8"
         ) from error
     return np.ascontiguousarray(rgb, dtype=np.uint8)
 
@@ -75,17 +79,30 @@ def picture_size(message: Any) -> tuple[int, int]:  # noqa: ANN401
     return int(message.height), int(message.width)
 
 
-def picture_file_of(message: Any, topic: str) -> tuple[str, bytes, tuple[int, int]]:  # noqa: ANN401
-    """The file in a CompressedImage message: its suffix, its bytes as they are, height and width.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PictureFile:
+    """A picture as a file."""
+
+    suffix: str
+    content: bytes
+    size: tuple[int, int]
+    """Height, width [px]."""
+    shows_nothing: bool
+    """True of a picture of one colour."""
+
+
+def picture_file_of(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
+    """The file in a CompressedImage message, its bytes as they are.
 
     Raises:
         ValueError: It is no whole JPEG or PNG of 8 bits; names the topic.
     """
-    content = bytes(memoryview(message.data))
-    source = f"topic {topic} ({message.format})"
+    topic, content = shortened(topic), bytes(memoryview(message.data))
+    source = f"topic {topic} ({shortened(str(message.format), 40)})"
     try:
         header = parse_image_header(content, source)
-        decode_pixels(content, header, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, source)
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        pixels = decode_pixels(content, header, flags, source)
     except FileError as error:
         raise FileError(
             source, error.problem.problem, "choose another by --camera-topic, or republish as Image"
@@ -95,7 +112,12 @@ def picture_file_of(message: Any, topic: str) -> tuple[str, bytes, tuple[int, in
             f"topic {topic} holds pictures of {header.bits_per_channel} bits, expected 8: they are "
             "perhaps depth; choose another by --camera-topic"
         )
-    return (".jpg" if header.file_format == "jpeg" else ".png"), content, header.size
+    return PictureFile(
+        suffix=".jpg" if header.file_format == "jpeg" else ".png",
+        content=content,
+        size=header.size,
+        shows_nothing=shows_nothing(pixels),
+    )
 
 
 def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  # noqa: ANN401
@@ -105,6 +127,7 @@ def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  
         ValueError: It lacks a coordinate, its fields do not fit its points, or it is cut short;
             names the topic.
     """
+    topic = shortened(topic)
     layout = _layout_of(message, topic)
     height, width = int(message.height), int(message.width)
     flat = np.frombuffer(memoryview(message.data), np.uint8)
@@ -117,6 +140,10 @@ def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  
     row_step = int(message.row_step)
     rows = _rows_of(flat, height, row_bytes, row_step, f"topic {topic}", "a cloud")
     return columns_of(np.ascontiguousarray(rows).view(layout).ravel(), f"topic {topic}")
+
+
+def _quoted(said: object) -> str:
+    return f"'{shortened(str(said), 40)}'"
 
 
 def _plain_encoding(encoding: str) -> str:

@@ -5,6 +5,7 @@ from itertools import takewhile
 from typing import Final
 
 from sightline.data.importing.bag import CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMAGE, Bag, Topic
+from sightline.data.plain_text import shortened
 
 _COMPRESSED: Final = ("/compressed", "_compressed", "/jpeg", "/image_compressed")
 
@@ -55,7 +56,7 @@ def _choose(
         named = next((topic for topic in candidates if topic.name.strip("/") == plain), None)
         if named is None:
             found = listed or f"none; its topics are {_listed(bag)}"
-            raise ValueError(f"{bag.path} has no topic {name} of {what}; it has {found}")
+            raise ValueError(f"{bag.path} has no topic {shortened(name)} of {what}; it has {found}")
         return named
     if not candidates:
         raise ValueError(
@@ -92,7 +93,7 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
         listed = ", ".join(map(str, candidates))
         raise ValueError(
             f"{bag.path} has {len(candidates)} topics of CameraInfo, none of them beside "
-            f"{camera.name}: {listed}; choose one by --info-topic"
+            f"{shortened(camera.name)}: {listed}; choose one by --info-topic"
         )
     return None
 

@@ -1,7 +1,8 @@
 """Coordinate frames: chains of transforms between sensors."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -48,16 +49,40 @@ def find_transform(
         target: Name of a frame.
         source: Name of a frame.
     """
-    steps: dict[str, dict[str, Rigid]] = {}
-    for (parent, child), rigid in parent_from_child.items():
-        steps.setdefault(child, {})[parent] = rigid
-        steps.setdefault(parent, {})[child] = np.linalg.inv(rigid)
-    reached = {source: np.eye(4)}
+    way = find_way(parent_from_child, target, source)
+    if way is None:
+        return None
+    target_from_source = np.eye(4)
+    for at, frame in pairwise(way):
+        direct = parent_from_child.get((frame, at))
+        frame_from_at = np.linalg.inv(parent_from_child[at, frame]) if direct is None else direct
+        target_from_source = frame_from_at @ target_from_source
+    return target_from_source
+
+
+def find_way(pairs: Collection[tuple[str, str]], target: str, source: str) -> list[str] | None:
+    """Names of the frames on the shortest way from source to target; None where none leads there.
+
+    Args:
+        pairs: (parent, child) of each known transform.
+        target: Name of a frame.
+        source: Name of a frame.
+    """
+    neighbours: dict[str, dict[str, None]] = {}
+    for parent, child in pairs:
+        neighbours.setdefault(child, {})[parent] = None
+        neighbours.setdefault(parent, {})[child] = None
+    came_from = {source: source}
     waiting = deque([source])
-    while waiting and target not in reached:
+    while waiting and target not in came_from:
         at = waiting.popleft()
-        for frame, frame_from_at in steps.get(at, {}).items():
-            if frame not in reached:
-                reached[frame] = frame_from_at @ reached[at]
+        for frame in neighbours.get(at, {}):
+            if frame not in came_from:
+                came_from[frame] = at
                 waiting.append(frame)
-    return reached.get(target)
+    if target not in came_from:
+        return None
+    way = [target]
+    while way[-1] != source:
+        way.append(came_from[way[-1]])
+    return way[::-1]

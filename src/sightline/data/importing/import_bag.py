@@ -6,19 +6,21 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from jaxtyping import Int64
 
 from sightline.data.atomic import atomic_write_bytes
+from sightline.data.frame_checks import shows_nothing
 from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import calibration_of_bag
+from sightline.data.importing.bag_clocks import Clock
 from sightline.data.importing.bag_messages import cloud_of, picture_file_of, picture_of
+from sightline.data.importing.bag_pairs import Pairs, pair_messages
 from sightline.data.importing.bag_topics import ChosenTopics, choose_topics
 from sightline.data.importing.frames import Rigid
-from sightline.data.importing.pairing import pair_nearest
 from sightline.data.importing.writer import (
     RESULTS,
     CloudTally,
@@ -37,6 +39,7 @@ from sightline.data.importing.writer import (
     write_times,
 )
 from sightline.data.jobs import claim_folder, data_name
+from sightline.data.plain_text import shortened
 from sightline.data.progress import track
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -48,26 +51,12 @@ from sightline.data.recording_tree import IMAGES, POINTS
 from sightline.geometry.cloud_checks import cloud_fault, echoes
 from sightline.geometry.mount import turn_ahead
 
-Clock = Literal["header", "received"]
-"""Which time pairs messages: when a sensor took them, or when the bag got them."""
-
 _INTENSITIES: Final = (1.0, 255.0, 65535.0)
 """What sensors mean by a reflectance of 1."""
 _GUESSED_FROM: Final = 5
 """So many sweeps of a drive tell which: the first may be empty, or of a garage."""
 _TRIED: Final = 5
 """Frames that are tried at the start of a drive: where none can be read, nothing is written."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Pairs:
-    """The frames of a drive."""
-
-    positions: Int64[np.ndarray, "num_pairs 2"]
-    """Numbers of image and sweep among the messages of their topics."""
-    times_s: tuple[float, ...]
-    """Of the sweeps."""
-    notes: tuple[str, ...]
 
 
 def import_bag(
@@ -93,7 +82,9 @@ def import_bag(
         else:
             given, said = calibration_of_bag(bag, topics, undistort=undistort)
             notes += said
-        pairs = _pair(bag, topics, max_gap_s, clock)
+        pairs = pair_messages(
+            bag, topics, max_gap_s, clock, keep_other_frames=calibration is not None
+        )
         intensity = max_intensity or given.max_intensity
         if max_intensity is None and intensity == 1:
             intensity = _guess_intensity(bag, topics, pairs)
@@ -147,6 +138,8 @@ class _Frames:
     faults: dict[str, ValueError] = field(default_factory=dict)
     """Errors of the frames that are left out, by name."""
     clouds: CloudTally = field(default_factory=CloudTally)
+    dark: dict[str, bool] = field(default_factory=dict)
+    """Whether pictures are of one colour, by name."""
 
     def try_first(
         self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]], source: Path
@@ -159,7 +152,7 @@ class _Frames:
         first: ValueError | None = None
         for name, position in positions.items():
             with staging_folder() as staged:
-                trial = replace(self, out=staged, faults={})
+                trial = replace(self, out=staged, faults={}, dark={})
                 trial.write(bag, {name: position})
                 if not trial.faults:
                     write_calibration(staged, self.calibration)
@@ -204,101 +197,58 @@ class _Frames:
 
     def notes(self) -> tuple[str, ...]:
         """Return lines on points and frames that were left out, with counts."""
+        said = (*self.clouds.lines(), *self._dark_note())
         if not self.faults:
-            return self.clouds.lines()
+            return said
         why = next(iter(self.faults.values()))
         return (
-            *self.clouds.lines(),
+            *said,
             f"warning: dropped {len(self.faults)} frames that cannot be read; of the first, {why}",
+        )
+
+    def _dark_note(self) -> tuple[str, ...]:
+        kept = {name: is_dark for name, is_dark in self.dark.items() if name not in self.faults}
+        dark = [name for name, is_dark in kept.items() if is_dark]
+        if not dark:
+            return ()
+        return (
+            f"warning: {len(dark)} of {len(kept)} images are of one colour, that of frame "
+            f"{dark[0]} for one; look whether the camera delivered anything",
         )
 
     def _image(self, name: str, message: Message) -> Callable[[], None]:
         """Reads an image; what is returned writes it."""
         topic = self.topics.camera
         if topic.kind == COMPRESSED_IMAGE:
-            suffix, content, size = picture_file_of(message.content, topic.name)
-            self._check_size(size, message)
-            return partial(atomic_write_bytes, self.out / IMAGES / f"{name}{suffix}", content)
+            file = picture_file_of(message.content, topic.name)
+            self._check_size(file.size, message)
+            self.dark[name] = file.shows_nothing
+            path = self.out / IMAGES / f"{name}{file.suffix}"
+            return partial(atomic_write_bytes, path, file.content)
         picture = picture_of(message.content, topic.name)
         self._check_size((picture.shape[0], picture.shape[1]), message)
+        self.dark[name] = shows_nothing(picture)
         return partial(write_rgb, self.out / IMAGES / f"{name}.png", picture)
 
     def _check_size(self, size: tuple[int, int], message: Message) -> None:
         expected = self.calibration.image_size
         if expected is not None and size != expected:
             raise ValueError(
-                f"topic {message.topic}: image {message.number} is {size[0]}x{size[1]} (height x "
-                f"width), but its calibration is for {expected[0]}x{expected[1]}; choose the topic "
-                "that was calibrated, or give its calibration by --calibration"
+                f"topic {shortened(message.topic)}: image {message.number} is {size[0]}x{size[1]} "
+                f"(height x width), but its calibration is for {expected[0]}x{expected[1]}; choose "
+                "the topic that was calibrated, or give its calibration by --calibration"
             )
 
     def _cloud(self, name: str, message: Message) -> Callable[[], None]:
         """Reads a cloud; what is returned writes it."""
-        source = f"topic {message.topic}"
+        source = f"topic {shortened(message.topic)}"
         read = cloud_of(message.content, message.topic)
         points, tally = counted_cloud(name, read, self.max_intensity, source)
         self.clouds += tally
         return partial(write_cloud, self.out, name, moved(points, self.new_from_old))
 
 
-def _pair(bag: Bag, topics: ChosenTopics, max_gap_s: float, clock: Clock) -> _Pairs:
-    names = (topics.camera.name, topics.lidar.name)
-    times_ns: dict[str, list[int]] = {name: [] for name in names}
-    numbers: dict[str, list[int]] = {name: [] for name in names}
-    for message in bag.messages(set(names)):
-        is_stamped = clock == "header" and message.stamp_ns
-        times_ns[message.topic].append(message.stamp_ns if is_stamped else message.received_ns)
-        numbers[message.topic].append(message.number)
-    unread = bag.undecodable_note(names)
-    for name in names:
-        if not times_ns[name]:
-            raise bag.nothing_readable(name)
-    camera, lidar = (np.array(times_ns[name], dtype=np.int64) for name in names)
-    by_time = np.argsort(camera, kind="stable"), np.argsort(lidar, kind="stable")
-    pairs = pair_nearest(camera[by_time[0]], lidar[by_time[1]], round(max_gap_s * 1e9))
-    positions = np.stack([order[pairs[:, axis]] for axis, order in enumerate(by_time)], axis=1)
-    if not len(positions):
-        raise ValueError(_nothing_pairs(bag, topics, (camera, lidar), max_gap_s, clock))
-    gaps_ms = np.abs(camera[positions[:, 0]] - lidar[positions[:, 1]]) / 1e6
-    notes = (
-        f"paired {len(positions)} of {len(camera)} images and {len(lidar)} sweeps by {clock} "
-        f"time, {gaps_ms.max():.1f} ms apart at most; dropped {len(camera) - len(positions)} "
-        f"images and {len(lidar) - len(positions)} sweeps",
-        *unread,
-    )
-    repeated = [len(each) - len(np.unique(each)) for each in (camera, lidar)]
-    if any(repeated):
-        notes += (
-            f"warning: {repeated[0]} images and {repeated[1]} sweeps have the {clock} time of "
-            "another one, of which the first counts",
-        )
-    columns = [np.array(numbers[name])[positions[:, axis]] for axis, name in enumerate(names)]
-    return _Pairs(
-        positions=np.stack(columns, axis=1),
-        times_s=tuple((lidar[positions[:, 1]] / 1e9).tolist()),
-        notes=notes,
-    )
-
-
-def _nothing_pairs(
-    bag: Bag,
-    topics: ChosenTopics,
-    times_ns: tuple[Int64[np.ndarray, " num_images"], Int64[np.ndarray, " num_sweeps"]],
-    max_gap_s: float,
-    clock: Clock,
-) -> str:
-    camera, lidar = (np.sort(each) for each in times_ns)
-    image, sweep = pair_nearest(camera, lidar, np.iinfo(np.int64).max)[0]
-    gap_s = abs(int(camera[image]) - int(lidar[sweep])) / 1e9
-    other = "received" if clock == "header" else "header"
-    return (
-        f"{bag.path}: no image of {topics.camera.name} and sweep of {topics.lidar.name} lie within "
-        f"{max_gap_s:g} s; the first are {gap_s:.3g} s apart by their {clock} "
-        f"time; try --clock {other} or a larger --max-gap-s"
-    )
-
-
-def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: _Pairs) -> float:
+def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: Pairs) -> float:
     """The least of the usual scales on which some sweeps of the drive are no clouds of fault."""
     lidar = topics.lidar.name
     chosen = np.linspace(0, len(pairs.positions) - 1, _GUESSED_FROM).round().astype(np.int64)

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from sightline.data.importing.bag import is_bag
+from sightline.data.importing.bag_clocks import Clock
 from sightline.data.importing.bag_files import SUFFIXES
-from sightline.data.importing.import_bag import Clock, import_bag
+from sightline.data.importing.import_bag import import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
 from sightline.data.importing.writer import ImportReport
@@ -44,7 +45,7 @@ def import_recording(
         info_topic: The CameraInfo's topic. None: that beside the images.
         calibration: A recording's calibration file instead of CameraInfo and TF.
         max_gap_s: Images and sweeps that are farther apart are no pair.
-        clock: Which time counts, of a bag.
+        clock: Which time counts, of a bag; see `choose_clock`.
         undistort: Whether images of a lens that distorts are to be straightened as they are read.
         max_intensity: What stands for a reflectance of 1. None: 1, 255 or 65535, by some
             sweeps.

@@ -1,9 +1,10 @@
 """Writes what is imported as a recording, frame by frame."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -239,7 +240,7 @@ def write_calibration(
     atomic_write_text(out / place, recording_calibration_text(calibration))
 
 
-def write_times(out: Path, times_s: dict[str, float]) -> None:
+def write_times(out: Path, times_s: Mapping[str, float | Decimal]) -> None:
     """Writes when each frame was taken."""
     lines = (f"{name} {seconds:.9f}\n" for name, seconds in times_s.items())
     atomic_write_text(out / TIMES_NAME, "".join(lines))

@@ -1,0 +1,142 @@
+"""Clock by which the messages of two sensors are paired: headers' stamps, or when they came in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from sightline.data.plain_text import shortened
+
+Clock = Literal["header", "received"]
+"""Which time pairs messages: when a sensor took them, or when the bag got them."""
+
+_DAY_NS: Final = 86_400 * 10**9
+_FALL_NS: Final = 10**9
+"""Stamps that fall by less are of messages that overtook each other."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MessageTimes:
+    """Times of a topic's messages, in the order in which they were received."""
+
+    topic: str
+    header_ns: Int64[np.ndarray, " count"]
+    received_ns: Int64[np.ndarray, " count"]
+
+    @property
+    def offsets_ns(self) -> Float64[np.ndarray, " count"]:
+        """By how much each stamp is after its message came in."""
+        offsets: Float64[np.ndarray, " count"] = np.subtract(
+            self.header_ns, self.received_ns, dtype=np.int64
+        ).astype(np.float64)
+        return offsets
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ChosenClock:
+    """Times that count."""
+
+    clock: Clock
+    times_ns: tuple[Int64[np.ndarray, " _count"], ...]
+    """Of each topic's messages."""
+    notes: tuple[str, ...]
+
+
+def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
+    """The times by the clock that was asked for; by receipt where headers' stamps tell no time.
+
+    Stamps that all sensors have from one clock of their own, such as a simulator's, are taken
+    however far it is from the time of receipt. A few that are not set (0) or are days off the
+    others are filled in by the time of receipt and the others' median delay.
+
+    Args:
+        topics: Of the sensors; none is empty.
+        clock: Which is asked for.
+
+    Raises:
+        ValueError: Neither clock tells when messages were taken.
+    """
+    if clock == "received":
+        return _received(topics, "", "try --clock header")
+    for times in topics:
+        fault = _stamps_fault(times)
+        if fault is not None:
+            return _received(topics, fault, "import a bag whose clocks were set")
+    delays = [float(np.median(times.offsets_ns[_is_set(times)])) for times in topics]
+    if max(delays) - min(delays) > _DAY_NS:
+        far = int(np.argmax(np.abs(delays)))
+        fault = f"{_stamps_of(topics[far])} are {_apart(delays[far])} receipt, others are not"
+        return _received(topics, fault, "import a bag whose clocks were set")
+    notes = []
+    if min(map(abs, delays)) > _DAY_NS:
+        notes.append(
+            f"header stamps of all sensors are {_apart(delays[0])} receipt: they are taken for "
+            "times of one clock"
+        )
+    filled = []
+    for times, delay in zip(topics, delays, strict=True):
+        is_set = _is_set(times)
+        filled.append(np.where(is_set, times.header_ns, times.received_ns + round(delay)))
+        if not is_set.all():
+            notes.append(
+                f"warning: {np.count_nonzero(~is_set)} of {len(is_set)} {_stamps_of(times)} are "
+                "not set, or days off the others: the time of receipt counts for them"
+            )
+    return ChosenClock(clock="header", times_ns=tuple(filled), notes=tuple(notes))
+
+
+def _received(topics: Sequence[MessageTimes], fault: str, remedy: str) -> ChosenClock:
+    """The times of receipt, with a warning of the stamps' fault."""
+    for times in topics:
+        if len(times.received_ns) > 1 and len(np.unique(times.received_ns)) == 1:
+            also = f"{fault}, and " if fault else ""
+            raise ValueError(
+                f"{also}all {len(times.received_ns)} messages of {shortened(times.topic)} have "
+                f"the same time of receipt: nothing tells which belong together; {remedy}"
+            )
+    notes = (f"warning: {fault}: messages are paired by the time of receipt",) if fault else ()
+    return ChosenClock(
+        clock="received", times_ns=tuple(times.received_ns for times in topics), notes=notes
+    )
+
+
+def _stamps_fault(times: MessageTimes) -> str | None:
+    """Why a topic's stamps are those of no clock; None where they may be."""
+    said, is_set = _stamps_of(times), _is_set(times)
+    if not (times.header_ns > 0).any():
+        return f"{said} are all 0" if not times.header_ns.any() else f"{said} are not above 0"
+    if np.count_nonzero(is_set) * 2 <= len(is_set):
+        unset = np.count_nonzero(~is_set)
+        return f"{unset} of {len(is_set)} {said} are not set, or days off the others"
+    stamps = times.header_ns[is_set]
+    if len(stamps) > 1 and len(np.unique(stamps)) * 2 <= len(stamps):
+        return f"{said} stand still: {len(np.unique(stamps))} different ones of {len(stamps)}"
+    steps = np.diff(stamps)
+    falls = np.maximum.accumulate(stamps) - stamps
+    if np.count_nonzero(steps < 0) * 2 > np.count_nonzero(steps):
+        return f"{said} fall from message to message"
+    if falls.max() > _FALL_NS:
+        return f"{said} go back by {falls.max() / 1e9:.4g} s in between"
+    return None
+
+
+def _is_set(times: MessageTimes) -> np.ndarray:
+    """Whether stamps are set and in keeping with most others."""
+    is_set = times.header_ns > 0
+    if not is_set.any():
+        return is_set
+    offsets = times.offsets_ns
+    is_kept: np.ndarray = is_set & (np.abs(offsets - np.median(offsets[is_set])) <= _DAY_NS)
+    return is_kept
+
+
+def _stamps_of(times: MessageTimes) -> str:
+    return f"header stamps of {shortened(times.topic)}"
+
+
+def _apart(delay_ns: float) -> str:
+    days = abs(delay_ns) / _DAY_NS
+    said = f"{days:.3g} days" if days < 730 else f"{days / 365.25:.3g} years"
+    return f"{said} {'after' if delay_ns > 0 else 'before'}"

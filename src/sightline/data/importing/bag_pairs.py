@@ -1,0 +1,152 @@
+"""Images and sweeps of a bag that were taken together, found in one pass over their messages."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from decimal import Decimal
+
+import numpy as np
+from jaxtyping import Int64
+
+from sightline.data.importing.bag import Bag, Message, plain_frame
+from sightline.data.importing.bag_clocks import Clock, MessageTimes, choose_clock
+from sightline.data.importing.bag_topics import ChosenTopics
+from sightline.data.importing.pairing import pair_nearest
+from sightline.data.plain_text import shortened
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pairs:
+    """The frames of a drive."""
+
+    positions: Int64[np.ndarray, "num_pairs 2"]
+    """Numbers of image and sweep among the messages of their topics."""
+    times_s: tuple[Decimal, ...]
+    """Of the sweeps, exact."""
+    notes: tuple[str, ...]
+
+
+def pair_messages(
+    bag: Bag, topics: ChosenTopics, max_gap_s: float, clock: Clock, *, keep_other_frames: bool
+) -> Pairs:
+    """Images and sweeps that are nearest to each other in time.
+
+    Args:
+        bag: The bag.
+        topics: Its camera and LiDAR.
+        max_gap_s: Those that are farther apart are no pair.
+        clock: Which time counts; see `choose_clock`.
+        keep_other_frames: Whether messages in another coordinate frame than the first of their
+            topic are used; else they are left out, as the calibration is that of the first.
+
+    Raises:
+        ValueError: No message can be read, or nothing pairs.
+    """
+    names = (topics.camera.name, topics.lidar.name)
+    found = {name: _Found() for name in names}
+    for message in bag.messages(set(names)):
+        found[message.topic].add(message, keep_other_frames=keep_other_frames)
+    for name in names:
+        if not found[name].numbers:
+            raise bag.nothing_readable(name)
+    try:
+        chosen = choose_clock([found[name].times(name) for name in names], clock)
+    except ValueError as error:
+        raise ValueError(f"{bag.path}: {error}") from error
+    camera, lidar = chosen.times_ns
+    by_time = np.argsort(camera, kind="stable"), np.argsort(lidar, kind="stable")
+    pairs = pair_nearest(camera[by_time[0]], lidar[by_time[1]], round(max_gap_s * 1e9))
+    positions = np.stack([order[pairs[:, axis]] for axis, order in enumerate(by_time)], axis=1)
+    if not len(positions):
+        fault = _nothing_pairs(topics, (camera, lidar), max_gap_s, chosen.clock, clock)
+        raise ValueError(f"{bag.path}: {fault}")
+    gaps_ms = np.abs(camera[positions[:, 0]] - lidar[positions[:, 1]]) / 1e6
+    notes = (
+        f"paired {len(positions)} of {len(camera)} images and {len(lidar)} sweeps by "
+        f"{chosen.clock} time, {gaps_ms.max():.1f} ms apart at most; dropped "
+        f"{len(camera) - len(positions)} images and {len(lidar) - len(positions)} sweeps",
+        *chosen.notes,
+        *bag.undecodable_note(names),
+        *(note for name in names for note in found[name].frame_notes(name)),
+    )
+    repeated = [len(each) - len(np.unique(each)) for each in (camera, lidar)]
+    if any(repeated):
+        notes += (
+            f"warning: {repeated[0]} images and {repeated[1]} sweeps have the {chosen.clock} time "
+            "of another one, of which the first counts",
+        )
+    columns = [np.array(found[name].numbers)[positions[:, axis]] for axis, name in enumerate(names)]
+    return Pairs(
+        positions=np.stack(columns, axis=1),
+        times_s=tuple(Decimal(int(time_ns)) / 10**9 for time_ns in lidar[positions[:, 1]]),
+        notes=notes,
+    )
+
+
+@dataclass(slots=True)
+class _Found:
+    """Messages of a topic that are used, and those that are in another coordinate frame."""
+
+    numbers: list[int] = field(default_factory=list)
+    header_ns: list[int] = field(default_factory=list)
+    received_ns: list[int] = field(default_factory=list)
+    frame: str = ""
+    """Of the first message that names one."""
+    others: Counter[str] = field(default_factory=Counter)
+    """Numbers of messages in each other frame."""
+    are_others_kept: bool = False
+
+    def add(self, message: Message, *, keep_other_frames: bool) -> None:
+        """Count a message."""
+        frame = plain_frame(message.content.header.frame_id)
+        self.frame = self.frame or frame
+        self.are_others_kept = keep_other_frames
+        if frame not in ("", self.frame):
+            self.others[frame] += 1
+            if not keep_other_frames:
+                return
+        self.numbers.append(message.number)
+        self.header_ns.append(message.stamp_ns)
+        self.received_ns.append(message.received_ns)
+
+    def times(self, topic: str) -> MessageTimes:
+        """Return when they were taken and came in."""
+        return MessageTimes(
+            topic=topic,
+            header_ns=np.array(self.header_ns, np.int64),
+            received_ns=np.array(self.received_ns, np.int64),
+        )
+
+    def frame_notes(self, topic: str) -> tuple[str, ...]:
+        """Return a line on messages in another frame than the first; none of none."""
+        if not self.others:
+            return ()
+        other, _ = self.others.most_common(1)[0]
+        count = self.others.total()
+        total = len(self.numbers) + (0 if self.are_others_kept else count)
+        said = (
+            f"{count} of {total} messages of {shortened(topic)} that are in frame "
+            f"{shortened(other)}, not {shortened(self.frame)} as the first"
+        )
+        if self.are_others_kept:
+            return (f"warning: kept {said}: the calibration file holds for one of them alone",)
+        return (f"warning: dropped {said}, whose calibration is taken",)
+
+
+def _nothing_pairs(
+    topics: ChosenTopics,
+    times_ns: tuple[Int64[np.ndarray, " num_images"], Int64[np.ndarray, " num_sweeps"]],
+    max_gap_s: float,
+    clock: Clock,
+    asked: Clock,
+) -> str:
+    """Return why no image and sweep belong together, with what to try."""
+    camera, lidar = (np.sort(each) for each in times_ns)
+    image, sweep = pair_nearest(camera, lidar, np.iinfo(np.int64).max)[0]
+    gap_s = abs(int(camera[image]) - int(lidar[sweep])) / 1e9
+    other = "received" if clock == "header" else "header"
+    switch = f"--clock {other} or " if clock == asked else ""
+    return (
+        f"no image of {shortened(topics.camera.name)} and sweep of {shortened(topics.lidar.name)} "
+        f"lie within {max_gap_s:g} s; the first are {gap_s:.3g} s apart by their {clock} time; try "
+        f"{switch}a larger --max-gap-s"
+    )

@@ -1,0 +1,163 @@
+"""Decoding of pictures without the lines that libpng and libjpeg print, which name no file."""
+
+import contextlib
+import ctypes
+import functools
+import os
+import re
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from typing import IO, Any, Final
+
+import cv2
+import numpy as np
+
+_NAMES: Final = {"linux": "stderr", "darwin": "__stderrp"}
+"""C's variable that points to its standard error, by platform."""
+_MAX_BYTES: Final = 2**16
+_DAMAGE: Final = re.compile(
+    r"libpng error: (?P<png>.*)|Corrupt JPEG data: (?P<jpeg>(?!.*extraneous bytes).*)"
+    r"|(?P<end>Premature end of JPEG file)"
+)
+"""Lines that tell of lost pixels; others tell of profiles and of bytes that stand too much."""
+_OF_CODECS: Final = re.compile(rb"libpng |Corrupt JPEG|Premature end of JPEG|Warning: unknown JFIF")
+
+
+def decode_quietly(content: bytes, flags: int) -> tuple[np.ndarray | None, str]:
+    """Decode a picture by OpenCV.
+
+    Args:
+        content: A PNG or JPEG file.
+        flags: OpenCV's `IMREAD_...`.
+
+    Returns:
+        The pixels, None where there are none, and the first damage that the decoder told of; empty
+        where it told of none, or nothing can be caught on this platform.
+
+    Raises:
+        cv2.error: OpenCV refuses the picture, for its sides for one.
+    """
+    buffer = np.frombuffer(content, np.uint8)
+    with _STDERR.caught() as said:
+        pixels = cv2.imdecode(buffer, flags)
+    if said:  # perhaps of what another thread decoded meanwhile
+        with _STDERR.caught(alone=True) as said:
+            pixels = cv2.imdecode(buffer, flags)
+    damage = _DAMAGE.search("".join(said))
+    return pixels, "" if damage is None else next(filter(None, damage.groups()), "").strip()
+
+
+class _CaughtStderr:
+    """C's standard error, led into a file while pictures are decoded.
+
+    Python's own, and the descriptor 2 of both, stay as they are, so that no other line is lost.
+    """
+
+    def __init__(self) -> None:
+        self._turn = threading.Condition()
+        self._num_inside = 0
+        self._is_alone = False
+        self._file: IO[bytes] | None = None
+        self._ours: int | None = None
+        self._before: tuple[int | None, Any] = (None, None)
+
+    @contextlib.contextmanager
+    def caught(self, *, alone: bool = False) -> Iterator[list[str]]:
+        """Catch what is printed; it stands in the list afterwards.
+
+        Args:
+            alone: Whether no other thread may be inside, so that all is of this one's making.
+        """
+        with self._turn:
+            self._turn.wait_for(lambda: not self._is_alone and not (alone and self._num_inside))
+            self._is_alone = alone
+            self._num_inside += 1
+            if self._num_inside == 1:
+                self._begin()
+            start = self._size()
+        said: list[str] = []
+        try:
+            yield said
+        finally:
+            with self._turn:
+                if self._file is not None and self._size() > start:
+                    heard = os.pread(self._file.fileno(), _MAX_BYTES, start)
+                    said.append(heard.decode("latin-1"))
+                self._is_alone = False
+                self._num_inside -= 1
+                if not self._num_inside:
+                    self._end()
+                self._turn.notify_all()
+
+    def _size(self) -> int:
+        return 0 if self._file is None else os.fstat(self._file.fileno()).st_size
+
+    def _begin(self) -> None:
+        if self._file is None:
+            self._open()
+        variable = _c_stderr()
+        log = cv2.utils.logging
+        self._before = (None if variable is None else variable.value, log.getLogLevel())
+        log.setLogLevel(log.LOG_LEVEL_SILENT)
+        if variable is not None and self._ours is not None:
+            variable.value = self._ours
+
+    def _open(self) -> None:
+        if _c_stderr() is None:
+            return
+        import fcntl
+
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process
+        descriptor = self._file.fileno()
+        flags = fcntl.fcntl(descriptor, fcntl.F_GETFL)
+        fcntl.fcntl(descriptor, fcntl.F_SETFL, flags | os.O_APPEND)
+        library = ctypes.CDLL(None)
+        library.fdopen.restype = ctypes.c_void_p
+        self._ours = library.fdopen(os.dup(descriptor), b"a")
+        library.setbuf(ctypes.c_void_p(self._ours), None)
+
+    def _end(self) -> None:
+        pointer, level = self._before
+        variable = _c_stderr()
+        if variable is not None and self._ours is not None:
+            variable.value = pointer
+        cv2.utils.logging.setLogLevel(level)
+        size = self._size()
+        if self._file is not None and size:
+            heard = os.pread(self._file.fileno(), size, 0)
+            os.ftruncate(self._file.fileno(), 0)
+            lines = heard.splitlines(keepends=True)
+            # Of several threads at once the ends of lines come after both.
+            others = [line for line in lines if line.strip() and not _OF_CODECS.match(line)]
+            with contextlib.suppress(OSError):  # where nobody listens
+                os.write(2, b"".join(others))
+
+    def forget(self) -> None:
+        """Begin anew in a process that was forked, perhaps while others were inside."""
+        if self._num_inside:
+            variable = _c_stderr()
+            if variable is not None and self._ours is not None:
+                variable.value = self._before[0]
+            cv2.utils.logging.setLogLevel(self._before[1])
+        self._turn = threading.Condition()
+        self._num_inside, self._is_alone = 0, False
+        self._file, self._ours = None, None
+
+
+@functools.cache
+def _c_stderr() -> ctypes.c_void_p | None:
+    """C's variable; None where it is not to be had."""
+    name = _NAMES.get(sys.platform)
+    if name is None:
+        return None
+    try:
+        return ctypes.c_void_p.in_dll(ctypes.CDLL(None), name)
+    except (OSError, ValueError):
+        return None
+
+
+_STDERR: Final = _CaughtStderr()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_STDERR.forget)

@@ -1,0 +1,87 @@
+"""Times of a recording's frames: the file times.txt, and how it fits the frames."""
+
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+from sightline.data.frame_checks import read_or_note
+from sightline.data.object_tree import describe_absent
+from sightline.data.plain_text import parse_numbers, read_text, shortened
+from sightline.data.problem import FileError, Problem
+
+_FORM: Final = "write lines like `000001 0.1`"
+
+
+def read_times(path: Path) -> dict[str, Decimal]:
+    """Reads the lines "NAME SECONDS" of a times.txt, exactly: a float of epoch seconds is not.
+
+    Raises:
+        FileError: A line is no name and time, holds a character that no screen shows (other marks
+            for the end of a line among them), or names a frame a second time.
+    """
+    times: dict[str, Decimal] = {}
+    lines: dict[str, int] = {}
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        if not line.strip(" \t"):
+            continue
+        if not line.replace("\t", " ").isprintable():
+            said = f"line {number} holds characters that are not to be seen: {shortened(line, 40)}"
+            raise FileError(path, said, f"{_FORM}, each ended by a line feed")
+        words = line.rsplit(maxsplit=1)
+        if len(words) < 2:
+            problem = f"line {number} is no frame's name and a time in seconds"
+            raise FileError(path, problem, _FORM)
+        name, seconds = words[0].strip(), words[1]
+        parse_numbers([seconds], path, f"line {number}:")
+        if name in times:
+            said = f"line {number} gives frame {shortened(name)} a second time, line {lines[name]}"
+            raise FileError(path, f"{said} the first", "keep one line a frame")
+        times[name], lines[name] = Decimal(seconds), number
+    return times
+
+
+def check_times(path: Path, frames: Sequence[str]) -> list[Problem]:
+    """Everything that is wrong with a times.txt: its own fault, else how it fits the frames."""
+    problems: list[Problem] = []
+    times = read_or_note(read_times, path, problems)
+    return problems if times is None else times_doubts(path, times, frames)
+
+
+def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]) -> list[Problem]:
+    """Differences between times and frames, and times that do not rise from frame to frame.
+
+    Args:
+        path: The file.
+        times: What it says.
+        frames: Names of all frames of the recording, in order.
+    """
+    known = set(frames)
+    strange = [name for name in times if name not in known]
+    timed = [name for name in frames if name in times]
+    bare = [name for name in frames if name not in times]
+    said: list[tuple[str, str]] = []
+    if not timed:
+        found = f"frames are called {shortened(frames[0])} .." if frames else "there are no frames"
+        names = f"it has {describe_absent(strange)}" if strange else "it is empty"
+        said.append((f"has a time of no frame: {names}, {found}", "give each frame a line"))
+        strange, bare = [], []
+    if strange:
+        which = f"{len(strange)} of {len(times)} lines name no frame ({describe_absent(strange)})"
+        said.append((which, "correct their names, or take them out"))
+    if bare:
+        which = f"lacks a time of {len(bare)} of {len(frames)} frames ({describe_absent(bare)})"
+        said.append((which, "give each frame a line"))
+    late = [after for before, after in pairwise(timed) if times[after] <= times[before]]
+    if late:
+        same = sum(times[after] == times[before] for before, after in pairwise(timed))
+        said.append(
+            (
+                f"has times that do not rise from frame to frame: {len(late)} of {len(timed)} fall "
+                f"or stay ({same}), {shortened(late[0])} for one",
+                "correct them, or number the frames in the order in which they were taken, with "
+                "leading zeros",
+            )
+        )
+    return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in said]

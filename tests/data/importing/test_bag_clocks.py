@@ -1,0 +1,141 @@
+import cv2
+import numpy as np
+import pytest
+
+from sightline.data.importing.import_recording import import_recording
+from sightline.data.open import open_dataset
+from tests.data.recordings import CAMERA_FROM_LIDAR, IMAGE, POINTS, BagMaker, calibration_entries
+
+YEAR_NS = 366 * 86_400 * 10**9
+START_NS = 40 * YEAR_NS
+SMALL = np.ascontiguousarray(IMAGE[::8, ::8])
+FEW = (POINTS * np.float32([1, 1, 1, 255]))[::20]
+
+
+class OddBag(BagMaker):
+    """A bag whose headers are changed: `stamp` gives a stamp from frame and time."""
+
+    def __init__(self, path, stamp=lambda _, time_ns: time_ns):
+        super().__init__(path)
+        self._stamp = stamp
+
+    def header(self, frame, time_ns):
+        return super().header(frame, self._stamp(frame, time_ns))
+
+
+def write_drive(path, **bag_changes):
+    """A drive of four small pictures and clouds."""
+    with OddBag(path, **bag_changes) as bag:
+        matrix = np.array(calibration_entries()["camera_matrix"]) / [[8], [8], [1]]
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for at in range(4):
+            time_ns = START_NS + at * 10**8
+            bag.info("/front/camera_info", time_ns, matrix=matrix, size=SMALL.shape[:2])
+            bag.image("/front/image_raw", time_ns, picture=SMALL)
+            bag.cloud("/points", time_ns + 8 * 10**6, points=FEW)
+    return path
+
+
+LIDAR_ALONE = {
+    "all 0": (lambda _: 0, "header stamps of /points are all 0"),
+    "negative": (lambda _: -(10**9), "header stamps of /points are not above 0"),
+    "constant": (lambda _: START_NS, "header stamps of /points stand still"),
+    "falling": (lambda at: 2 * START_NS - at, "header stamps of /points fall from message"),
+    "years": (lambda at: at + 10 * YEAR_NS, "header stamps of /points are 10 years after"),
+    "set back": (
+        lambda at: at - (at > START_NS + 10**8) * 10**11,
+        "header stamps of /points go back by 99",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LIDAR_ALONE)
+def test_stamps_that_tell_no_time_are_told_and_receipt_counts(tmp_path, case):
+    lidar_stamp, said = LIDAR_ALONE[case]
+
+    def stamp(frame, time_ns):
+        return lidar_stamp(time_ns) if frame == "lidar" else time_ns
+
+    bag = write_drive(tmp_path / "drive", stamp=stamp)
+    report = str(import_recording(bag, tmp_path / "out"))
+    assert "paired 4 of 4 images and 4 sweeps by received time, 8.0 ms apart" in report
+    assert f"warning: {said}" in report
+    assert "messages are paired by the time of receipt" in report
+    assert open_dataset(tmp_path / "out")[1].timestamp_s == 0.1
+
+
+def test_a_clock_of_both_sensors_of_its_own_is_taken_and_told(tmp_path):
+    bag = write_drive(tmp_path / "drive", stamp=lambda _, at: at - START_NS + 10**9)
+    report = str(import_recording(bag, tmp_path / "out"))
+    assert "by header time" in report
+    assert "header stamps of all sensors are 40.1 years before receipt" in report
+
+
+def test_a_few_stamps_that_are_not_set_are_filled_in(tmp_path):
+    first = START_NS + 8 * 10**6
+    bag = write_drive(tmp_path / "drive", stamp=lambda _, at: 0 if at == first else at)
+    report = str(import_recording(bag, tmp_path / "out"))
+    assert "paired 4 of 4 images and 4 sweeps by header time" in report
+    assert "warning: 1 of 4 header stamps of /points are not set, or days off" in report
+
+
+def test_a_drive_without_any_clock_is_refused(tmp_path):
+    with OddBag(tmp_path / "drive", lambda _, __: 0) as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for _ in range(3):
+            bag.info("/front/camera_info", 10**9)
+            bag.image("/front/image_raw", 10**9)
+            bag.cloud("/points", 10**9)
+    with pytest.raises(ValueError, match=r"are all 0, and all 3 messages of .* nothing tells"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+    with pytest.raises(ValueError, match=r"all 3 messages of .* try --clock header"):
+        import_recording(tmp_path / "drive", tmp_path / "out", clock="received")
+
+
+class RenamedBag(OddBag):
+    """A bag of which a frame is renamed from the third message on."""
+
+    def __init__(self, path, renamed, **changes):
+        super().__init__(path, **changes)
+        self.renamed = renamed
+
+    def header(self, frame, time_ns):
+        late = frame == self.renamed and time_ns > START_NS + 150 * 10**6
+        return super().header("rear" if late else frame, time_ns)
+
+
+@pytest.mark.parametrize(
+    ("renamed", "topic"), [("lidar", "/points"), ("camera_optical", "/front/image_raw")]
+)
+def test_messages_of_another_frame_are_dropped_and_told(tmp_path, renamed, topic, monkeypatch):
+    monkeypatch.setitem(globals(), "OddBag", lambda path: RenamedBag(path, renamed))
+    bag = write_drive(tmp_path / "drive")
+    report = import_recording(bag, tmp_path / "out")
+    assert report.written == 2
+    said = rf"warning: dropped 2 of 4 messages of {topic} that are in frame rear, not {renamed}"
+    assert said in str(report)
+    (tmp_path / "calibration.yaml").write_text((tmp_path / "out" / "calibration.yaml").read_text())
+    report = import_recording(
+        bag, tmp_path / "all", calibration=tmp_path / "calibration.yaml", max_intensity=255.0
+    )
+    assert report.written == 4
+    assert "warning: kept 2 of 4 messages" in str(report)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_black_pictures_are_counted(tmp_path, compressed):
+    _, encoded = cv2.imencode(".png", IMAGE[..., ::-1])
+    _, black = cv2.imencode(".png", IMAGE * 0)
+    with OddBag(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for at in range(3):
+            time_ns = (at + 1) * 10**9
+            bag.info("/front/camera_info", time_ns)
+            if compressed:
+                content = black if at else encoded
+                bag.jpeg("/front/image_raw/compressed", time_ns, content.tobytes())
+            else:
+                bag.image("/front/image_raw", time_ns, picture=IMAGE * int(at == 0))
+            bag.cloud("/points", time_ns)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "warning: 2 of 3 images are of one colour, that of frame 000001 for one" in report

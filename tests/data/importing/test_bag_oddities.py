@@ -1,0 +1,100 @@
+import sqlite3
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+from sightline.data.importing.bag_messages import picture_file_of, picture_of
+from sightline.data.importing.import_recording import import_recording
+from tests.data.recordings import (
+    CAMERA_FROM_LIDAR,
+    CAMERA_MATRIX,
+    BagMaker,
+    usual_topics,
+    write_bag,
+)
+
+LONG = "\x1b[31m" + "x" * 9000
+MOVED = CAMERA_FROM_LIDAR.copy()
+MOVED[0, 3] += 0.5
+
+
+@pytest.mark.parametrize(
+    "transforms",
+    [
+        {"camera_optical__base": MOVED, "base__lidar": np.eye(4)},  # a second parent
+        {"lidar__camera_optical": CAMERA_FROM_LIDAR},  # and back by the same
+        {"lidar__a": np.eye(4), "a__camera_optical": np.eye(4)},  # a loop
+    ],
+)
+def test_ways_through_tf_that_differ_are_told(tmp_path, transforms):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, **transforms)
+        usual_topics(bag, number=1)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "warning: TF has several ways from lidar to camera_optical that differ by" in report
+    assert "the shortest is taken, by lidar and camera_optical" in report
+
+
+def test_ways_through_tf_that_agree_are_no_matter(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__a=CAMERA_FROM_LIDAR, a__lidar=np.eye(4))
+        bag.transforms("/tf_static", 10**9, lidar__camera_optical=np.linalg.inv(CAMERA_FROM_LIDAR))
+        usual_topics(bag, number=1)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "several ways" not in report
+
+
+def without_frames(bag):
+    bag.header = lambda _, time_ns: BagMaker.header(bag, "", time_ns)
+    usual_topics(bag)
+
+
+def with_long_frames(bag):
+    plain = bag.header
+    bag.header = lambda frame, time_ns: plain(f"{frame}{LONG}", time_ns)
+    usual_topics(bag)
+
+
+def many_frames(bag):
+    bag.transforms("/tf_static", 10**9, **{f"a{at}__b{at}": np.eye(4) for at in range(40)})
+    bag.info("/front/camera_info", 10**9)
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+
+
+ODD = {
+    "no message of /points names its frame": without_frames,
+    "has no way from frame 'lidar.x1b": with_long_frames,
+    "it knows a0, a1, a10, a11, a12 and 75 more": many_frames,
+    "zeros alone: the camera was not calibrated": lambda bag: usual_topics(
+        bag, matrix=CAMERA_MATRIX * 0
+    ),
+}
+
+
+@pytest.mark.parametrize("said", ODD)
+def test_headers_and_calibrations_that_say_nothing_are_named_in_one_short_line(tmp_path, said):
+    with BagMaker(tmp_path / "drive") as bag:
+        ODD[said](bag)
+    with pytest.raises(ValueError, match=said) as raised:
+        import_recording(tmp_path / "drive", tmp_path / "out")
+    assert len(str(raised.value)) < 700
+
+
+def test_names_and_encodings_of_any_length_are_shown_in_short():
+    message = SimpleNamespace(encoding=LONG, format=LONG, data=np.zeros(9, np.uint8))
+    for read in (picture_of, picture_file_of):
+        with pytest.raises(ValueError, match="topic /aaa") as raised:
+            read(message, "/" + "a" * 9000)
+        assert len(str(raised.value)) < 500
+
+
+def test_times_of_receipt_of_no_clock_are_named(tmp_path):
+    bag = write_bag(tmp_path / "drive", 1, storage=StoragePlugin.SQLITE3)
+    (path,) = bag.glob("*.db3")
+    with sqlite3.connect(path) as database:
+        database.execute("update messages set timestamp = 9223372036854775807")
+    with pytest.raises(ValueError, match=r"that cannot be read: its time of receipt, 9223"):
+        import_recording(path, tmp_path / "out")

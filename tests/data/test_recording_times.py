@@ -1,0 +1,53 @@
+import pytest
+
+from sightline.data.check import check_tree
+from sightline.data.open import open_dataset
+from sightline.data.problem import FileError
+from sightline.data.recording_times import read_times
+from tests.data.recordings import write_recording
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a 1\na 2\n", "line 2 gives frame a a second time, line 1 the first"),
+        ("a nan\n", "value 1 is 'nan'"),
+        ("a inf\n", "value 1 is 'inf'"),
+        ("a 1\x85b 2\n", r"line 1 holds characters that are not to be seen: a 1\\x85b 2"),
+        ("a 1\u2028b 2\n", "line 1 holds characters that are not to be seen"),
+        ("a 1\x0cb 2\n", "line 1 holds characters that are not to be seen"),
+        ("a\u00a01\n", "line 1 holds characters that are not to be seen"),
+        ("a 1_0\n", "value 1 is '1_0'"),
+    ],
+)
+def test_times_that_cannot_be_read_are_one_line_in_check_and_on_opening(tmp_path, text, said):
+    write_recording(tmp_path, ("a", "b"))
+    (tmp_path / "times.txt").write_text(text, encoding="utf-8")
+    with pytest.raises(FileError, match=said) as raised:
+        open_dataset(tmp_path)
+    assert [str(problem) for problem in check_tree(tmp_path)] == [str(raised.value)]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x 1\ny 2\n", r"has a time of no frame: it has x, y, frames are called a \.\."),
+        ("\n", "has a time of no frame: it is empty"),
+        ("a 1\nb 2\nx 3\n", r"1 of 3 lines name no frame \(x\)"),
+        ("a 1\n", r"lacks a time of 1 of 2 frames \(b\)"),
+        ("a 2\nb 1\n", r"do not rise from frame to frame: 1 of 2 fall or stay \(0\), b for one"),
+        ("a 1\nb 1.0\n", r"do not rise from frame to frame: 1 of 2 fall or stay \(1\)"),
+    ],
+)
+def test_times_that_do_not_fit_the_frames_are_told_by_check_and_on_opening(tmp_path, text, said):
+    write_recording(tmp_path, ("a", "b"))
+    (tmp_path / "times.txt").write_text(text)
+    with pytest.warns(UserWarning, match=rf"times.txt: .*{said}"):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert problem.path == tmp_path / "times.txt"
+
+
+def test_lines_of_times_are_parted_by_tabs_and_blanks(tmp_path):
+    (tmp_path / "times.txt").write_text("a b \t 1\n\n \t\nc\t2\r\n")
+    assert read_times(tmp_path / "times.txt") == {"a b": 1, "c": 2}
