@@ -24,7 +24,9 @@ def test_every_figure_of_the_readme_on_how_good_it_is_stands_in_the_results():
     figures = set(re.findall(r"\d[\d.,]*\d|\d", re.sub(r"\[[^\]]*\]\([^)]*\)", "", section)))
     assert len(figures) > 40
     assert {
-        each for each in figures if not re.search(rf"(?<![\d.]){each}(?![\d.]\d)", results)
+        each
+        for each in figures
+        if not re.search(rf"(?<![\d.]){re.escape(each)}(?![\d.]\d)", results)
     } == set()
     for interval in re.findall(r"\[[\d, ]+\]", section):
         assert interval in results
