@@ -1,11 +1,12 @@
 import ast
+import warnings
 from pathlib import Path
 
 import pytest
 from rich.table import Table
 
 import sightline.cli
-from sightline.cli.output import fail, format_warning, say, show_table
+from sightline.cli.output import fail, format_warning, gathered_warnings, say, show_table
 
 FORGED = "000001\x1b[2J\x1b]0;owned\x07\nno problems\u202e\udce9"
 
@@ -28,6 +29,18 @@ def test_errors_and_warnings_are_one_line_each(capsys):
     assert said == r"sightline: 000001\x1b[2J\x1b]0;owned\x07 no problems\u202e\udce9"
     (warned,) = lines_of(format_warning(FORGED, UserWarning, "file.py", 1))
     assert warned == said.replace("sightline:", "sightline: warning:")
+
+
+def test_warnings_of_a_command_are_gathered_by_kind_with_their_number(capsys):
+    with gathered_warnings():
+        for name in ("a", "a", "b", "c"):
+            warnings.warn(f"{name}.npy: {ord(name)} points are left out", stacklevel=1)
+        warnings.warn("another", stacklevel=1)
+        assert not capsys.readouterr().err
+    assert lines_of(capsys.readouterr().err) == [
+        "sightline: warning: a.npy: 97 points are left out (3 like it)",
+        "sightline: warning: another",
+    ]
 
 
 @pytest.mark.parametrize("terminal", [False, True])

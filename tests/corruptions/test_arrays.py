@@ -110,8 +110,10 @@ def test_tensors_and_lists_are_arrays_as_well(kind):
 def test_clouds_of_three_columns_or_of_five_are_those_of_four(kind):
     dark = POINTS * np.float32([1, 1, 1, 0])
     five = np.hstack([POINTS, np.full((len(POINTS), 1), np.nan)])  # a column that nobody needs
+    told = {3: "0 is taken for the reflectance", 5: "the others are left out"}
     for given, same in ((POINTS[:, :3], dark), (five, POINTS)):
-        found = corrupt_arrays(kind, 3, image=IMAGE, points=given, **MATRICES)
+        with pytest.warns(UserWarning, match=told[given.shape[1]]):
+            found = corrupt_arrays(kind, 3, image=IMAGE, points=given, **MATRICES)
         expected = corrupt_arrays(kind, 3, image=IMAGE, points=same, **MATRICES)
         assert np.array_equal(found.points, expected.points)
         assert np.array_equal(found.point_sources, expected.point_sources)

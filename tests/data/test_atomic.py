@@ -69,12 +69,29 @@ def test_files_get_the_permissions_that_the_user_chose_for_new_files(tmp_path):
     assert (tmp_path / "new").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
-def test_a_symbolic_link_is_followed_and_stays(tmp_path):
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_symbolic_link_is_replaced_and_nothing_is_written_where_it_leads(tmp_path, is_there):
     (tmp_path / "store").mkdir()
+    if is_there:
+        (tmp_path / "store" / "real.txt").write_text("mine")
     (tmp_path / "link.txt").symlink_to(tmp_path / "store" / "real.txt")
     atomic_write_text(tmp_path / "link.txt", "content")
-    assert (tmp_path / "link.txt").is_symlink()
-    assert (tmp_path / "store" / "real.txt").read_text() == "content"
+    assert not (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "link.txt").read_text() == "content"
+    assert [each.read_text() for each in (tmp_path / "store").iterdir()] == ["mine"] * is_there
+
+
+def test_a_folder_that_is_a_link_is_followed(tmp_path):
+    (tmp_path / "store").mkdir()
+    (tmp_path / "folder").symlink_to(tmp_path / "store")
+    atomic_write_text(tmp_path / "folder" / "a.txt", "content")
+    assert (tmp_path / "store" / "a.txt").read_text() == "content"
+
+
+def test_links_of_the_system_to_streams_stay():
+    for path in ("/dev/stdout", "/proc/self/fd/0"):
+        with pytest.raises(ValueError, match="is no regular file; choose another name"):
+            atomic_write_text(path, "content")
 
 
 def test_a_file_in_place_of_the_output_folder_is_named_with_the_remedy(tmp_path):

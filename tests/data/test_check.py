@@ -4,17 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from sightline.data import tree_checks
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import write_depth_png
 from sightline.data.frame_checks import Findings
 from sightline.data.image_file import write_rgb
-from sightline.data.problem import Problem
+from sightline.data.kitti_files import write_points
+from sightline.data.open import open_dataset
+from sightline.data.problem import FileError, Problem
+from tests.data.recordings import POINTS, write_cloud_file, write_recording
 from tests.data.trees import (
     LABELS,
     depth_map,
     picture,
+    points,
     write_depth_drive,
     write_drive,
     write_object_frame,
@@ -188,7 +193,7 @@ def test_a_calibration_that_no_vehicle_has_is_named_in_every_kind_of_tree(tmp_pa
         ("5.00 3.00", "-50.00 3.00", "has a 2D box far outside the image"),
         ("20.00 9.00", "4.00 9.00", "has a 2D box with its maximum below its minimum"),
         ("1.50 1.60 3.90", "1.50 0.00 3.90", "has a 3D box of a size that is not positive"),
-        ("-1.53", "-91.0", "has an angle outside -pi to pi"),
+        ("-1.53", "-4.0", "has an angle outside -pi to pi"),
         ("Car 0.10 0", "Car 0.10 7", "has an occlusion other than -1 to 3"),
     ],
 )
@@ -252,6 +257,32 @@ def test_a_name_that_is_no_text_is_told_in_plain_characters(tree):
     told = "\n".join(lines(tree.parent))
     assert told.isascii()
     assert "00\\udcff2" in told
+
+
+def test_frames_whose_names_other_commands_refuse_are_a_problem(tree):
+    for path in list(tree.glob("*/000002.*")):
+        path.rename(path.with_name(f"00\a2{path.suffix}"))
+    (problem,) = check_tree(tree.parent)
+    with pytest.raises(FileError) as refused:
+        open_dataset(tree)
+    assert refused.value.problem == problem
+
+
+def test_a_handful_of_points_in_the_image_is_a_problem_in_trees_drives_and_recordings(tmp_path):
+    behind = torch.tensor([[-10.0, 1.0, -1.0, 0.5]]).repeat(267, 1)
+    cloud = torch.cat((points(3), behind))
+    write_object_frame(tmp_path / "tree", "000001")
+    write_points(tmp_path / "tree" / "training" / "velodyne" / "000001.bin", cloud)
+    write_drive(tmp_path / "drive", 1, official=False)
+    write_points(tmp_path / "drive" / "velodyne" / "0000000000.bin", cloud)
+    for root in ("tree", "drive"):
+        (told,) = lines(tmp_path / root)
+        assert "only 3 of its 270 points fall into the image" in told
+    write_recording(tmp_path / "recording", ("a",), cloud=".npy")
+    cloud = np.concatenate((POINTS[POINTS[:, 0] > 5][:9], behind.numpy()[:200]))
+    write_cloud_file(tmp_path / "recording" / "points" / "a.npy", cloud)
+    (told,) = lines(tmp_path / "recording")
+    assert "points of frame a fall into the image of 375x1242 (height x width): " in told
 
 
 def test_it_goes_on_after_every_problem_and_tells_them_in_the_order_of_the_frames(tree):

@@ -188,3 +188,41 @@ def test_a_manifest_that_is_a_pipe_is_no_manifest_and_nobody_waits_for_it(tmp_pa
     assert read_claim(tmp_path) is None
     with pytest.raises(ValueError, match="is no regular file"):
         claim_folder(tmp_path, {"task": "a"}, results=("*.txt",))
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        "",
+        "null",
+        "[1]",
+        "[" * 100_000,
+        '{"task": NaN, "seed": Infinity, "size": [[[]]]}',
+        '{"task": "\\u001b[31m\\n# forged\\u202e"}',
+        json.dumps({"seed": 10**400, "task": "x" * 100_000}),
+        json.dumps({f"{number}" * 100: number for number in range(1_000)}),
+        json.dumps({"task": {"inner": {"deep": 1}}, "\x1b]0;title\x07" * 100: 1}),
+        "\x1b[2J\x00",
+    ],
+    ids=lambda text: text[:24].encode("unicode_escape").decode(),
+)
+def test_a_forged_manifest_is_refused_in_one_short_line(tmp_path, capsys, forged):
+    from sightline.cli.output import fail
+
+    (tmp_path / MANIFEST_NAME).write_text(forged)
+    with pytest.raises(ValueError, match="which would mix with this job; name another") as caught:
+        claim(tmp_path)
+    assert len(str(caught.value)) < 3_000
+    fail(str(caught.value), 2)
+    assert capsys.readouterr().err.removesuffix("\n").isprintable()
+    told = read_claim(tmp_path)
+    assert told is None or isinstance(told, dict)
+
+
+@pytest.mark.parametrize("kind", ["folder", "large"])
+def test_a_manifest_that_cannot_be_read_is_refused_in_one_line(tmp_path, kind):
+    path = tmp_path / MANIFEST_NAME
+    path.mkdir() if kind == "folder" else path.write_bytes(b" " * (2**22 + 1))
+    with pytest.raises(ValueError, match=r"sightline\.json:? is .*; .*name another output folder"):
+        claim(tmp_path)
+    assert read_claim(tmp_path) is None

@@ -60,6 +60,22 @@ def test_labels_in_other_units_are_doubted():
     assert "shares of the image" in doubts(CAR.replace("100 120 200 180", "0.1 0.2 0.3 0.4"))[0]
 
 
+@pytest.mark.parametrize("angles", [("-1.57", "-88"), ("0", "360"), ("270", "-1.53")])
+def test_angles_in_degrees_are_doubted_once_for_a_file(angles):
+    alpha, rotation = angles
+    turned = f"Car 0 0 {alpha} 100 120 200 180 1.50 1.60 3.90 0.50 1.60 12.00 {rotation}"
+    (doubt,) = doubts(turned, CAR, turned, REGION)
+    assert "has angles beyond two pi at 2 of 4 objects" in doubt
+    assert "probably in degrees; write radians" in doubt
+
+
+def test_a_name_in_another_case_says_how_evaluation_counts_it():
+    (doubt,) = doubts(CAR.replace("Car", "car"))
+    assert "leave them out, evaluation, which reads names in any case, takes them for Car" in doubt
+    (doubt,) = doubts(CAR.replace("Car", "Zebra"))
+    assert "detectors, training and evaluation leave them out" in doubt
+
+
 def test_the_labels_of_kitti_raise_no_doubt(kitti_root):
     paths = sorted(kitti_root.glob("training/label_2/*.txt"))
     assert len(paths) == 90

@@ -196,3 +196,35 @@ def test_ctrl_c_ends_a_job_at_whichever_of_twenty_moments_of_its_start_it_comes(
     for moment in range(20):
         with pytest.raises(KeyboardInterrupt):
             calls_until_the_first_result(1 + moment * (total // 2) // 20)
+
+
+class Stubborn:
+    """A process that ends once it has been told to, and notes what is done to it."""
+
+    def __init__(self, number, said):
+        self.number, self.said, self.is_told = number, said, False
+
+    def join(self, timeout):
+        assert timeout >= 0
+        if self.is_told:
+            self.said.append(f"join {self.number}")
+
+    def terminate(self):
+        self.is_told = True
+        self.said.append(f"end {self.number}")
+
+    def is_alive(self):
+        return not self.is_told
+
+    def kill(self):
+        raise AssertionError("it has ended")
+
+
+def test_workers_that_do_not_finish_are_all_ended_before_one_is_waited_for(monkeypatch):
+    monkeypatch.setattr(parallel, "_PATIENCE_S", 0.0)
+    said = []
+    pool = parallel._Pool(str)
+    ends = [parallel.multiprocessing.Pipe()[0] for _ in range(3)]
+    pool._processes = {end: Stubborn(number, said) for number, end in enumerate(ends)}
+    pool.close()
+    assert said == ["end 0", "end 1", "end 2", "join 0", "join 1", "join 2"]

@@ -8,6 +8,7 @@ from pypcd4 import Encoding, PointCloud
 
 from sightline.data.point_files import read_cloud
 from sightline.data.problem import FileError
+from sightline.data.rings import ring_numbers
 from tests.data.recordings import POINTS, write_cloud_file
 
 SCALED = POINTS * np.float32([1, 1, 1, 255])
@@ -47,7 +48,7 @@ def test_a_field_that_is_no_number_a_point_is_refused_by_name(tmp_path, kind):
 
 
 def test_what_float32_cannot_hold_is_left_out_like_other_marks_of_no_echo(tmp_path):
-    rows = np.zeros(2, [("x", "f8"), ("y", "f8"), ("z", "f8")])
+    rows = np.zeros(2, [("x", "f8"), ("y", "f8"), ("z", "f8"), ("i", "f8")])
     rows["x"] = (3, np.finfo(np.float64).max)
     np.save(tmp_path / "cloud.npy", rows)
     assert read_cloud(tmp_path / "cloud.npy").tolist() == [[3, 0, 0, 0]]
@@ -62,11 +63,14 @@ def test_an_archive_of_arrays_is_no_npy_file(tmp_path):
 
 def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(tmp_path):
     np.save(tmp_path / "cloud.npy", POINTS[:5, :3])
-    assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()
+    with pytest.warns(UserWarning, match="have three columns, x, y, z: 0 is taken for the refl"):
+        assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()
     np.save(tmp_path / "empty.npy", POINTS[:0])
     assert read_cloud(tmp_path / "empty.npy").shape == (0, 4)
     PointCloud.from_xyz_points(POINTS[:7, :3]).save(tmp_path / "cloud.pcd")
-    np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.pcd")[:, :3], POINTS[:7, :3])
+    with pytest.warns(UserWarning, match="have no field of brightness among x, y, z: 0 is taken"):
+        points = read_cloud(tmp_path / "cloud.pcd")
+    np.testing.assert_array_equal(points[:, :3], POINTS[:7, :3])
 
 
 def test_an_organised_cloud_is_read_row_by_row(tmp_path):
@@ -81,7 +85,9 @@ def test_points_without_an_echo_are_left_out(tmp_path):
     np.save(tmp_path / "cloud.npy", cloud)
     expected = POINTS[[0, 3]]
     np.testing.assert_allclose(read_cloud(tmp_path / "cloud.npy", 255.0), expected, atol=1e-6)
-    np.save(tmp_path / "cloud.npy", np.array([[1e300, 0, 0], [1, 2, 3]]))  # more than float32 has
+    np.save(
+        tmp_path / "cloud.npy", np.array([[1e300, 0, 0, 0], [1, 2, 3, 0]])
+    )  # more than float32 has
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.npy"), [[1, 2, 3, 0]])
 
 
@@ -108,13 +114,14 @@ def test_a_cloud_of_which_no_point_is_left_is_said_to_be_empty(tmp_path, suffix)
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, -1])
 def test_fields_that_nobody_needs_may_hold_anything(tmp_path, bad):
-    kinds = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8"), ("ring", "f8")]
+    kinds = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8"), ("ring", "f8"), ("i", "f4")]
     rows = np.zeros(9, kinds)
     rows["x"], rows["time"], rows["ring"] = 5, bad, bad
     np.save(tmp_path / "cloud.npy", rows)
     assert read_cloud(tmp_path / "cloud.npy").tolist() == [[5, 0, 0, 0]] * 9
     np.save(tmp_path / "rows.npy", np.hstack([POINTS[:9], np.full((9, 2), bad)]))
-    np.testing.assert_array_equal(read_cloud(tmp_path / "rows.npy"), POINTS[:9])
+    with pytest.warns(UserWarning, match="have 6 columns: the first four are taken for x, y, z"):
+        np.testing.assert_array_equal(read_cloud(tmp_path / "rows.npy"), POINTS[:9])
 
 
 def test_one_point_in_a_hundred_may_be_brighter_than_the_scale(tmp_path):
@@ -139,6 +146,46 @@ def test_a_pcd_of_fewer_points_than_it_announces_is_cut_short(tmp_path, data):
     path.write_bytes(b"".join(lines[:-9]) if data == "ascii" else content[: -9 * 12])
     with pytest.raises(FileError, match=r"holds 41 of the 50 points .*: it is cut short"):
         read_cloud(path)
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".ply", ".npy"])
+@pytest.mark.parametrize("name", ["ring", "scalar_Ring"])
+def test_a_field_of_rings_brings_points_into_kittis_order(tmp_path, suffix, name):
+    path, rings = tmp_path / f"cloud{suffix}", ring_numbers(POINTS)
+    laser = 63 - (rings - (POINTS[:, 1] < 0))  # from the bottom, as many drivers number them
+    kinds = [(field, "<f4") for field in ("x", "y", "z", "intensity", name)]
+    order = np.argsort(np.arctan2(POINTS[:, 1], POINTS[:, 0]))
+    rows = np.hstack([POINTS, laser[:, None]])[order].astype(np.float32)
+    if suffix == ".npy":
+        np.save(path, rows.view(kinds).ravel())
+    elif suffix == ".pcd":
+        header = f"FIELDS x y z intensity {name}\nWIDTH {len(rows)}\nDATA binary\n"
+        path.write_bytes(header.encode() + rows.tobytes())
+    else:
+        header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
+        header += "".join(f"property float {field}\n" for field, _ in kinds) + "end_header\n"
+        path.write_bytes(header.encode() + rows.tobytes())
+    found = ring_numbers(read_cloud(path))
+    assert abs(found.max() - rings.max()) <= 1
+    np.testing.assert_array_equal(np.sort(read_cloud(path), axis=0), np.sort(POINTS, axis=0))
+
+
+def test_a_scale_far_above_all_intensities_is_doubted(tmp_path):
+    np.save(tmp_path / "cloud.npy", POINTS)
+    with pytest.warns(UserWarning, match="reach no hundredth of max_intensity, 255, so refl"):
+        read_cloud(tmp_path / "cloud.npy", 255.0)
+
+
+def test_rings_in_the_place_of_intensities_are_told_as_such(tmp_path):
+    elevation = np.degrees(np.arctan2(POINTS[:, 2], np.hypot(*POINTS[:, :2].T)))
+    rings = np.floor(elevation - elevation.min())[:, None]
+    rows = np.hstack([POINTS[:, :3], rings, POINTS[:, 3:]])
+    np.save(tmp_path / "cloud.npy", rows)
+    with (
+        pytest.warns(UserWarning, match="have 5 columns"),
+        pytest.raises(FileError, match=r"holds ring numbers \(0 to \d+, .* x, y, z, intensity$"),
+    ):
+        read_cloud(tmp_path / "cloud.npy", 255.0)
 
 
 def save(array):

@@ -56,6 +56,8 @@ def path(tmp_path):
         (ASCII.replace(" ", "   "), (), {"SIZE": " 4  4 4  4 "}),
         (ASCII.replace("\n", " \n"), (), {}),
         (ASCII.replace("\n", "\r\n"), (), {}),
+        (ASCII.replace("\n", "\r"), (), {}),
+        (ASCII, (), {"VIEWPOINT": "0 0 0 -1 0 0 0"}),
         (ASCII.rstrip(), (), {}),
         ("\n" + ASCII.replace("\n", "\n\n"), (), {"DATA": "ASCII"}),
         ("# a remark\n" + ASCII, (), {}),
@@ -139,9 +141,12 @@ def test_text_in_a_field_that_nobody_needs_costs_nothing(path):
         (ASCII, ("WIDTH", "POINTS"), {}, "has neither POINTS nor WIDTH"),
         (ASCII, (), {"DATA": "zipped"}, "holds DATA 'zipped', expected ascii"),
         (ASCII, (), {"FIELDS": "a b c d"}, "has the fields a, b, c, d, and lacks x, y, z"),
-        (ASCII, (), {"COUNT": "1 1 1 2"}, "has 4 values in its first point, where .* has 5"),
+        (ASCII, (), {"COUNT": "1 1 1 2"}, r"has 4 values in point 0 \(from 0\), where .* has 5"),
         (ASCII.replace("3.0", "three"), (), {}, "points that are no numbers: .*three"),
-        (ASCII[:-8], (), {}, "points that are no numbers"),
+        (ASCII[:-8], (), {}, r"has 2 values in point 2 \(from 0\), where its header has 4"),
+        (ASCII.replace("3.0", "3.0 7 7"), (), {}, r"has 6 values in point 1 \(from 0\)"),
+        (ASCII, (), {"VIEWPOINT": "0 0 0 1"}, "has VIEWPOINT '0 0 0 1' in its header, expected tx"),
+        (ASCII, (), {"VIEWPOINT": "0 0 a 1 0 0 0"}, "has VIEWPOINT '0 0 a 1 0 0 0'"),
         (ASCII, (), {"POINTS": "5"}, "holds 3 of the 5 points .* it is cut short"),
         ("", (), {}, "holds 0 of the 3 points .* it is cut short"),
         (BINARY[:-5], (), {"DATA": "binary"}, "holds 2 of the 3 points .* it is cut short"),
@@ -173,6 +178,32 @@ def test_points_beyond_those_that_are_announced_are_counted(path, data):
     pcd(path, ASCII if data == "ascii" else BINARY, POINTS="1", DATA=data)
     with pytest.warns(UserWarning, match="holds 2 points more than the 1 that it announces"):
         np.testing.assert_array_equal(read_cloud(path), PLACES[:1])
+
+
+def test_header_lines_may_end_in_a_carriage_return_alone(path):
+    for body, data in ((ASCII.replace("\n", "\r").encode(), "ascii"), (BINARY, "binary")):
+        lines = [f"{key} {value}\r" for key, value in {**HEADER, "DATA": data}.items()]
+        path.write_bytes("".join(lines).encode() + body)
+        np.testing.assert_array_equal(read_cloud(path), PLACES)
+
+
+def test_a_viewpoint_is_not_applied_and_that_is_said(path):
+    with pytest.warns(UserWarning, match="a VIEWPOINT other than .*, which is not applied"):
+        points = read_cloud(pcd(path, VIEWPOINT="1 2 3 0.5 0.5 0.5 0.5"))
+    np.testing.assert_array_equal(points, PLACES)
+
+
+@pytest.mark.parametrize("names", ["x y z i X", "X y z i x", "x y z i x", "x y z i scalar_X"])
+@pytest.mark.parametrize("data", ["ascii", "binary"])
+def test_of_fields_of_one_name_the_plain_or_first_one_is_taken_and_that_is_said(path, names, data):
+    rows = np.hstack([PLACES, np.float32([[1], [2], [3]])])
+    if names.startswith("X"):
+        rows = rows[:, [4, 1, 2, 3, 0]]
+    body = "".join(" ".join(map(str, row)) + "\n" for row in rows.tolist())
+    changes = {"FIELDS": names, "SIZE": "4 4 4 4 4", "TYPE": "F F F F F", "COUNT": "1 1 1 1 1"}
+    pcd(path, body if data == "ascii" else rows.tobytes(), DATA=data, **changes)
+    with pytest.warns(UserWarning, match="several fields named x, capitals aside"):
+        np.testing.assert_array_equal(read_cloud(path), PLACES)
 
 
 def npy(header):
@@ -237,7 +268,13 @@ def ply(path, form, body, *, intensity="property float intensity\n", before="", 
     return path
 
 
-@pytest.mark.parametrize("name", ["intensity", "scalar_Intensity", "reflectance"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("intensity", "scalar_Intensity", "reflectance", "remission", "Refl", "REF"),
+        *("signal", "Amplitude", "scalar_Brightness"),
+    ],
+)
 def test_vertices_of_a_ply_are_the_points_in_each_of_its_formats(tmp_path, name):
     path, field = tmp_path / "cloud.PLY", f"property float {name}\n"
     np.testing.assert_array_equal(read_cloud(ply(path, "ascii", ASCII, intensity=field)), PLACES)
@@ -248,6 +285,29 @@ def test_vertices_of_a_ply_are_the_points_in_each_of_its_formats(tmp_path, name)
         np.testing.assert_array_equal(
             read_cloud(ply(path, form, body, intensity=field, after=FACES)), PLACES
         )
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+@pytest.mark.parametrize("after", ["", "element face 0\nproperty list uchar int i\n"])
+def test_vertices_beyond_those_that_a_ply_announces_are_counted(tmp_path, form, after):
+    more = ASCII + "1 2 3 0\n" if form == "ascii" else BINARY + bytes(16)
+    path = ply(tmp_path / "cloud.ply", form, more, after=after)
+    with pytest.warns(UserWarning, match="holds 1 points more than the 3 that it announces"):
+        np.testing.assert_array_equal(read_cloud(path), PLACES)
+
+
+def test_vertices_and_faces_beyond_those_that_are_announced_are_counted(tmp_path):
+    path = ply(tmp_path / "cloud.ply", "ascii", ASCII + "1 2 3 0\n3 0 1 2\n", after=FACES)
+    with pytest.warns(UserWarning, match="holds 1 points more than the 3 that it announces"):
+        np.testing.assert_array_equal(read_cloud(path), PLACES)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_lines_of_a_ply_may_end_in_a_carriage_return_alone(tmp_path, form):
+    path = ply(tmp_path / "cloud.ply", form, b"")
+    body = ASCII.replace("\n", "\r").encode() if form == "ascii" else BINARY
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\r") + body)
+    np.testing.assert_array_equal(read_cloud(path), PLACES)
 
 
 def test_elements_before_the_vertices_of_a_ply_are_passed_over(tmp_path):

@@ -2,6 +2,7 @@ import json
 import math
 import pickle
 import shutil
+import warnings
 
 import cv2
 import numpy as np
@@ -64,6 +65,16 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     assert "2 frames (images 2, points 2, calibration 2, labels 0, depth 0); " in str(summary)
     assert "% of the points of frame a fall into the image" in str(summary)
     assert "by the road that it sees the LiDAR is 1.7" in str(summary)
+
+
+def test_points_without_an_echo_are_counted_in_the_summary(tmp_path):
+    write_recording(tmp_path)
+    cloud = POINTS.copy()
+    cloud[:30, 1], cloud[30:37, :3] = np.nan, 0
+    write_cloud_file(tmp_path / "points/b.pcd", cloud)
+    (summary,) = summarize_tree(tmp_path)
+    said = f"of {2 * len(POINTS)} points in 2 clouds looked at 37 are left out"
+    assert f"{said}, where no echo came back: 30 whose x, y, z are not finite, 7 at" in str(summary)
 
 
 @pytest.mark.filterwarnings("ignore:.*times as deep as the points")
@@ -415,6 +426,31 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
     (summary,) = summarize_tree(tmp_path)
     assert "warning: its clouds show too little of the road" in str(summary)
     assert "1.73 m, as KITTI's, is assumed" in str(summary)
+
+
+def test_the_height_is_not_spoken_of_where_no_cloud_can_be_read(tmp_path):
+    write_recording(tmp_path, ("a",), cloud=".npy")
+    for content in (b"nothing", None):
+        path = tmp_path / "points" / "a.npy"
+        path.write_bytes(content) if content else np.save(path, np.full((50, 4), np.nan))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            open_dataset(tmp_path)
+        assert not any("road" in str(each.message) for each in caught)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            (summary,) = summarize_tree(tmp_path)
+        assert "road" not in str(summary)
+
+
+def test_a_cloud_of_which_nothing_is_left_is_a_problem_of_check(tmp_path):
+    write_recording(tmp_path, ("a", "b"), cloud=".npy")
+    np.save(tmp_path / "points" / "a.npy", np.full((50, 4), np.nan))
+    np.save(tmp_path / "points" / "b.npy", np.zeros((0, 4)))  # a sweep of zero points is a sweep
+    with pytest.warns(UserWarning, match="none is left"):
+        (problem,) = check_tree(tmp_path)
+    assert problem.path.name == "a.npy"
+    assert problem.problem == "holds no point: all 50 are not finite or at 0, 0, 0"
 
 
 def write_tilted_recording(folder, tilt, **changes):

@@ -3,14 +3,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sightline.data.ring_elevations import rings_by_elevation
 from sightline.data.rings import (
     NUM_RINGS,
     check_spacing,
     comes_by_firing,
     count_beams,
+    in_kitti_order,
     ring_numbers,
-    rings_by_elevation,
     rings_of_any_order,
+    turned_in_order,
 )
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
@@ -210,6 +212,139 @@ def test_sweeps_of_kitti_are_numbered_by_their_order_alone(kitti_root):
         rings, is_ring_by_ring = rings_of_any_order(points)
         assert is_ring_by_ring
         assert (rings == ring_numbers(points)).all()
+
+
+# Where the two blocks of an HDL-64E start above the origin [m], and the elevations of their lasers.
+HDL_64E = ((0.203, np.linspace(1.9, -8.7, 32)), (0.121, np.linspace(-9.0, -25.0, 32)))
+
+
+def two_blocks(heights_and_lasers=HDL_64E, *, rng):
+    """A whole sweep of lasers that start above the origin, in two blocks; and its rings."""
+    points, rings = [], []
+    for height_m, lasers in heights_and_lasers:
+        block, numbers = turn(lasers, rng=rng)
+        block[:, 2] += np.float32(height_m)
+        points.append(block)
+        rings.append(numbers + 32 * len(rings))
+    return np.concatenate(points), np.concatenate(rings)
+
+
+@pytest.mark.parametrize("move_m", [(0, 0), (0.01, 0.03), (-0.02, 0.01)])
+def test_rings_of_two_blocks_of_lasers_above_the_origin_are_found_by_elevation(move_m, rng):
+    blocks = [
+        (height + move, lasers) for (height, lasers), move in zip(HDL_64E, move_m, strict=True)
+    ]
+    points, rings = two_blocks(blocks, rng=rng)
+    order = rng.permutation(len(points))
+    found, is_ring_by_ring = rings_of_any_order(points[order])
+    assert not is_ring_by_ring
+    assert np.mean(found == rings[order]) >= 0.999
+
+
+def test_rings_of_lasers_that_start_above_the_origin_are_found_by_elevation(rng):
+    points, rings = turn(SENSORS["128 beams, closer in the middle"], rng=rng)
+    points[:, 2] += 0.15
+    order = rng.permutation(len(points))
+    assert np.mean(rings_by_elevation(points[order]) == rings[order]) >= 0.999
+
+
+def by_firing(points):
+    """The same points in the order of a sensor that turns."""
+    return np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable")
+
+
+def test_whole_sweeps_of_kitti_shot_by_shot_have_the_rings_of_their_own_order(kitti_root):
+    for points in real_sweeps(kitti_root, "full_sweeps/*.bin"):
+        order = by_firing(points)
+        found, is_ring_by_ring = rings_of_any_order(points[order])
+        assert not is_ring_by_ring
+        assert np.mean(found == ring_numbers(points)[order]) >= 0.9999
+
+
+def test_cut_sweeps_of_kitti_shot_by_shot_have_the_rings_of_their_own_order(kitti_root):
+    for points in real_sweeps(kitti_root, "training/velodyne/*.bin")[::9]:
+        laser = ring_numbers(points) - (points[:, 1] < 0)
+        order = by_firing(points)
+        found, _ = rings_of_any_order(points[order])
+        is_sure = laser[order] < LOWEST_IN_VIEW - 1
+        assert np.mean((found == laser[order])[is_sure]) >= 0.999
+
+
+def azimuth_deg(points):
+    return np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+
+
+# Sort keys of the azimuth inside each ring.
+BEGINS = {
+    "from behind": lambda azimuth: azimuth,
+    "from behind, clockwise": lambda azimuth: -azimuth,
+    "from ahead, clockwise": lambda azimuth: -azimuth % 360,
+    "from the left": lambda azimuth: (azimuth - 90) % 360,
+    "from the left, clockwise": lambda azimuth: (90 - azimuth) % 360,
+}
+
+
+@pytest.mark.parametrize("begin", BEGINS)
+@pytest.mark.parametrize("tilt_deg", [0, 3])
+def test_rings_one_after_the_other_are_found_wherever_they_begin(begin, tilt_deg, rng):
+    points, rings = turn(SENSORS["64 beams"], rng=rng)
+    order = np.lexsort((BEGINS[begin](azimuth_deg(points)), rings))
+    sine, cosine = np.sin(np.radians(tilt_deg)), np.cos(np.radians(tilt_deg))
+    points[:, [0, 2]] = points[:, [0, 2]] @ np.array([[cosine, -sine], [sine, cosine]])
+    found, is_kittis = rings_of_any_order(points[order])
+    assert not is_kittis
+    assert np.mean(found == rings[order]) >= 0.99
+
+
+@pytest.mark.parametrize("begin", BEGINS)
+def test_rings_of_kitti_are_found_wherever_they_begin(kitti_root, begin):
+    for points in real_sweeps(kitti_root, "full_sweeps/*.bin")[:2]:
+        rings = ring_numbers(points)
+        order = np.lexsort((BEGINS[begin](azimuth_deg(points)), rings))
+        found, is_kittis = rings_of_any_order(points[order])
+        assert not is_kittis
+        assert np.mean(found == rings[order]) >= 0.999
+
+
+def test_whole_sweeps_of_kitti_are_numbered_by_their_own_order(kitti_root):
+    for points in real_sweeps(kitti_root, "full_sweeps/*.bin"):
+        rings, is_kittis = rings_of_any_order(points)
+        assert is_kittis
+        assert (rings == ring_numbers(points)).all()
+
+
+NUMBERINGS = {
+    "from the top": lambda rings: rings,
+    "from the bottom": lambda rings: 63 - rings,
+    "as wired": lambda rings: np.random.default_rng(1).permutation(64)[rings],
+    "floats": lambda rings: rings.astype(np.float32),
+}
+
+
+@pytest.mark.parametrize("numbering", NUMBERINGS)
+def test_ring_numbers_of_a_driver_bring_a_sweep_into_kittis_order(numbering, rng):
+    points, rings = turn(SENSORS["64 beams"], rng=rng)
+    points[5, 0] = np.nan
+    order = rng.permutation(len(points))
+    found = in_kitti_order(points[order], NUMBERINGS[numbering](rings)[order])
+    assert np.isnan(found[-1, 0])
+    assert np.array_equal(found[:-1], np.delete(points, 5, axis=0))
+
+
+def test_numbers_that_do_not_go_by_elevation_leave_a_sweep_in_its_order(rng):
+    points, rings = turn(SENSORS["64 beams"], rng=rng)
+    for numbers in (rng.permutation(rings), np.zeros(len(rings)), rings + 0.5, rings * np.nan):
+        assert in_kitti_order(points, numbers) is points
+
+
+def test_a_sweep_that_is_turned_stays_in_kittis_order_if_it_was_in_it(rng):
+    points, rings = turn(SENSORS["32 beams"], rng=rng)
+    turned = points[:, [1, 0, 2, 3]] * np.float32([-1, 1, 1, 1])
+    again = turned_in_order(points, turned)
+    assert (ring_numbers(again) == rings).all()
+    assert sorted(map(tuple, again)) == sorted(map(tuple, turned))
+    order = rng.permutation(len(points))
+    assert np.array_equal(turned_in_order(points[order], turned[order]), turned[order])
 
 
 def real_sweeps(kitti_root, folder):

@@ -48,12 +48,13 @@ def test_non_finite_points_are_refused_with_their_number_and_the_first(tmp_path,
         read_sweep(tmp_path / "0.bin")
     if column == 3:
         with pytest.warns(
-            UserWarning, match=r"0\.bin: 2 of 9 points have an intensity that is not"
+            UserWarning, match=r"0\.bin: 2 of 9 points have a reflectance that is not"
         ):
             kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
         assert kept[:, 3].tolist() == [1, 1, 1, 0, 1, 1, 1, 0, 1]
     else:
-        kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
+        with pytest.warns(UserWarning, match=r"0\.bin: 2 of 9 points, .* left out: 7 are left"):
+            kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
         assert np.array_equal(kept, np.ones((7, 4), np.float32))
     with pytest.raises(ValueError, match=r"2 points hold NaN or infinite .* first is point 3"):
         write_sweep(tmp_path / "1.bin", points)

@@ -12,13 +12,14 @@ def random_map(seed, shape, density, *, far_m=60.0):
     return np.where(rng.random(shape) < density, depth, np.float32(0))
 
 
-def random_maps(*, most_rows=24, most_columns=32):
+def random_maps(*, most_rows=24, most_columns=32, far_m=60.0):
     """Maps of any size and density, some empty, some full."""
     return st.builds(
         random_map,
         st.integers(0, 2**31),
         st.tuples(st.integers(1, most_rows), st.integers(1, most_columns)),
         st.sampled_from([0.0, 0.01, 0.1, 0.5, 1.0]),
+        far_m=st.just(far_m),
     )
 
 

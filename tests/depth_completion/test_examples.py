@@ -4,13 +4,19 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.data.augmentation import thin_rings
 from sightline.data.open import open_dataset
-from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.examples import (
     AugmentationConfig,
     DepthExamples,
     ExampleConfig,
     make_example,
+)
+from sightline.depth_completion.methods import starting_depth
+from sightline.depth_completion.truth_shaping import (
+    TruthShaping,
+    pixel_weights,
+    widen_near_surfaces,
 )
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.projection import sparse_depth_map
@@ -61,7 +67,7 @@ def test_for_validation_nothing_is_perturbed_and_the_whole_crop_is_seen(sample):
     given = frame.with_beams(64)
     sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
     assert torch.equal(seen.sparse_depth_m[0, 0], sparse_m)
-    assert torch.equal(seen.filled_depth_m[0, 0], adaptive_depth(sparse_m.numpy()).depth_m)
+    assert torch.equal(seen.filled_depth_m[0, 0], starting_depth(sparse_m).depth_m)
     assert torch.equal(seen.depth_m[0, 0], frame.truth_m)
     assert torch.equal(seen.image[0], given.image.float() / 255)
 
@@ -92,6 +98,47 @@ def test_the_depth_map_stands_beside_the_rings_that_are_held_out(sample):
     top, left = sample.depth.shape[0] - 352, (sample.depth.shape[1] - 1216) // 2
     dense_m = sample.depth[top:, left : left + 1216]
     assert torch.equal(seen.dense_depth_m[0, 0], torch.where(dense_m <= 90, dense_m, 0.0))
+
+
+@pytest.mark.parametrize(("beams", "keep_every"), [(64, 1), (16, 4)])
+def test_beside_a_true_depth_map_no_ring_is_held_out(sample, beams, keep_every):
+    seen = example(sample, ExampleConfig(beams=(beams,)), training=False)
+    given = thin_rings(sample, keep_every)
+    sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
+    height, width = seen.sparse_depth_m.shape[-2:]
+    left = (sample.image_size[1] - width) // 2
+    assert torch.equal(seen.sparse_depth_m[0, 0], sparse_m[-height:, left : left + width])
+
+
+def test_truth_above_the_highest_measurement_is_left_out_where_asked_for(sample):
+    plain, in_reach = (
+        example(sample, ExampleConfig(shaping=TruthShaping(in_reach=each)), training=False)
+        for each in (False, True)
+    )
+    inside = in_reach.depth_m > 0
+    assert torch.equal(in_reach.depth_m[inside], plain.depth_m[inside])
+    assert inside.sum() < (plain.depth_m > 0).sum()
+    top = plain.depth_m.shape[2] // 8
+    assert not inside[:, :, :top].any()
+
+
+def test_truth_is_shaped_for_training_alone(sample):
+    shaping = TruthShaping(contours_px=2, thin_weight=0.5, away_weight=0.3, kept_weight=0.0)
+    plain = ExampleConfig(filled=True, filling="second")
+    shaped = replace(plain, shaping=shaping)
+    scored = example(sample, shaped, training=False)
+    assert same(scored, example(sample, plain, training=False))
+    assert scored.weight is None
+    given, seen = example(sample, plain), example(sample, shaped)
+    assert torch.equal(
+        seen.filled_depth_m[0, 0], starting_depth(seen.sparse_depth_m[0, 0], "second").depth_m
+    )
+    maps = [
+        each[0, 0].numpy() for each in (given.depth_m, given.sparse_depth_m, given.filled_depth_m)
+    ]
+    assert torch.equal(seen.weight[0, 0], torch.from_numpy(pixel_weights(*maps, shaping)))
+    assert torch.equal(seen.depth_m[0, 0], torch.from_numpy(widen_near_surfaces(maps[0], shaping)))
+    assert (seen.depth_m < given.depth_m).any()
 
 
 def test_truth_beyond_the_reach_of_a_sweep_is_left_out(sample):

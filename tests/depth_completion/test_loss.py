@@ -68,6 +68,37 @@ def test_depth_errors_are_per_image_means_over_the_valid_pixels(seed, shape, den
 
 
 @given(st.integers(0, 2**31), sizes, densities)
+def test_weights_count_pixels_and_large_errors_cost_up_to_fourfold(seed, shape, density):
+    truth_m = batch_of(*(random_map(seed + index, shape, density) for index in range(2)))
+    output = random_output(seed, truth_m)
+    generator = torch.Generator().manual_seed(seed)
+    weight = torch.rand(truth_m.shape, generator=generator, dtype=torch.float64)
+    weight = torch.where(weight < 0.3, 0.0, weight)
+    config = DepthLossConfig(
+        mse=0.0, rmse=0.0, l1=0.5, rising_l1=2.0, emd=0.0, uncertainty=0.3, unit_m=4.0
+    )
+    found = depth_completion_loss(output, truth_m, config, step=0, weight=weight)
+    l1, rising, surprise, images = 0.0, 0.0, 0.0, 0
+    for image, truth in enumerate(truth_m[:, 0].tolist()):
+        pixels = [(y, x) for y, row in enumerate(truth) for x, true in enumerate(row) if true > 0]
+        images += bool(pixels)
+        total = sum(weight[image, 0, y, x].item() for y, x in pixels) or 1.0
+        for y, x in pixels:
+            share = weight[image, 0, y, x].item() / total
+            error = abs(output.depth_m[image, 0, y, x].item() - truth[y][x])
+            scale = output.uncertainty_m[image, 0, y, x].item() / 4
+            l1 += share * error / 4
+            rising += share * (error + error**2 / (3 + 0.3 * error)) / 4
+            surprise += share * (error / 4 / scale + np.log(scale))
+    terms = [each / max(images, 1) for each in (l1, rising, surprise)]
+    np.testing.assert_allclose(
+        [found.l1.item(), found.rising_l1.item(), found.uncertainty.item()], terms, rtol=1e-9
+    )
+    expected = 0.5 * terms[0] + 2 * terms[1] + 0.3 * terms[2]
+    np.testing.assert_allclose(found.total.item(), expected, rtol=1e-9)
+
+
+@given(st.integers(0, 2**31), sizes, densities)
 def test_dense_truth_counts_beside_the_rings_and_tells_the_uncertainty(seed, shape, density):
     truth_m = batch_of(*(random_map(seed + index, shape, density) for index in range(3)))
     dense_m = batch_of(*(random_map(seed + index, shape, density) for index in (7, 8, 9)))
@@ -211,7 +242,7 @@ def test_a_batch_without_truth_has_loss_0_and_gradient_0():
     truth_m = torch.zeros(2, 1, 10, 10)
     output = random_output(0, truth_m)
     found = losses(output, truth_m, **ALL_TERMS)
-    assert [term.item() for term in found] == [0.0] * 8
+    assert [term.item() for term in found] == [0.0] * 9
     found.total.backward()
     assert all(one.grad is None or not one.grad.any() for one in output)
     assert output.depth_m.grad is not None

@@ -13,6 +13,7 @@ from sightline.depth_completion.config import (
     TrunkConfig,
 )
 from sightline.depth_completion.model import DepthCompletionNet
+from sightline.depth_completion.surroundings import look_around
 from tests.settings import set_unchecked
 
 PAPER = DepthCompletionConfig(
@@ -38,6 +39,15 @@ FULL = replace(
     propagation_steps=2,
     correction="log",
 )
+BETWEEN = replace(
+    RESIDUAL,
+    shift_conv=None,
+    stem_fusion="joint",
+    surroundings_px=2,
+    correction="between",
+    refinement_channels=4,
+    refinement_hidden_channels=6,
+)
 CONFIGS = {
     "paper": PAPER,
     "without shift-conv": replace(PAPER, shift_conv=None),
@@ -46,6 +56,7 @@ CONFIGS = {
     "full": FULL,
     "folded refinement": replace(FULL, trunk_stride=4, refinement_stride=2),
     "dead zone": replace(FULL, dead_zone=0.02),
+    "between surfaces": BETWEEN,
 }
 each_config = pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS.keys())
 
@@ -243,6 +254,11 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
     ("settings", "message"),
     [
         ({"residual": True}, "set filled_input too"),
+        ({"filled_input": True, "residual": True, "correction": "between"}, "set surroundings_px"),
+        ({"surroundings_px": 6}, "set filled_input, and shift_conv to null"),
+        ({"surroundings_px": 6, "filled_input": True}, "and shift_conv to null"),
+        ({"surroundings_px": -1}, "surroundings_px must be at least 0"),
+        ({"keep_measured": True}, "keep_measured is of the classical completion"),
         (
             {"refinement_channels": 4, "refinement_stride": 2},
             "refinement_stride must be at most trunk_stride 1, got 2",
@@ -275,7 +291,7 @@ def test_wrong_settings_are_refused(settings, message):
         (
             DepthCompletionConfig(),
             {"stem_fusion": "mean"},
-            "^stem_fusion must be one of sum, concatenate, got 'mean'",
+            "^stem_fusion must be one of sum, concatenate, joint, got 'mean'",
         ),
         (DepthCompletionConfig(), {"trunk_stride": 3}, "trunk_stride must be one of 1, 2, 4"),
         (TrunkConfig(), {"exchange": "some"}, "trunk.exchange must be one of all, neighbours"),
@@ -285,3 +301,14 @@ def test_wrong_settings_are_refused(settings, message):
 def test_choices_that_there_are_not_are_refused(settings, wrong, message):
     with pytest.raises(ValueError, match=message):
         set_unchecked(settings, **wrong)
+
+
+def test_between_surfaces_depth_moves_as_far_as_the_measurements_around():
+    net = network(BETWEEN)
+    image, sparse_m, filled_m = inputs(16, 24)
+    assert torch.equal(net(image, sparse_m, filled_m).depth_m, filled_m)  # as it starts
+    around = look_around(sparse_m, filled_m, BETWEEN.surroundings_px)
+    for bias, reached in ((50.0, around.farthest_m), (-50.0, around.nearest_m)):
+        with torch.no_grad():
+            net.refinement[-1].bias[0] = bias  # the share; then the factor, then the uncertainty
+        torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m, reached)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from sightline.depth_completion.config import ByDirection, PlaneSmoothing, by_direction
-from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.methods import starting_depth
 from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
 from sightline.depth_completion.predictor import (
@@ -47,7 +47,7 @@ def random_frame(height, width, *, density=0.2, seed=0):
 
 def test_a_map_whose_sides_the_stride_divides_is_what_the_network_says(filled_weights):
     sparse, image = random_frame(16, 20)
-    filled = complete_depth(sparse, "adaptive")
+    filled = starting_depth(sparse)
     network = load_network(TASK, filled_weights).network
     expected = network(image[None] / 255, sparse[None, None], filled.depth_m[None, None])
     dense = DepthPredictor.load(filled_weights).complete(sparse, image)
@@ -109,18 +109,29 @@ def test_small_corrections_are_left_out_as_the_settings_say(flip_test, above, be
             ("careful.safetensors", careful),
         )
     )
-    filled_m = complete_depth(sparse, "adaptive").depth_m.numpy()
+    filled_m = starting_depth(sparse).depth_m.numpy()
     directions = [by_direction(each, default=0.1) for each in (above, beside)]
     expected_m = counted(plain_m, filled_m, sparse.numpy() > 0, 0.1, *directions)
     np.testing.assert_allclose(careful_m, expected_m, rtol=1e-4)
     assert (careful_m != plain_m).any()
 
 
+def test_measurements_that_the_completion_keeps_are_put_back_as_the_settings_say(tmp_path):
+    sparse, image = random_frame(40, 60)
+    settings = {**FILLED, "filling": "second", "keep_measured": True}
+    weights = write_tiny_weights(tmp_path / "w.safetensors", **settings)
+    depth_m = DepthPredictor.load(weights).complete(sparse, image).depth_m
+    is_kept = (sparse > 0) & (starting_depth(sparse, "second").depth_m == sparse)
+    assert is_kept.any()
+    assert torch.equal(depth_m[is_kept], sparse[is_kept])
+    assert (depth_m != starting_depth(sparse, "second").depth_m)[~is_kept].any()
+
+
 def test_a_flip_test_is_made_where_the_settings_say_so(tmp_path):
     sparse, image = random_frame(16, 20)
     weights = write_tiny_weights(tmp_path / "w.safetensors", flip_test=True, **FILLED)
     network = load_network(TASK, weights).network
-    filled_m = complete_depth(sparse, "adaptive").depth_m
+    filled_m = starting_depth(sparse).depth_m
     inputs = {
         "image": image / 255,
         "sparse_depth_m": sparse[None],

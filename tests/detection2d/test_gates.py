@@ -111,6 +111,20 @@ def test_a_record_of_a_level_that_there_is_not_is_refused(tmp_path):
             read_gate_record(tmp_path / "0.json")
 
 
+@pytest.mark.parametrize("forged", [float("nan"), 1e300, 10**400, -0.1, "0.5", None, [[]]])
+@pytest.mark.parametrize("place", ["mean", "total"])
+def test_a_record_of_gates_that_no_map_can_have_is_refused(tmp_path, place, forged):
+    mask = torch.zeros(SIZE, dtype=torch.bool)
+    write_gate_record(
+        tmp_path / "0.json", record_of(torch.rand(3, 4), torch.rand(3, 4), mask, mask)
+    )
+    plain = json.loads((tmp_path / "0.json").read_text())
+    (plain["camera"] if place == "mean" else plain["camera"]["clear"])[place] = forged
+    (tmp_path / "0.json").write_text(json.dumps(plain))
+    with pytest.raises(ValueError, match="is no record of gates"):
+        read_gate_record(tmp_path / "0.json")
+
+
 def test_an_answer_without_gates_is_refused():
     mask = torch.zeros(SIZE, dtype=torch.bool)
     with pytest.raises(ValueError, match="000000 has no gates to measure"):

@@ -1,3 +1,4 @@
+import io
 import json
 from dataclasses import replace
 
@@ -217,3 +218,20 @@ def test_results_are_not_overwritten_and_only_fitted_calibrators_are_applied(str
 def test_settings_out_of_range_are_refused(bad):
     with pytest.raises(ValueError, match="got"):
         CalibrationSettings(**bad)
+
+
+def test_what_is_left_out_is_counted(tmp_path):
+    car = Line()
+    found = replace(car, score=0.5)
+    strange = replace(found, name="[/b]Bus").text()
+    results, labels = write_frames(tmp_path, [(car.text(), found.text() + strange)])
+    report = evaluate_calibration(ScoredFrames(results_dir=results, labels_dir=labels))
+    (remark,) = report.remarks
+    assert remark.startswith("1 of 2 results were left out: their classes are not scored ([/b]Bus")
+    assert report.to_json()["notes"] == [remark]
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(report.table())
+    assert remark[:60] in console.export_text()
+    (results / "000000.txt").write_text(found.text())
+    sound = evaluate_calibration(ScoredFrames(results_dir=results, labels_dir=labels))
+    assert "notes" not in sound.to_json()

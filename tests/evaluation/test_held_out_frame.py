@@ -10,6 +10,7 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.rings import count_beams
 from sightline.evaluation.held_out_frame import CROP_SIZE, check_rings, split_rings
 from sightline.geometry.projection import sparse_depth_map
+from sightline.ops.parallax import Parallax
 from sightline.structures.sample import CameraLidarSample
 from tests.evaluation.held_out_sweeps import (
     SMALL,
@@ -90,7 +91,9 @@ def test_the_truth_is_what_the_protocol_says_pixel_by_pixel(rng):
         reference_geometry.sparse_depth_map(some, *matrices, *image_size)
         for some in (held_out, seen)
     ]
-    expected = torch.tensor(reference.visible_truth(*maps), dtype=torch.float32)
+    parallax = Parallax.of(sample.calibration)
+    truth = reference.visible_truth(*maps, parallax.base_px_m, parallax.growth_m)
+    expected = torch.tensor(truth, dtype=torch.float32)
     if expected.any():
         torch.testing.assert_close(split_rings(sample).truth_m, expected, rtol=1e-6, atol=0)
     else:
@@ -98,57 +101,29 @@ def test_the_truth_is_what_the_protocol_says_pixel_by_pixel(rng):
             split_rings(sample)
 
 
-def hidden_at(depth_m):
+def wall_before(depth_m, baseline_m):
     """A wall at 10 m and, on the held-out ring, returns at `depth_m` right behind it."""
     ranges = np.full((9, 30), WALL_M)
     ranges[4] = depth_m
     return CameraLidarSample(
         sample_id="hidden",
-        calibration=camera(SMALL, focal_px=60.0),
+        calibration=camera(SMALL, focal_px=60.0, baseline_m=baseline_m),
         image_size=SMALL,
         points=scan(ranges, tangents=(-0.6, 0.6)),
     )
 
 
-def test_a_return_up_to_15_percent_and_half_a_metre_behind_its_surroundings_is_truth():
-    assert split_rings(hidden_at(11.99)).truth_m.max() == pytest.approx(11.99)
+def test_a_return_behind_a_wall_that_parallax_moves_before_it_is_left_out():
+    seen, hidden = (
+        int((split_rings(wall_before(30.0, baseline_m=baseline_m)).truth_m > 29).sum())
+        for baseline_m in (0.0, 0.3)
+    )
+    assert seen == 30
+    assert hidden <= 3  # at the border
 
 
-def test_a_return_farther_behind_is_hidden_from_the_camera_and_left_out():
-    with pytest.raises(ValueError, match="sample hidden has no return of a held-out ring in view"):
-        split_rings(hidden_at(12.01))
-
-
-def point_at(row, column, depth_m, *, focal_px=60.0, image_size=SMALL):
-    """The point that `camera` sees there."""
-    height, width = image_size
-    left, up = -(column - width / 2) / focal_px, -(row - height / 2) / focal_px
-    return (depth_m, left * depth_m, up * depth_m, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("rows", "columns", "hides"),
-    [
-        (0, 0, True),
-        (7, 0, True),
-        (-7, 0, True),
-        (0, 3, True),
-        (0, -3, True),
-        (7, -3, True),
-        (8, 0, False),
-        (-8, 0, False),
-        (0, 4, False),
-        (0, -4, False),
-    ],
-)
-def test_only_points_within_15_rows_and_7_columns_hide_a_return(rows, columns, hides):
-    rings = [[point_at(2, 77, WALL_M), point_at(2, 2, WALL_M)] for _ in range(5)]
-    rings[3].insert(1, point_at(30 + rows, 40 + columns, WALL_M))
-    rings[4].insert(1, point_at(30, 40, 30.0))
-    points = torch.tensor([point for ring in rings for point in ring])
-    truth = split_rings(replace(wall_sample(), points=points)).truth_m
-    assert truth[30, 40] == (0 if hides else 30)
-    assert truth[2, 77] == WALL_M
+def test_a_return_little_behind_its_surroundings_is_truth_whatever_the_parallax():
+    assert split_rings(wall_before(11.0, baseline_m=0.5)).truth_m.max() == pytest.approx(11.0)
 
 
 def test_the_crop_is_at_the_bottom_centre_and_takes_image_and_calibration_along():
@@ -252,6 +227,16 @@ def test_sweeps_in_another_order_than_kittis_are_scored_as_those_in_it(num_laser
             for frame in (found, expected)
         ]
         assert pairs[0] == pairs[1]
+
+
+def test_a_whole_sweep_of_64_beams_far_apart_is_scored_as_its_beams_are_counted():
+    sample = turning_sample(64, step=0.024)  # 88 degrees in all, as an OS0-64 has
+    found = split_rings(sample)
+    check_rings(found)
+    assert found.sensor_beams == 64
+    cut = replace(sample, points=sample.points[sample.points[:, 0] > 5])
+    with pytest.raises(ValueError, match="too far for the 64 beams that a sweep cut to the image"):
+        check_rings(split_rings(cut))
 
 
 def test_whole_sweeps_and_those_cut_to_the_image_score_alike(kitti_root):

@@ -1,3 +1,4 @@
+import io
 from dataclasses import replace
 
 import pytest
@@ -85,3 +86,27 @@ def test_the_report_has_json_and_a_table(tmp_path):
 def test_arguments_out_of_range_are_refused(tmp_path, options):
     with pytest.raises(ValueError, match=r"must be (above 0|positive)"):
         evaluate_proposals(tmp_path, tmp_path, **options)
+
+
+def test_what_is_left_out_is_counted(tmp_path):
+    strange = replace(FOUND, name="[/b]Car").text()
+    results, labels = write_frames(tmp_path, [(CAR.text(), FOUND.text() * 3 + strange)])
+    (results / "000007.txt").write_text("")
+    report = evaluate_proposals(results, labels, max_proposals=2)
+    assert report.remarks == (
+        "1 result files were left out: no label file has their name (the first is 000007.txt).",
+        "2 of 4 proposals were left out: only 2 of a frame are taken.",
+        "1 of 4 results were left out: their classes are not scored ([/b]Car 1; Car, Pedestrian, "
+        "Cyclist are).",
+    )
+    assert report.to_json()["notes"] == list(report.remarks)
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(report.table())
+    shown = console.export_text()
+    assert all(remark[:40] in shown for remark in report.remarks)
+
+
+def test_where_nothing_is_left_out_there_are_no_notes(tmp_path):
+    report = evaluate_proposals(*write_frames(tmp_path, [(CAR.text(), FOUND.text())]))
+    assert report.remarks == ()
+    assert report.to_json().keys() == {"frames", "entries"}

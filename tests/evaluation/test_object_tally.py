@@ -35,6 +35,13 @@ def test_what_cannot_be_scored_is_said_with_counts(tmp_path, labels, results, sa
     assert said in notes_of(tmp_path, labels, results)
 
 
+@pytest.mark.parametrize("angle", ["alpha", "ry"])
+def test_angles_in_degrees_are_told_of_results_and_of_labels(tmp_path, angle):
+    turned = replace(CAR, **{angle: -88.0})
+    told = notes_of(tmp_path, [CAR, turned], [replace(turned, score=0.5)])
+    assert "1 of 2 labels and 1 of 1 results have angles beyond two pi, probably degrees" in told
+
+
 def test_of_sound_results_nothing_is_said_but_that_objects_are_few(tmp_path):
     labels = [CAR.moved(image=110 * place, ground=5 * place) for place in range(50)]
     found = [replace(line, score=0.5) for line in labels]

@@ -15,7 +15,7 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.open import open_dataset
 from sightline.data.scene_changes import resize
 from sightline.data.weights import write_weights
-from sightline.depth_completion.adaptive import adaptive_depth
+from sightline.depth_completion.adaptive import FIRST_EDITION, adaptive_depth
 from sightline.depth_completion.config import ByDirection, PlaneSmoothing
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.processing import processing as depth_processing
@@ -179,7 +179,7 @@ def test_the_scripts_completion_between_rings_is_sightlines(keep_every):
     sparse = sparse_depth_map(points, sample.calibration, sample.image_size).numpy()
     rule = json.loads(json.dumps(depth_processing(random_network(FILLED))))["filling"]
     depth_m, is_trusted = fill(sparse, rule)
-    expected = adaptive_depth(sparse)
+    expected = adaptive_depth(sparse, FIRST_EDITION)
     np.testing.assert_allclose(depth_m, expected.depth_m.numpy(), atol=1e-3, rtol=0)
     assert (is_trusted == expected.valid.numpy()).all()
 
@@ -238,8 +238,31 @@ def test_a_file_without_the_steps_is_refused_in_one_line(onnx_file, tmp_path):
     del model.metadata_props[:]
     model.metadata_props.extend(kept)
     onnx.save(model, tmp_path / "older.onnx")
-    with pytest.raises(ValueError, match=r"older\.onnx lacks .*sightline\.processing"):
-        open_graph(str(tmp_path / "older.onnx"))
+    with pytest.raises(SystemExit, match=r"older\.onnx lacks .*sightline\.processing"):
+        open_graph(str(tmp_path / "older.onnx"), "depth-completion")
+    (tmp_path / "text.onnx").write_text("no graph")
+    with pytest.raises(SystemExit, match=r"^[^\n]*text\.onnx is no ONNX file that can be run: .*"):
+        open_graph(str(tmp_path / "text.onnx"), "depth-completion")
+
+
+def test_a_file_of_another_task_or_stage_is_refused_in_one_line(tmp_path, depth_weights):
+    from onnx_depth import complete
+    from onnx_detection2d import detect as detect_2d
+    from onnx_detection3d import detect as detect_3d
+
+    frame = frames()[0][0]
+    (depth,) = export(DEPTH, depth_weights, tmp_path)
+    first, second = export(DETECTION_3D, "detection3d-fast-cpu", tmp_path)
+    for run, said in (
+        (lambda: detect_2d(depth, frame), "task 'depth-completion', expected detection2d; name"),
+        (lambda: complete(first, frame), "task 'detection3d', expected depth-completion; name"),
+        (lambda: detect_3d(depth, second, frame), "'depth-completion', expected detection3d"),
+        (lambda: detect_3d(first, depth, frame), "'depth-completion', expected detection3d"),
+        (lambda: detect_3d(second, first, frame), "expected pillars; name the other file"),
+        (lambda: detect_3d(first, first, frame), "takes pillars, expected points; name the other"),
+    ):
+        with pytest.raises(SystemExit, match=f"^[^\\n]*{said}[^\\n]*$"):
+            run()
 
 
 @pytest.mark.parametrize("name", ["best", "fast-cpu"])

@@ -100,6 +100,12 @@ def test_limits_are_read_as_they_were_written(tmp_path):
         lambda content: content["lidar"]["checks"].update(new={"median": 0, "spread": 1}),
         lambda content: content.update(camera=[]),
         lambda content: content.update(provenance=3),
+        lambda content: content.update(alignment=None),
+        lambda content: content["camera"].update(checks=[[1], {}]),
+        lambda content: content["camera"].update(checks={"\x1b" * 9999: 1}),
+        lambda content: content["lidar"].update(limit={"deep": [[[]]]}),
+        lambda content: content["lidar"].update(limit=-(10**400)),
+        lambda content: content["lidar"].update(limit=True),
     ],
 )
 def test_files_that_hold_no_limits_are_refused(tmp_path, change):
@@ -109,8 +115,10 @@ def test_files_that_hold_no_limits_are_refused(tmp_path, change):
     path.write_text(json.dumps(content))
     with pytest.raises(
         ValueError, match=r"limits\.json: holds no limits.*`sightline health-limits`"
-    ):
+    ) as caught:
         read_limits(path)
+    assert len(str(caught.value)) < 1_000
+    assert str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize("content", [b"", b"[" * 200_000, b"null", bytes(range(256))])

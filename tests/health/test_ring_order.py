@@ -54,6 +54,19 @@ def test_sweeps_in_any_order_are_judged_alike(order):
     assert first.tops.weights.any()
 
 
+@pytest.mark.parametrize("order", ["by shots", "shuffled", "column by column"])
+def test_a_sweep_of_an_hdl_64e_in_another_order_is_judged_as_in_its_own(order):
+    points = sound().points.numpy()
+    if order == "column by column":
+        _, azimuth, elevation = to_sphere(points)
+        changed = points[np.lexsort((-elevation, np.floor(azimuth / 0.5)))]
+    else:
+        changed = ORDERS[order](points)
+    expected, found = check_lidar(points), check_lidar(changed)
+    assert 2**-found.ringless == pytest.approx(2**-expected.ringless, abs=1.5)
+    np.testing.assert_allclose(found, expected, atol=0.1)
+
+
 def test_a_sweep_of_lasers_apart_from_each_other_stays_in_its_order():
     points = sound().points.numpy()
     ahead = points[lies_ahead(points)]

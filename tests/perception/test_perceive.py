@@ -12,20 +12,10 @@ from sightline.perception.perceive import perceive
 from sightline.perception.perceiver import Perceiver
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import find_task
-from tests.inference.trees import contents_of, write_object_tree
+from tests.inference.trees import contents_of
 from tests.perception.predictors import one_box, perceiver, sparse_depth
 
 FOLDERS = ("depth-completion", "detection2d")
-
-
-@pytest.fixture
-def data(tmp_path):
-    return write_object_tree(tmp_path / "data", 4)
-
-
-@pytest.fixture
-def out(tmp_path):
-    return tmp_path / "out"
 
 
 def lines_of(out):

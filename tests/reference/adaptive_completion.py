@@ -19,21 +19,32 @@ def right_neighbour(image, y, x, reach_columns, reach_rows):
     return (gap, offset)
 
 
-def is_hidden(image, y, x, reach_rows, reach_columns, ratio):
-    """Whether surfaces `ratio` times nearer lie both above and below (its row is both)."""
+def is_hidden(image, y, x, ratio, rows_above, rows_below, columns, nearest_around):
+    """Whether returns `ratio` times nearer lie both above and below (its row is both), in reach.
 
-    def in_front(rows):
-        return any(
-            image[v][u] > ratio * image[y][x]
-            for v in rows
-            for u in range(len(image[0]))
-            if 0 <= v < len(image) and abs(u - x) <= reach_columns
+    A reach (base, growth) is base + growth * difference; none goes beyond what the difference to
+    the nearest value around allows.
+    """
+    own = image[y][x]
+    most = nearest_around - own
+
+    def is_near(value, v, u, rows):
+        difference = value - own
+        return (
+            value > ratio * own
+            and abs(v - y) <= rows[0] + rows[1] * min(difference, most)
+            and abs(u - x) <= columns[0] + columns[1] * min(difference, most)
         )
 
-    return in_front(range(y - reach_rows, y + 1)) and in_front(range(y, y + reach_rows + 1))
+    if nearest_around <= ratio * own:
+        return False
+    returns = [(value, v, u) for v, row in enumerate(image) for u, value in enumerate(row)]
+    above = any(v <= y and is_near(value, v, u, rows_above) for value, v, u in returns)
+    below = any(v >= y and is_near(value, v, u, rows_below) for value, v, u in returns)
+    return above and below
 
 
-def fill_column(column):
+def fill_column(column, surface_ratio, ground_slope, nearer_share):
     """Inverse depths of one column, and rows to the nearest given one; None if there is none."""
     given = [y for y, value in enumerate(column) if value > 0]
     if not given:
@@ -51,7 +62,15 @@ def fill_column(column):
             filled.append(column[given[-1]] + growth_below(column, given, y))
         else:
             a, b = above[-1], below[0]
-            filled.append(((b - y) * column[a] + (y - a) * column[b]) / (b - a))
+            top, bottom = column[a], column[b]
+            is_ground = top < bottom <= top + ground_slope * (b - a)
+            is_surface = max(top, bottom) <= surface_ratio * min(top, bottom)
+            if nearer_share < 0 or is_ground or is_surface:
+                filled.append(((b - y) * top + (y - a) * bottom) / (b - a))
+            else:
+                from_nearer = y - a if top > bottom else b - y
+                is_nearer = from_nearer <= nearer_share * (b - a)
+                filled.append(max(top, bottom) if is_nearer else min(top, bottom))
     return filled, distance
 
 
@@ -105,3 +124,17 @@ def smooth_row(values, distances, share):
         window = values[max(x - reach, 0) : x + reach + 1]
         smooth.append(sum(window) / len(window))
     return smooth
+
+
+def near_or_above(image, reach):
+    """Whether a pixel has a measurement in the square around it, or none above or beside it.
+
+    Beside and above count within the columns of that square.
+    """
+    measured = [(y, x) for y, row in enumerate(image) for x, value in enumerate(row) if value > 0]
+
+    def is_chosen(y, x):
+        columns = [v for v, u in measured if abs(u - x) <= reach]
+        return any(abs(v - y) <= reach for v in columns) or (bool(columns) and y < min(columns))
+
+    return [[is_chosen(y, x) for x in range(len(image[0]))] for y in range(len(image))]

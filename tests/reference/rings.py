@@ -2,6 +2,8 @@
 
 import math
 
+from tests.reference.parallax import hides
+
 
 def ring_numbers(points):
     """Numbers up where the azimuth starts again: straight ahead if any point lies behind."""
@@ -25,22 +27,15 @@ def laser_by_elevation(point, height_m, elevations_deg):
     return min(range(len(elevations_deg)), key=lambda laser: abs(elevations_deg[laser] - seen))
 
 
-def visible_truth(held_out_m, everything_m):
-    """Held-out depths that no point within 15 rows x 7 columns would hide; rows of numbers."""
-    height, width = len(held_out_m), len(held_out_m[0])
-    truth = [[0.0] * width for _ in range(height)]
-    for row in range(height):
-        for column in range(width):
-            around = [
-                everything_m[r][c]
-                for r in range(max(0, row - 7), min(height, row + 8))
-                for c in range(max(0, column - 3), min(width, column + 4))
-                if everything_m[r][c] > 0
-            ]
-            depth = held_out_m[row][column]
-            if depth > 0 and depth <= 1.15 * min(around) + 0.5:
-                truth[row][column] = depth
-    return truth
+def visible_truth(held_out_m, everything_m, base, growth):
+    """Held-out depths that no point of the sweep hides from the camera; rows of numbers."""
+    return [
+        [
+            depth if depth > 0 and not hides(everything_m, y, x, depth, base, growth) else 0.0
+            for x, depth in enumerate(row)
+        ]
+        for y, row in enumerate(held_out_m)
+    ]
 
 
 def nearest_depths(depth_m, row, column):

@@ -1,3 +1,4 @@
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -75,16 +76,17 @@ def test_what_is_no_picture_is_refused(image):
 
 def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none():
     points = np.array([[1, 2, 3], [np.nan, 0, 0], [4, 5, np.inf], [4, 5, 6]])
-    assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
+    with pytest.warns(UserWarning, match="three columns, x, y, z: 0 is taken for the reflectance"):
+        assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
     assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
 
 
 def test_bad_intensities_and_clouds_without_an_echo_are_warned_of_with_counts():
-    points = np.array([[1, 2, 3, np.nan, 5], [4, 5, 6, 0.5, np.nan]])
+    points = np.array([[1, 2, 3, np.nan], [4, 5, 6, 0.5]])
     with pytest.warns(UserWarning, match="1 of 2 points have an intensity that is not finite"):
         assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0.5]]
     with pytest.warns(UserWarning, match="the points: 9 of 9 points are left out.* none is left"):
-        assert sweep_points(np.zeros((9, 3))).shape == (0, 4)
+        assert sweep_points(np.zeros((9, 4))).shape == (0, 4)
 
 
 def test_an_organised_cloud_is_a_cloud_and_points_without_an_echo_are_none():
@@ -113,6 +115,29 @@ def test_what_is_no_cloud_in_metres_is_refused(points, max_intensity, said):
 def test_points_that_float32_cannot_hold_are_left_out_as_those_that_are_not_finite():
     points = np.float64([[3, 1, 0, 1], [np.finfo(np.float64).max, 1, 0, 1]])  # a mark of no echo
     assert sweep_points(points).tolist() == [[3, 1, 0, 1]]
+
+
+def test_columns_after_the_fourth_are_left_out_with_a_warning():
+    with pytest.warns(UserWarning, match="have 5 columns: .* the others are left out"):
+        assert sweep_points(np.array([[1, 2, 3, 0.5, 7]])).tolist() == [[1, 2, 3, 0.5]]
+
+
+def test_a_scale_far_above_all_intensities_is_doubted():
+    for max_intensity in (255, 1e8):
+        with pytest.warns(UserWarning, match="reach no hundredth of max_intensity"):
+            sweep_points(POINTS, max_intensity)
+    sweep_points(POINTS * np.float32([1, 1, 1, 0]), 255)  # a sensor that tells none
+
+
+@pytest.mark.parametrize("columns", [[0, 1, 2, 4, 3], [0, 1, 2, 4]])
+@pytest.mark.parametrize("max_intensity", [1, 31, 255])
+def test_ring_numbers_in_the_place_of_intensities_are_told_as_such(columns, max_intensity):
+    elevation = np.degrees(np.arctan2(POINTS[:, 2], np.hypot(*POINTS[:, :2].T)))
+    rows = np.hstack([POINTS, np.floor(elevation - elevation.min())[:, None]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises(ValueError, match=r"ring numbers \(0 to \d+, .* order x, y, z, intens"):
+            sweep_points(rows[:, columns], max_intensity)
 
 
 def test_negative_intensities_are_not_blamed_on_their_scale():

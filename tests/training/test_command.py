@@ -390,6 +390,20 @@ def test_given_weights_are_scored_before_they_are_changed(recipes, capsys):
     assert yaml.safe_load(Path("runs/toy/config.yaml").read_text())["trainer"]["max_epochs"] == 2
 
 
+@pytest.mark.parametrize("folder", ["", "runs/toy", "training/image_2"])
+@pytest.mark.parametrize("subcommand", ["fit", "test"])
+def test_a_run_folder_in_a_data_set_is_refused_before_anything_is_made(
+    recipes, tmp_path, subcommand, folder
+):
+    data = tmp_path / "set"
+    (data / "training").mkdir(parents=True)
+    run = ["--config", "toy", "--data.root", str(tmp_path), "--run_folder", str(data / folder)]
+    sources = [f'--data.{use}=[{{"path": "set"}}]' for use in ("training", "validation")]
+    with pytest.raises(ValueError, match=r"would change the data set .*set, which is only read"):
+        run_training(subcommand, [*run, *sources], recipes)
+    assert [path.name for path in data.rglob("*")] == ["training"]
+
+
 def test_a_run_folder_may_be_named_as_one_likes(recipes, capsys):
     run_training("fit", ["--config", "toy", "--run_folder", "run[/b]"], recipes)
     assert capsys.readouterr().out == "run[/b]: the weights are in weights.safetensors\n"

@@ -1,6 +1,7 @@
 """A frame of KITTI's object benchmark and an exported file, as the scripts here take them."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,7 +34,7 @@ def read_frame(image: str, sweep: str, calibration: str) -> Frame:
     camera = values["P2"].reshape(3, 4)
     bgr = cv2.imread(image)
     if bgr is None:
-        raise ValueError(f"{image} cannot be read as an image; give a .png file of image_2")
+        sys.exit(f"{image} cannot be read as an image; give a .png file of image_2")
     return Frame(bgr[..., ::-1], points, camera, rectification @ mounting)
 
 
@@ -68,12 +69,20 @@ def single(values: object) -> Array:
     return np.asarray(values, np.float32)
 
 
-def open_graph(path: str) -> tuple[Any, Steps]:
-    """Open an exported file and read the steps that its metadata holds."""
-    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+def open_graph(path: str, task: str, *inputs: str) -> tuple[Any, Steps]:
+    """Open an exported file of a task with these inputs, and read the steps in its metadata."""
+    try:
+        session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    except Exception as error:  # noqa: BLE001 - onnxruntime raises many of its own
+        sys.exit(f"{path} is no ONNX file that can be run: {str(error).splitlines()[0]}")
     metadata = session.get_modelmeta().custom_metadata_map
     if "sightline.processing" not in metadata:
-        raise ValueError(
-            f"{path} lacks the metadata sightline.processing; export the weights again"
-        )
+        sys.exit(f"{path} lacks the metadata sightline.processing; export the weights again")
+    found = metadata.get("sightline.task")
+    if found != task:
+        sys.exit(f"{path} is of the task {found!r}, expected {task}; name an export of that")
+    names = {each.name for each in session.get_inputs()}
+    if not names.issuperset(inputs):
+        told, wanted = ", ".join(sorted(names)), ", ".join(inputs)
+        sys.exit(f"{path} takes {told}, expected {wanted}; name the other file or other weights")
     return session, json.loads(metadata["sightline.processing"])

@@ -23,7 +23,8 @@ class DepthMap(NamedTuple):
 
 def complete(model: str, frame: Frame) -> DepthMap:
     """Fill the sparse map, run the network on it and on its mirror image, finish its answer."""
-    session, steps = open_graph(model)
+    named = "image", "sparse_depth_m", "filled_depth_m"
+    session, steps = open_graph(model, "depth-completion", *named)
     sparse = sparse_map(frame)
     if not sparse.any():
         return DepthMap(sparse, sparse > 0, np.full_like(sparse, np.inf))

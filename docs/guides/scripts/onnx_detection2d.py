@@ -15,7 +15,7 @@ Found = list[tuple[str, float, Array]]
 
 def detect(model: str, frame: Frame) -> Found:
     """Prepare the inputs, run the network, keep the surest boxes."""
-    session, steps = open_graph(model)
+    session, steps = open_graph(model, "detection2d", "image", "lidar")
     size, rule = frame.rgb.shape[:2], steps["resizing"]
     factor = rule["scale"] * min(rule["longest_focal_px"] / frame.camera[1, 1], 1)
     height, width = rule["size"] or [max(round(side * factor), 1) for side in size]

@@ -19,12 +19,12 @@ Answer = tuple[Array, Array, Array]
 
 def detect(first: str, second: str, frame: Frame) -> list[tuple[str, float, Array]]:
     """Find class, score and x, y, z, length, width, height, yaw (LiDAR frame), the surest first."""
-    session, steps = open_graph(first)
+    session, steps = open_graph(first, "detection3d", "pillars")
     xyz = seen_points(frame, steps["sweep"])
     if not len(xyz):
         return []
     proposals = propose(session, steps, xyz)
-    session, steps = open_graph(second)
+    session, steps = open_graph(second, "detection3d", "points")
     if not len(proposals.boxes):
         return []
     boxes, scores = refine(session, steps, xyz, proposals)

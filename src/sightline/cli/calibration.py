@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
-from sightline.cli.report import check_places, check_writable_folder, deliver
+from sightline.cli.report import check_places, check_writable_folder, deliver, named_file
 from sightline.data.jobs import check_outputs
 
 if TYPE_CHECKING:
@@ -55,12 +55,10 @@ def evaluate_calibration(
         picture: PNG for the reliability diagrams.
         json: File for the whole report.
     """
-    check_outputs({"--out": out}, data=(labels, fit_labels), results=(results, fit_results))
-    check_places(
-        {"--json": json, "--picture": picture},
-        data=(labels, fit_labels),
-        results=(results, fit_results),
-    )
+    places = {"--json": json, "--picture": picture}
+    only_read = [labels, fit_labels, named_file(sample_list), named_file(fit_list)]
+    check_outputs(places | {"--out": out}, data=only_read, results=(results, fit_results))
+    check_places(places)
     check_writable_folder(out)
     if out is not None and (fit_results is None or calibrator == "all"):
         raise ValueError("--out needs --fit-results and one --calibrator, whose scores are written")

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 from sightline.cli.output import say
+from sightline.cli.report import named_file
+from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 
 
@@ -42,6 +44,7 @@ def corrupt(
         shard_index: Which part of the frames to do, from 0.
         num_shards: Number of parts, each of which can run on another machine.
     """
+    check_outputs({"OUT": out}, data=[data, named_file(sample_list)])
     from sightline.corruptions.generate import corrupt_dataset
 
     result = corrupt_dataset(

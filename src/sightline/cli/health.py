@@ -145,7 +145,7 @@ def health_limits(
         transfer: Widens the limits so that they serve sensors of other makes, too, as those that
             come with Sightline.
     """
-    check_places({"OUT": out}, data=[data])
+    check_places({"OUT": out}, data=[data, named_file(sample_list)])
     from sightline.health.fitting import fit_on_dataset
     from sightline.health.limits import write_limits
 

@@ -39,11 +39,7 @@ def import_command(
         max_intensity: What stands for a reflectance of 1. Default: 1, 255 or 65535, by some
             sweeps.
     """
-    check_outputs({"OUT": out}, data=[source])
-    if calibration is not None and calibration.resolve().is_relative_to(out.resolve()):
-        raise ValueError(
-            f"--calibration {calibration} lies in {out}, whose files are written; name a copy of it"
-        )
+    check_outputs({"OUT": out}, data=[source, calibration])
     from sightline.data.importing.import_recording import import_recording
 
     report = import_recording(

@@ -23,7 +23,7 @@ from sightline.cli.evaluate import (
 )
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
-from sightline.cli.output import fail, say
+from sightline.cli.output import fail, gathered_warnings, say
 from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
@@ -57,12 +57,13 @@ def check(data: Path, *, workers: int = 2) -> int:
 
     if not data.is_dir():
         raise ValueError(f"{data} is no folder; give the folder of a data set")
-    for summary in summarize_tree(data):
-        say(summary)
     num_problems = 0
-    for problem in check_tree(data, num_workers=workers):
-        say(problem)
-        num_problems += 1
+    with gathered_warnings():
+        for summary in summarize_tree(data):
+            say(summary)
+        for problem in check_tree(data, num_workers=workers):
+            say(problem)
+            num_problems += 1
     say(f"{num_problems or 'no'} problem{'' if num_problems == 1 else 's'}")
     return int(num_problems > 0)
 
@@ -106,8 +107,7 @@ def submission(results: Path, out: Path, *, sample_list: str | None = None) -> N
     """
     from sightline.data.submission import write_submission
 
-    check_places({"OUT": out}, results=[results])
-
+    check_places({"OUT": out}, data=[named_file(sample_list)], results=[results])
     say(f"{out}: {write_submission(results, out, sample_list=sample_list)} frames")
 
 

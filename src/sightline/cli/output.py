@@ -1,7 +1,10 @@
 """Lines that the commands print: what a file or a folder is named never reaches a terminal raw."""
 
+import re
 import sys
+import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from sightline.data.problem import escaped, plain_line
@@ -50,6 +53,27 @@ def format_warning(
     """A warning as one line for whoever gave the command; as `warnings.formatwarning`."""
     del category, filename, lineno, line
     return f"sightline: warning: {plain_line(str(message))}\n"
+
+
+@contextmanager
+def gathered_warnings() -> Iterator[None]:
+    """Print each kind of warning within a block once, at its end, with how many like it there were.
+
+    Warnings are of one kind where they differ in the file and in numbers alone. Threads of the
+    block count as well; so it is for a whole command.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            yield
+        finally:
+            first: dict[str, list[str]] = {}
+            for message in dict.fromkeys(str(each.message) for each in caught):
+                kind = re.sub(r"\d+", "", message.partition(": ")[2] or message)
+                first.setdefault(kind, []).append(message)
+            for alike in first.values():
+                more = f" ({len(alike)} like it)" if len(alike) > 1 else ""
+                warn(f"warning: {alike[0]}{more}")
 
 
 class _Plain:

@@ -8,6 +8,7 @@ from sightline.cli.declared import declare
 from sightline.cli.engine import tell_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
+from sightline.cli.report import named_file
 from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.export.names import EngineChoice
@@ -101,7 +102,8 @@ def _run(
     **job: Any,  # noqa: ANN401 - the options of `perceive`
 ) -> None:
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
-    check_outputs(places, data=[data])  # before networks are loaded
+    files = [named_file(each) for each in (*weights.values(), job["sample_list"])]
+    check_outputs(places, data=[data, *files])  # before networks are loaded
     from sightline.perception.perceive import LINES_NAME, perceive
     from sightline.perception.perceiver import Perceiver
 

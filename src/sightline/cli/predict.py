@@ -8,6 +8,8 @@ from sightline.cli.declared import declare
 from sightline.cli.engine import tell_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
+from sightline.cli.report import named_file
+from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.tasks import Task, find_task, task_names, weights_of
@@ -101,6 +103,13 @@ def _run(
     method: str | None = None,
     **of_task: Any,  # noqa: ANN401 - folders of further outputs, and switches
 ) -> None:
+    also = {
+        output.name: of_task[output.name]
+        for output in task.outputs[1:]
+        if of_task[output.name] is not None
+    }
+    places = {"OUT": out} | {f"--{name}": folder for name, folder in also.items()}
+    check_outputs(places, data=[data, named_file(weights), named_file(sample_list)])
     from sightline.inference.predict import predict
 
     predictor = task.predictor(
@@ -111,13 +120,12 @@ def _run(
         threads=1,  # of each worker; of several threads PyTorch gives other last digits
     )
     tell_engine(engine, predictor.made_by.get("engine"), device)
-    further = [output.name for output in task.outputs[1:]]
     result = predict(
         task,
         predictor,
         data,
         out,
-        also={name: of_task[name] for name in further if of_task[name] is not None},
+        also=also,
         switches=[switch.name for switch in task.switches if of_task[switch.name]],
         sample_list=sample_list,
         velodyne=velodyne,

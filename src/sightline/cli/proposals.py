@@ -4,6 +4,8 @@ from pathlib import Path
 
 from sightline.cli.output import say
 from sightline.cli.parser import Device
+from sightline.cli.report import named_file
+from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 
 
@@ -39,6 +41,8 @@ def proposals(
         shard_index: Which part of the frames to do, from 0.
         num_shards: Number of parts, each of which can run on another machine.
     """
+    only_read = [data, named_file(weights), named_file(sample_list)]
+    check_outputs({"OUT": out}, data=only_read)
     from sightline.detection3d.cache_proposals import cache_proposals
 
     result = cache_proposals(

@@ -47,7 +47,8 @@ def reproduce_shiftconv(
     """
     if data is None:
         raise ValueError("reproduce shiftconv measures on data; name a data set with --data")
-    check_places({"--json": json}, data=[data, named_file(weights), named_file(weights_without)])
+    files = [named_file(each) for each in (weights, weights_without, sample_list)]
+    check_places({"--json": json}, data=[data, *files])
     from sightline.depth_completion.reproduce import reproduce_shiftconv as reproduce
 
     report = reproduce(
@@ -123,7 +124,7 @@ def reproduce_dgfn(
     """
     if data is None:
         raise ValueError("reproduce dgfn measures on data; name a data set with --data")
-    files = [named_file(each) for each in (gated, ones, early, late, camera, lidar)]
+    files = [named_file(each) for each in (gated, ones, early, late, camera, lidar, sample_list)]
     check_outputs({"--json": json, "--out": out, "--figures": figures}, data=[data, *files])
     check_places({"--json": json})
     from sightline.detection2d.gate_figures import GATE_MAPS, GATE_MEANS

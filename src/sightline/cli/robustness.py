@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, get_args
 from sightline.cli.engine import tell_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import check_places, deliver
+from sightline.cli.report import check_places, deliver, named_file
+from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.export.names import EngineChoice
 
@@ -88,6 +89,10 @@ def robustness(
             f"robustness needs a {lacking}; a folder is named before options of several values, as "
             "in sightline robustness OUT --data DATA --cases camera_blank lidar_blank"
         )
+    by_sensor = _by_sensor(healthy or ())
+    files = [named_file(each) for each in (weights, baseline, sample_list)]
+    only_read = [data, *files, *by_sensor.values()]
+    check_outputs({"OUT_FOLDER": out_folder}, data=only_read, results=map(Path, results))
     from sightline.robustness.bench import BenchSettings, run_bench
     from sightline.robustness.results import score_results
     from sightline.tasks import choose_task
@@ -100,7 +105,7 @@ def robustness(
         sample_list=sample_list,
         velodyne=velodyne,
         baseline=baseline,
-        healthy=_by_sensor(healthy or ()),
+        healthy=by_sensor,
         shown=show,
         workers=workers,
     )

@@ -21,8 +21,10 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
     The file is written aside in a hidden folder next to its place, under the same name (so that a
     library which goes by the suffix is content), and renamed when the block ends well. When it
     ends with any exception, Ctrl-C included, nothing is left behind and an older file stays as it
-    was. Parent folders are made where they are missing; a symbolic link is followed, not replaced.
-    A crash of the whole machine is not guarded against: nothing is flushed to the disk.
+    was. Parent folders are made where they are missing. A symbolic link in the file's own place is
+    replaced and never followed, so that nothing is written where it leads; those among the folders
+    above it are: see `check_links`. A crash of the whole machine is not guarded against: nothing is
+    flushed to the disk.
 
     Args:
         path: Where the file shall stand.
@@ -31,12 +33,20 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         ValueError: The folder cannot be written to, `path` is a folder or a device, or the disk is
             full or broken.
     """
-    target = Path(os.path.realpath(path))
+    target = _place(path)
     check_replaceable(target)
     with folder_beside(target) as aside, _naming_disk_faults(target):
         yield aside / target.name
         # Only now: a file of the old content must survive everything up to here.
         (aside / target.name).replace(target)
+
+
+def _place(path: Path | str) -> Path:
+    """The file's place by its real folder."""
+    path = Path(path)
+    if path.name in ("", ".."):
+        return Path(os.path.realpath(path))
+    return Path(os.path.realpath(path.parent), path.name)
 
 
 @contextmanager
@@ -65,9 +75,11 @@ def check_replaceable(target: Path) -> None:
     """Refuses a place where something else than a file stands.
 
     Raises:
-        ValueError: It is a folder, a device or a pipe.
+        ValueError: It is a folder, a device or a pipe, or a link of the system's to one's own
+            streams, such as /dev/stdout.
     """
-    if target.exists() and not target.is_file():
+    is_system_link = target.is_symlink() and target.parts[1:2] in (("dev",), ("proc",))
+    if is_system_link or (target.exists() and not target.is_file()):
         raise ValueError(f"{target} cannot be written: it is no regular file; choose another name")
 
 
@@ -78,7 +90,7 @@ def check_writable(path: Path | str) -> None:
         ValueError: Something else than a file stands there, or its folder, or the nearest above it
             where that is missing, is none or cannot be written to.
     """
-    target = Path(os.path.realpath(path))
+    target = _place(path)
     check_replaceable(target)
     folder = next(each for each in target.parents if each.exists())
     if not folder.is_dir():
@@ -140,7 +152,7 @@ def atomic_create_text(path: Path | str, text: str) -> bool:
     Raises:
         ValueError: As `atomic_path`.
     """
-    target = Path(os.path.realpath(path))
+    target = _place(path)
     check_replaceable(target)
     with folder_beside(target) as aside, _naming_disk_faults(target):
         (aside / target.name).write_bytes(text.encode())

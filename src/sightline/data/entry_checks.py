@@ -62,7 +62,7 @@ def judge_frames(
     Raises:
         FileError: A sweep is in another unit than metres, or has reflectances outside 0 to 1.
     """
-    drawn = [_with_parts(frame, parts) for frame in _draw(frames)]
+    drawn = [_with_parts(frame, parts) for frame in draw(frames)]
     findings: list[Findings] = [examine(frame) for frame in drawn]
     for problem in (problem for found in findings for problem in found.refused):
         raise FileError(problem.path, problem.problem, problem.remedy)
@@ -77,7 +77,8 @@ def _warn_of_doubts(doubts: Sequence[Problem], num_looked_at: int) -> None:
         warnings.warn(f"{problem}{more}; see all by: sightline check", stacklevel=_STACK + 1)
 
 
-def _draw(items: Sequence[Item]) -> list[Item]:
+def draw(items: Sequence[Item]) -> list[Item]:
+    """The first, the last and one between: the same ones each time."""
     last = len(items) - 1
     places = sorted({round(last * share / (_DRAWN - 1)) for share in range(_DRAWN)})
     return [items[place] for place in places] if items else []

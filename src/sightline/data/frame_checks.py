@@ -26,7 +26,7 @@ from sightline.data.object_tree import ObjectFrame
 from sightline.data.problem import FileError, Problem
 from sightline.data.velodyne import read_sweep, sweep_doubt
 from sightline.data.view import is_in_view
-from sightline.geometry.mount import MAX_RANGE_M
+from sightline.geometry.mount import MAX_RANGE_M, is_hardly_shown
 from sightline.geometry.mount_axes import axes_doubt
 
 _DARK_LEVELS = 8  # between the darkest and the brightest channel of an image that shows nothing
@@ -71,14 +71,10 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
     points = _examine_sweep(frame.points, found)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     if points is not None and frame.points is not None and matrices is not None:
-        image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
-        axes = axes_doubt(points, matrices.camera_from_lidar)
-        if axes is not None:
-            # Whatever else is implausible about the cloud comes of it.
-            found.doubted.append(Problem(path=frame.points, problem=axes[0], remedy=axes[1]))
-        elif size is not None:
-            found.doubted += _check_view(points, image_from_lidar, size, frame.points)
-        if axes is None and depth_m is not None and frame.depth is not None:
+        upturned = _check_axes(points, matrices, frame.points)
+        found.doubted += upturned or _check_view(points, matrices, size, frame.points)
+        if not upturned and depth_m is not None and frame.depth is not None:
+            image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
             found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
         found.doubted += check_objects(objects, size, frame.objects)
@@ -116,9 +112,9 @@ def examine_drive_frame(
     found = Findings()
     size = _image_size(frame.image, found)
     points = _examine_sweep(frame.points, found)
-    if points is not None and frame.points is not None and size and matrices is not None:
-        image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
-        found.doubted += _check_view(points, image_from_lidar, size, frame.points)
+    if points is not None and frame.points is not None and matrices is not None:
+        upturned = _check_axes(points, matrices, frame.points)
+        found.doubted += upturned or _check_view(points, matrices, size, frame.points)
     return found
 
 
@@ -209,18 +205,33 @@ def _check_points(points: Float32[np.ndarray, "num_points 4"], path: Path) -> li
     return problems
 
 
+def _check_axes(
+    points: Float32[np.ndarray, "num_points 4"], matrices: CalibrationMatrices, path: Path
+) -> list[Problem]:
+    """Doubt about a cloud whose z axis does not point up: whatever else is odd comes of it."""
+    axes = axes_doubt(points, matrices.camera_from_lidar)
+    return [] if axes is None else [Problem(path=path, problem=axes[0], remedy=axes[1])]
+
+
 def _check_view(
     points: Float32[np.ndarray, "num_points 4"],
-    image_from_lidar: Float64[np.ndarray, "3 4"],
-    size: tuple[int, int],
+    matrices: CalibrationMatrices,
+    size: tuple[int, int] | None,
     path: Path,
 ) -> list[Problem]:
-    if is_in_view(points, image_from_lidar, size).any() or not len(points):
+    """Doubt about a cloud of which the image shows hardly anything."""
+    if size is None or not len(points):
         return []
+    image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
+    num_shown = int(np.count_nonzero(is_in_view(points, image_from_lidar, size)))
+    if not is_hardly_shown(num_shown, len(points)):
+        return []
+    shown = f"only {num_shown}" if num_shown else "none"
     return [
         Problem(
             path=path,
-            problem=f"none of its {len(points)} points falls into the image",
+            problem=f"{shown} of its {len(points)} points fall{'' if num_shown > 1 else 's'} into "
+            "the image",
             remedy="check that sweep and calibration belong together and that x points forward",
         )
     ]

@@ -10,6 +10,7 @@ from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.data.atomic import atomic_create_text
 from sightline.data.object_tree import OBJECT_SPLITS
+from sightline.data.output_links import check_links
 from sightline.data.parallel import run_pieces
 from sightline.data.plain_file import read_bytes
 from sightline.data.plain_text import shortened
@@ -22,7 +23,10 @@ MANIFEST_NAME: Final = "sightline.json"
 RESULT_SUFFIXES: Final = (".txt", ".png")
 """Endings of result files."""
 
+_WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
+# of what commands write into folders: a file of weights, for one, is never replaced
 _MAX_MANIFEST_BYTES = 2**22
+_MOST_DIFFERENCES = 12  # settings that an error names
 _LONGEST_VALUE = 60  # characters of a setting that an error shows
 
 Item = TypeVar("Item")
@@ -126,7 +130,7 @@ def claim_folder(
 
     Raises:
         ValueError: Other settings stand there, or results that nobody knows the maker of; or the
-            folder cannot be written to.
+            folder cannot be written to, or holds links that lead out of it (`check_links`).
     """
     if _is_claimed(folder, settings, results=results, manifest_name=manifest_name):
         return
@@ -165,6 +169,7 @@ def _is_claimed(
     """Whether the same settings stand there; others, and results of nobody knows whom, raise."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is no folder; name another output folder")
+    check_links(folder)
     path = folder / manifest_name
     # In this order: a job has written its manifest before its first result.
     has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
@@ -202,7 +207,8 @@ def check_outputs(
             must not take the place of one.
 
     Raises:
-        ValueError: An output is in the data, is one of the results or is named twice.
+        ValueError: An output is in the data, is one of the results, is named twice, or is a folder
+            in which a file lies that is read and that reports or results might replace.
     """
     taken: dict[Path, str] = {}
     places = {option: path for option, path in outputs.items() if path is not None}
@@ -213,6 +219,7 @@ def check_outputs(
     for each in data:
         if each is not None:
             check_apart(each, places.values())
+            _check_not_within(each, places)
     for folder in filter(None, results):
         for option, path in places.items():
             place = path.resolve()
@@ -223,6 +230,17 @@ def check_outputs(
                     f"{option} {path} is among the results that are to be read, which it would "
                     "replace; name another place"
                 )
+
+
+def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:
+    if file.suffix.lower() not in _WRITTEN_SUFFIXES or file.is_dir():
+        return
+    for option, place in places.items():
+        if not place.is_file() and file.resolve().is_relative_to(place.resolve()):
+            raise ValueError(
+                f"{file}, which is only read, lies in {option} {place}, whose files are written; "
+                "name a copy of it elsewhere, or another place"
+            )
 
 
 def check_apart(data: Path, outputs: Iterable[Path]) -> None:
@@ -308,8 +326,12 @@ def _difference(there: str, settings: Mapping[str, object]) -> str:
         before = json.loads(there)
     if not isinstance(before, dict):
         return "a damaged manifest"
-    described = _differences(before, json.loads(json.dumps(dict(settings))))
-    return f"files made with {', '.join(described) or 'the same settings, written otherwise'}"
+    described = list(_differences(before, json.loads(json.dumps(dict(settings)))))
+    if not described:
+        return "files made with the same settings, written otherwise"
+    more = len(described) - _MOST_DIFFERENCES
+    beyond = [f"{more} more that differ"] if more > 0 else []
+    return f"files made with {', '.join(described[:_MOST_DIFFERENCES] + beyond)}"
 
 
 def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Iterator[str]:
@@ -319,7 +341,7 @@ def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Ite
         if isinstance(held, dict) and isinstance(asked, dict):
             yield from (f"{name} {inner}" for inner in _differences(held, asked))
         elif held != asked:
-            yield f"{name} {_shown(held)} instead of {_shown(asked)}"
+            yield f"{shortened(name)} {_shown(held)} instead of {_shown(asked)}"
 
 
 def _shown(value: object) -> str:

@@ -21,8 +21,10 @@ from sightline.data.object_tree import (
 )
 from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
+from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.geometry.calibration import centred_image_size
+from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -31,7 +33,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
 
     `root`/training or `root`/testing holds `image_2`, `velodyne` (or `velodyne_reduced`), `calib`
     and, for training, `label_2`. Which files there are is looked up once, so a gap shows at
-    once and not in the middle of a training; their content is read frame by frame.
+    once and not in the middle of a training; their content is read frame by frame. Where the LiDAR
+    is mounted turned (the camera looks more than 5 degrees aside of its x axis) or tilted (by 4
+    degrees or more against the road in some clouds, which is warned of), samples say so by
+    `level_from_lidar`.
     """
 
     def __init__(
@@ -86,6 +91,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self.frames = tuple(found[frame_id] for frame_id in wanted)
         pictures = (frame.image or frame.depth for frame in found.values())
         self._any_picture = next((path for path in pictures if path is not None), None)
+        self._pose = pose_of_tree(tuple(found.values()))
+        warn_of_tilt(self._pose, folder)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -111,6 +118,12 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         sized = frame.image or frame.depth or self._any_picture
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)
+        level_from_lidar = level_from_mount(calibration, self._pose.tilt)
+        objects = None
+        if frame.objects is not None:
+            level = level_calibration(calibration, level_from_lidar)
+            objects = labels_from_kitti(read_labels(frame.objects), level)
+            objects = mounted_labels(objects, level_from_lidar)
         image = read_image(frame.image) if frame.image and "image" in self.parts else None
         if image is not None:
             height, width = image.shape[1:]
@@ -132,12 +145,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             image_size=(height, width),
             image=image,
             points=None if frame.points is None else read_points(frame.points),
-            objects=(
-                None
-                if frame.objects is None
-                else labels_from_kitti(read_labels(frame.objects), calibration)
-            ),
+            objects=objects,
             depth=depth,
+            lidar_height_m=self._pose.height_m,
+            level_from_lidar=level_from_lidar,
         )
 
 

@@ -12,15 +12,18 @@ from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.object_tree import describe_absent
 from sightline.data.problem import FileError
+from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.geometry.calibration import centred_image_size
+from sightline.structures.level import level_from_mount
 from sightline.structures.sample import CameraLidarSample
 
 
 class KittiRawDrive(Dataset[CameraLidarSample]):
     """One drive, moment after moment at 10 Hz, in the official layout or the flat one.
 
-    `list_drive` says how both look. Calibration, poses and times are read once.
+    `list_drive` says how both look. Calibration, poses and times are read once. A LiDAR that is
+    mounted turned or tilted is dealt with as `KittiObjectDataset` does.
     """
 
     def __init__(
@@ -60,6 +63,9 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self.matrices = read_raw_matrices(files.calibration)
         self.calibration = read_raw_calibration(files.calibration)
         """That of every frame."""
+        self._pose = pose_of_tree(files.frames)
+        warn_of_tilt(self._pose, self.folder)
+        self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
         self._times = _times(files)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]
@@ -101,6 +107,8 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
             points=None if frame.points is None else read_points(frame.points),
             world_from_lidar=None if self._poses is None else self._poses[index],
             timestamp_s=None if self._times is None else self._times[index],
+            lidar_height_m=self._pose.height_m,
+            level_from_lidar=self._level_from_lidar,
         )
 
 

@@ -6,8 +6,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from jaxtyping import Bool
 
-from sightline.data.kitti_labels import CLASS_NAMES, NO_LOCATION, KittiObjects
+from sightline.data.kitti_labels import (
+    CLASS_NAMES,
+    NO_ALPHA,
+    NO_LOCATION,
+    NO_ROTATION,
+    KittiObjects,
+)
 from sightline.data.plain_text import shortened
 from sightline.data.problem import Problem
 from sightline.geometry.mount import MAX_RANGE_M
@@ -57,16 +64,24 @@ def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Pat
 def _check_names(objects: KittiObjects, path: Path) -> list[Problem]:
     """Problem of each class name that is none of KITTI's, which detectors leave out."""
     problems = []
+    by_small_letters = {each.lower(): each for each in (*CLASS_NAMES, _REGION)}
     for name, count in Counter(objects.class_names).items():
         if name in (*CLASS_NAMES, _REGION):
             continue
         meant = _suggested(name)
         known = ", ".join((*CLASS_NAMES, _REGION))
+        taken_for = by_small_letters.get(name.lower())
+        use = (
+            "detectors, training and evaluation leave them out"
+            if taken_for is None
+            else "detectors and training leave them out, evaluation, which reads names in any "
+            f"case, takes them for {taken_for}"
+        )
         problems.append(
             Problem(
                 path=path,
                 problem=f"names {count} of {len(objects)} objects '{shortened(name, 24)}', which "
-                "is none of KITTI's classes: detectors and training leave them out",
+                f"is none of KITTI's classes: {use}",
                 remedy=f"write {meant}" if meant else f"write one of {known}",
             )
         )
@@ -78,6 +93,13 @@ def _suggested(name: str) -> str | None:
     word = "".join(character for character in name if character.isprintable()).strip().lower()
     close = difflib.get_close_matches(word.replace("-", "_"), by_word, n=1, cutoff=0.75)
     return by_word[close[0]] if close else None
+
+
+def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
+    """Which objects have an angle beyond two pi: of radians there are none so large."""
+    angles = np.stack((objects.rotation_y, objects.alpha), axis=1)
+    is_given = angles != (NO_ROTATION, NO_ALPHA)
+    return np.asarray((is_given & (np.abs(angles) > 2 * np.pi)).any(axis=1))
 
 
 def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
@@ -105,6 +127,13 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
     if size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
         problem = "has all 2D boxes within the first pixel: they are probably shares of the image"
         faults.append((problem, "write x_min, y_min, x_max, y_max in pixels"))
+    num_turned = int(np.count_nonzero(in_degrees(objects)))
+    if num_turned:
+        problem = (
+            f"has angles beyond two pi at {num_turned} of {len(objects)} objects: rotation_y and "
+            "alpha are probably in degrees"
+        )
+        faults.append((problem, "write radians, from -pi to pi"))
     return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
 
 
@@ -139,7 +168,9 @@ def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path)
         ).any(axis=1),
         "has a 3D box of a size that is not positive": has_box3d
         & (objects.dimensions_hwl <= 0).any(axis=1),
-        "has an angle outside -pi to pi": has_box3d & (np.abs(rotations) > _MAX_ANGLE).any(axis=1),
+        "has an angle outside -pi to pi": has_box3d
+        & (np.abs(rotations) > _MAX_ANGLE).any(axis=1)
+        & ~in_degrees(objects),
         "has an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
     }
     return [

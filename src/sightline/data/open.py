@@ -9,6 +9,7 @@ from torch.utils.data import Dataset
 
 from sightline.data.calibration_checks import check_matrices
 from sightline.data.depth_tree import (
+    DepthFrame,
     DriveSplit,
     SelectedSplit,
     list_drive_frames,
@@ -34,10 +35,10 @@ from sightline.data.object_tree import (
     suggest_frames,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
-from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_tree import is_recording
+from sightline.data.safe_names import unprintable_names
 from sightline.data.sample_list import read_sample_list
 from sightline.data.unread_files import (
     depth_folders,
@@ -190,12 +191,9 @@ def _open_object_tree(
 
 def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
     """Judge some frames by the rules of `check`, before any work on them."""
-    undecodable = [name for name in dataset.sample_ids if not name.isprintable()]
-    if undecodable:
-        said = (
-            f"has {len(undecodable)} frames whose names are not UTF-8, or not to be seen, such as"
-        )
-        raise FileError(path, f"{said} {shortened(undecodable[0])}", "rename their files")
+    misnamed = unprintable_names(path, dataset.sample_ids)
+    if misnamed is not None:
+        raise FileError(misnamed.path, misnamed.problem, misnamed.remedy)
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
     chosen = dataset.positions if isinstance(dataset, NamedSubset) else range(len(dataset))
     if isinstance(whole, KittiObjectDataset):
@@ -210,6 +208,18 @@ def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
         examine = partial(examine_drive_frame, matrices=whole.matrices)
         shared = check_matrices(whole.matrices, whole.image_size, whole.calibration_folder)
         judge_frames(path, moments, examine, parts, shared=shared)
+
+
+def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
+    """Whether a data set of `open_dataset` has a file of a part of a sample; none is read."""
+    if isinstance(dataset, NamedSubset):
+        return has_file(dataset.dataset, dataset.positions[index], part)
+    assert isinstance(
+        dataset, KittiObjectDataset | RecordingDataset | KittiDepthDataset | KittiRawDrive
+    ), "open_dataset gives no other"
+    frame = dataset.frames[index]
+    in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
+    return getattr(frame, in_frame, None) is not None
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:

@@ -170,10 +170,14 @@ class _Pool:
             with contextlib.suppress(OSError):  # it has ended already
                 channel.send(None)
         deadline_s = time.monotonic() + _PATIENCE_S  # one for all, however many are slow
-        for process in self._processes.values():
+        processes = list(self._processes.values())
+        for process in processes:
             process.join(max(deadline_s - time.monotonic(), 0))
+        for process in processes:  # all before the first is waited for: they end side by side
             process.terminate()
-            process.join(_LOOK_EVERY_S)
+        deadline_s = time.monotonic() + _LOOK_EVERY_S
+        for process in processes:
+            process.join(max(deadline_s - time.monotonic(), 0))
             if process.is_alive():
                 process.kill()
 

@@ -10,22 +10,26 @@ import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.plain_file import read_bytes
-from sightline.data.point_formats import (
+from sightline.data.point_formats import read_pcd, read_ply
+from sightline.data.point_rows import (
     INTENSITY_NAMES,
     MAX_BYTES,
     REMEDY,
+    RING_NAMES,
     plain_name,
-    read_pcd,
-    read_ply,
+    warn_of_repeated,
 )
 from sightline.data.problem import FileError
+from sightline.data.rings import in_kitti_order
 from sightline.data.velodyne import sweep_rows
 from sightline.geometry.cloud_checks import (
     cloud_fault,
     echoes,
     reflectances,
     rows_of,
+    warn_of_columns,
     warn_of_losses,
+    warn_of_scale,
 )
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
@@ -38,7 +42,8 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
     `.bin`: float32 x, y, z, intensity as KITTI has it. `.npy`: rows of three numbers or more, the
     fourth of which is the intensity, or a structured array with the names of a PCD's fields.
     `.pcd`, and vertices of a `.ply`: with fields x, y, z and perhaps intensity (`columns_of`).
-    Without one, reflectance is 0. Organised clouds are read row by row.
+    Without one, reflectance is 0, with a warning. Points come in the order of the file; where a
+    field names their rings (`RING_NAMES`), ring by ring as in KITTI's files (`in_kitti_order`).
 
     Points whose x, y, z are not finite or all zero, which drivers write where no echo came back,
     are left out, with a warning where they are most of the cloud; an intensity that is not finite
@@ -52,33 +57,46 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
         FileError: The file cannot be read or is cut short, lacks a coordinate, is not in metres, or
             an intensity is negative, or more than one in a hundred above max_intensity.
     """
+    return checked_cloud(cloud_rows(path), max_intensity, path)
+
+
+def cloud_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
+    """Read x, y, z and intensity (else 0) as the file has them, of points without an echo, too.
+
+    Raises:
+        FileError: The file cannot be read or is cut short, or lacks a coordinate.
+    """
     suffix = Path(path).suffix.lower()
     if suffix == ".bin":
-        points = sweep_rows(path)
-    elif suffix == ".npy":
-        points = _read_npy(path)
-    elif suffix == ".ply":
-        points = columns_of(read_ply(path), path)
-    else:
-        points = columns_of(read_pcd(path), path)
-    return checked_cloud(points, max_intensity, path)
+        return sweep_rows(path)
+    if suffix == ".npy":
+        return _read_npy(path)
+    return columns_of(read_ply(path) if suffix == ".ply" else read_pcd(path), path)
 
 
 def checked_cloud(
-    points: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
+    points: Float32[np.ndarray, "num_points 4"],
+    max_intensity: float,
+    source: Path | str,
+    *,
+    are_losses_told: bool = True,
 ) -> Float32[np.ndarray, "num_echoes 4"]:
     """Points that an echo made, with reflectances in [0, 1]; warns of losses beyond the usual.
+
+    It warns of a max_intensity that all intensities stay far below, too.
 
     Raises:
         FileError: Points are not in metres, or intensities are not on this scale (`cloud_fault`);
             names `source`, a file or a topic.
     """
-    warn_of_losses(points, str(source))
+    if are_losses_told:
+        warn_of_losses(points, str(source))
     points = echoes(points)
     fault = cloud_fault(points, max_intensity)
     if fault is not None:
         problem, remedy = fault
         raise FileError(source, f"holds {problem}", remedy)
+    warn_of_scale(points[:, 3], max_intensity)
     points[:, 3] = reflectances(points[:, 3], max_intensity)
     return points
 
@@ -87,14 +105,17 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
     """Read x, y, z and intensity (else 0) from a structured array, by the names of its fields.
 
     The intensity is the first of `INTENSITY_NAMES` that is there, holds one number a point and not
-    zeros alone; where there is a choice, a warning says which was taken.
+    zeros alone; where there is a choice or none, a warning says so. Where there is a field of ring
+    numbers, points are sorted by it.
 
     Raises:
         FileError: It lacks a coordinate, or a field holds something else than one number a point;
             names `source`.
     """
     names = fields.dtype.names or ()
+    warn_of_repeated(names)
     by_plain_name = {plain_name(name): name for name in reversed(names)}
+    by_plain_name |= {name: name for name in names if name == plain_name(name)}
     lacking = [name for name in ("x", "y", "z") if name not in by_plain_name]
     if lacking:
         raise FileError(
@@ -102,24 +123,40 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
             f"has the fields {', '.join(names)[:400] or 'none'}, and lacks {', '.join(lacking)}",
             REMEDY,
         )
-    bright = [by_plain_name[name] for name in INTENSITY_NAMES if name in by_plain_name]
     points = np.zeros((fields.size, 4), np.float32)
-    chosen = [by_plain_name["x"], by_plain_name["y"], by_plain_name["z"]]
-    for column, name in enumerate((*chosen, *_chosen_intensity(fields, bright))):
-        if not _is_number_a_point(fields, name):
-            raise FileError(
-                source,
-                f"has the field {name} of {str(fields.dtype[name])[:40]}, expected one number a "
-                "point",
-                REMEDY,
-            )
-        with np.errstate(over="ignore"):  # becomes infinite, and is left out
-            points[:, column] = fields[name].ravel()
+    for column, name in enumerate(("x", "y", "z")):
+        points[:, column] = _values(fields, by_plain_name[name], source)
+    bright = [by_plain_name[name] for name in INTENSITY_NAMES if name in by_plain_name]
+    for name in _chosen_intensity(fields, bright):
+        points[:, 3] = _values(fields, name, source)
+    for name in RING_NAMES:
+        ring = by_plain_name.get(name)
+        if ring is not None and _is_number_a_point(fields, ring):
+            return in_kitti_order(points, fields[ring].ravel())
     return points
+
+
+def _values(
+    fields: np.ndarray, name: str, source: Path | str
+) -> Float32[np.ndarray, " num_points"]:
+    """One number a point, infinite where float32 cannot hold it: such points are left out."""
+    if not _is_number_a_point(fields, name):
+        kind = str(fields.dtype[name])[:40]
+        problem = f"has the field {name} of {kind}, expected one number a point"
+        raise FileError(source, problem, REMEDY)
+    with np.errstate(over="ignore"):
+        return fields[name].ravel().astype(np.float32)
 
 
 def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
     """The first of some fields that tells brightness, in a list; none of none."""
+    if not names and fields.size:
+        there = ", ".join(fields.dtype.names or ())[:200]
+        warnings.warn(  # without the cloud's name: said once, of all that have these fields
+            f"clouds have no field of brightness among {there}: 0 is taken for the reflectance of "
+            "their points; name it intensity, or add one of zeros where there is none",
+            stacklevel=3,
+        )
     if len(names) < 2:
         return names
     numbers = [name for name in names if _is_number_a_point(fields, name)]
@@ -150,6 +187,7 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
             "one a point",
             REMEDY,
         )
+    warn_of_columns(rows.shape[1], len(rows))
     points = np.zeros((len(rows), 4), np.float32)
     with np.errstate(over="ignore"):  # becomes infinite, and is left out
         points[:, : min(rows.shape[1], 4)] = rows[:, :4]

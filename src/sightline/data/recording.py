@@ -30,6 +30,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     examine_recording_frame,
     first_whole,
+    has_points,
     mount_doubts_of_recording,
     pose_of_recording,
     reference_images,
@@ -43,8 +44,8 @@ from sightline.data.worker import keep_opencv_to_one_thread_in_workers
 from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.road_height import LidarPose
-from sightline.geometry.tilt import Tilt, level_ahead
-from sightline.structures.level import level_calibration, mounted_labels
+from sightline.geometry.tilt import Tilt
+from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
 
 _REMEDY = "see docs/recordings.md for the layout"
@@ -227,7 +228,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             )
         for doubt in mount_doubts_of_recording(self._all_frames, said):
             warnings.warn(f"{path}: {doubt}", stacklevel=4)
-        if self._height(said) is None:
+        if self._height(said) is None and has_points(self._all_frames):
             warnings.warn(
                 f"{path}: the clouds show too little of the road to find the LiDAR's height above "
                 f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m",
@@ -281,17 +282,14 @@ class _Rig:
     @classmethod
     def of(cls, said: RecordingCalibration, tilt: Tilt | None) -> "_Rig":
         """The rig of a calibration file and the tilt of its LiDAR."""
-        mounted = said.matrices.camera_from_lidar
-        level_from_lidar = level_ahead(mounted, tilt)
+        calibration = Calibration(
+            image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
+            camera_from_lidar=torch.from_numpy(said.matrices.camera_from_lidar),
+        )
         return cls(
             said=said,
-            calibration=Calibration(
-                image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
-                camera_from_lidar=torch.from_numpy(mounted),
-            ),
-            level_from_lidar=None
-            if level_from_lidar is None
-            else torch.from_numpy(level_from_lidar),
+            calibration=calibration,
+            level_from_lidar=level_from_mount(calibration, tilt),
         )
 
 

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.calibration_checks import check_matrices
+from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.depth_png import read_depth_png
 from sightline.data.frame_checks import Findings, check_depth_scale, examine_image, read_or_note
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_labels import read_labels
 from sightline.data.label_checks import check_objects
 from sightline.data.object_tree import ObjectFrame
-from sightline.data.point_files import read_cloud
+from sightline.data.point_files import cloud_rows, read_cloud
 from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -24,15 +25,17 @@ from sightline.data.recording_calibration import (
     require_usable,
 )
 from sightline.data.view import is_in_view
+from sightline.geometry.cloud_checks import is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
-    LEAST_SHARE_IN_IMAGE,
+    is_hardly_shown,
     mount_doubt,
     resolution_doubt,
     turn_ahead,
 )
 from sightline.geometry.mount_axes import axes_doubt
 from sightline.geometry.road_height import LidarPose, lidar_pose, mount_doubts
+from sightline.geometry.tilt import Tilt
 
 _REMEDY = (
     "correct the calibration file, or clouds and calibration together where both are of another "
@@ -79,13 +82,14 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
         return None
     matrices = said.matrices
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
-    share = float(shown.mean())
+    num_shown = int(np.count_nonzero(shown))
+    share = num_shown / len(points)
     axes = axes_doubt(points, matrices.camera_from_lidar)
     problem = _doubt(said, size)
-    if problem is None and share < LEAST_SHARE_IN_IMAGE:
+    if problem is None and is_hardly_shown(num_shown, len(points)):
         problem = (
             f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
-            f"into the image of {size[0]}x{size[1]} (height x width)"
+            f"into the image of {size[0]}x{size[1]} (height x width): {num_shown}"
         )
     return RecordingView(
         sample_id=frame.sample_id,
@@ -109,18 +113,14 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )
     described = [] if view is None else [str(view)]
+    described += _describe_losses(frames)
     if said is None:
         return tuple(described)
     pose = pose_of_recording(frames, said)
-    level = np.eye(4) if pose.tilt is None else pose.tilt.level_from_lidar
-    described += describe_turn(turn_ahead(said.matrices.camera_from_lidar @ level.T)[1])
-    if pose.tilt is not None:
-        source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
-        described.append(
-            f"{source} the LiDAR is tilted, {pose.tilt}: detectors see its clouds levelled"
-        )
+    source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
+    described += describe_mount(said.matrices, pose.tilt, source)
     described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, said)]
-    if said.lidar_height_m is None:
+    if said.lidar_height_m is None and (pose.height_m is not None or has_points(frames)):
         described.append(
             f"warning: its clouds show too little of the road to find the LiDAR's height above "
             f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m"
@@ -128,6 +128,23 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
             else f"by the road that it sees the LiDAR is {pose.height_m:.2f} m above it"
         )
     return tuple(described)
+
+
+def describe_mount(
+    matrices: CalibrationMatrices, tilt: Tilt | None, source: str = "by the road that it sees"
+) -> tuple[str, ...]:
+    """How a LiDAR is turned and tilted, in a clause each; none of one that is neither.
+
+    Args:
+        matrices: Its calibration.
+        tilt: None: it is level.
+        source: What tells the tilt.
+    """
+    level = np.eye(4) if tilt is None else tilt.level_from_lidar
+    turn = describe_turn(turn_ahead(matrices.camera_from_lidar @ level.T)[1])
+    if tilt is None:
+        return turn
+    return *turn, f"{source} the LiDAR is tilted, {tilt}: detectors see its clouds levelled"
 
 
 def describe_turn(angle_deg: float, subject: str = "detectors see clouds") -> tuple[str, ...]:
@@ -166,12 +183,43 @@ def mount_doubts_of_recording(
     return mount_doubts(_some_clouds(frames), said.lidar_height_m, said.lidar_tilt)
 
 
+def has_points(frames: Sequence[ObjectFrame]) -> bool:
+    """Whether some clouds of a recording can be read and hold points.
+
+    Where they cannot, or hold none, that is what there is to say, and not how little they show.
+    """
+    return any(len(cloud) for cloud in _some_clouds(frames))
+
+
+def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+    """Points without an echo in some clouds, in a clause; none where there are none."""
+    read = [read_or_note(cloud_rows, frame.points, []) for frame in _some_frames(frames)]
+    clouds = [cloud for cloud in read if cloud is not None and len(cloud)]
+    if not clouds:
+        return ()
+    points = np.concatenate(clouds)
+    num_lost = int(np.count_nonzero(~is_echo(points)))
+    num_wild = int(np.count_nonzero(~np.isfinite(points[:, :3]).all(axis=1)))
+    if not num_lost:
+        return ()
+    return (
+        f"of {len(points)} points in {len(clouds)} clouds looked at {num_lost} are left out, where "
+        f"no echo came back: {num_wild} whose x, y, z are not finite, {num_lost - num_wild} at "
+        "0, 0, 0",
+    )
+
+
 def _some_clouds(
     frames: Sequence[ObjectFrame],
 ) -> list[Float32[np.ndarray, "_num_points 4"]]:
+    return [_cloud_or_empty(frame) for frame in _some_frames(frames)]
+
+
+def _some_frames(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
+    """Frames with a cloud and a calibration, spread over all."""
     seen = [frame for frame in frames if frame.points and frame.calibration]
     step = max(len(seen) // _TELL_HEIGHT, 1)
-    return [_cloud_or_empty(frame) for frame in seen[::step][:_TELL_HEIGHT]]
+    return seen[::step][:_TELL_HEIGHT]
 
 
 def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
@@ -229,6 +277,8 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         found.unreadable,
     )
     found.has_empty_sweep = points is not None and not len(points)
+    if found.has_empty_sweep and frame.points is not None:
+        found.doubted += _check_emptied(frame.points)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     size = None if image is None else (image.shape[0], image.shape[1])
     if objects is not None and frame.objects is not None:
@@ -253,6 +303,20 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         image_from_lidar = said.matrices.image_from_camera @ said.matrices.camera_from_lidar
         found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     return found
+
+
+def _check_emptied(path: Path) -> list[Problem]:
+    """Doubt about a cloud of which nothing is left, though its file has rows."""
+    num_rows = len(cloud_rows(path))
+    if not num_rows:
+        return []  # a sweep of zero points is a sweep
+    return [
+        Problem(
+            path=path,
+            problem=f"holds no point: all {num_rows} are not finite or at 0, 0, 0",
+            remedy="look whether the LiDAR delivered anything, and how it was converted",
+        )
+    ]
 
 
 def size_misfit(

@@ -1,28 +1,35 @@
 """Rings of a spinning LiDAR, by the order of the points as in KITTI's files, or by elevation."""
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64
-from scipy.ndimage import gaussian_filter1d
+from jaxtyping import Float, Float32, Float64, Int64, Shaped
+
+from sightline.data.ring_elevations import (
+    FEWEST_RINGS,
+    MOST_RINGS,
+    elevations_deg,
+    rings_by_elevation,
+)
+from sightline.geometry.cloud_checks import holds_rings, is_echo
 
 NUM_RINGS = 64
 """Lasers of KITTI's sensor (Velodyne HDL-64E), numbered from the top: 0 to 63."""
 
 _SENSORS = (16, 32, 64, 128)  # lasers
 _SPARE = 1.06  # a ring that begins twice, straight ahead, is counted twice
-_FEWEST = 8  # fewer rings are a sweep in another order
 _WIDEST_STEP_DEG = 0.7  # between two rings of 64; those of 32 lie 1.3 apart or so
 _SEAM_DEG = 30.0  # inside a ring the azimuth never falls back so far
 _TOP_DOWN_SLACK_DEG = 8.0  # a ring on a near object seems higher: lasers sit above the origin
 
 _FEWEST_POINTS = 100  # below which no order can be told
 _SCATTERED = 0.004  # of the spread of elevations: KITTI's neighbours differ by up to 0.0006
-_BIN_DEG = 0.01
-_BLURS_DEG = (0.32, 0.16, 0.08, 0.04, 0.02, 0.01)  # the widest first, which joins what is close
-_VALLEY = 0.2  # of the density in the lower of two rings, at most, between them
-_BETWEEN = 0.25  # of the way from one ring to the next, from where on a point is doubtful
-_DOUBTFUL_SHARE = 0.02
+_NAMED_SHARE = 0.5  # of the variance of elevations, that ring numbers of a tilted LiDAR explain
+_AHEAD_DEG = 5.0  # from straight ahead, that whole sweeps in KITTI's order mostly begin
+_STUB_POINTS = 3  # at a seam, where azimuths go to and fro
+_KEPT = 0.5  # of the step from ring to ring, that KITTI's order has to show beside another one
+_IN_ORDER = 0.9  # correlation of numbers and elevations where numbers go up or down
 
 
 def ring_numbers(
@@ -46,17 +53,17 @@ def ring_numbers(
     Raises:
         ValueError: The points are not in KITTI's order.
     """
-    is_whole = _is_whole(points)
+    is_whole = is_whole_turn(points)
     rings = _count_starts(points, is_whole=is_whole)
     num_rings = int(rings[-1]) + 1 if len(rings) else 0
-    fewest, most = (_FEWEST, int(_SPARE * _SENSORS[-1])) if is_whole else (0, NUM_RINGS + 1)
+    fewest, most = (FEWEST_RINGS, MOST_RINGS) if is_whole else (0, NUM_RINGS + 1)
     if not fewest <= num_rings <= most:
         raise ValueError(
             f"the azimuth of the sweep starts again {num_rings - 1} times, where KITTI's order has "
             f"{NUM_RINGS - 1} in a whole sweep and no more in a part of one: give the points in "
             "the order of KITTI's own files"
         )
-    _check_top_down(_elevations_deg(points, rings))
+    _check_top_down(_medians_deg(points, rings))
     return rings
 
 
@@ -67,7 +74,7 @@ def count_beams(points: Float[np.ndarray, "num_points fields"]) -> int:
     the sky. Of a sweep cut to the camera's view the rings say nothing, and it is taken for
     KITTI's; `check_spacing` tells whether it can be.
     """
-    if not _is_whole(points):
+    if not is_whole_turn(points):
         return NUM_RINGS
     return sensor_of(int(_count_starts(points, is_whole=True)[-1]) + 1)
 
@@ -79,7 +86,7 @@ def comes_by_firing(points: Float[np.ndarray, "num_points fields"]) -> bool:
     """
     if len(points) < _FEWEST_POINTS:
         return False
-    elevation = _elevation_deg(points)
+    elevation = elevations_deg(points)
     spread = float(np.subtract(*np.quantile(elevation, (0.9, 0.1))))
     return float(np.median(np.abs(np.diff(elevation)))) > _SCATTERED * spread
 
@@ -89,113 +96,143 @@ def rings_of_any_order(
 ) -> tuple[Int64[np.ndarray, " num_points"], bool]:
     """Number the rings of a sweep from the top; True beside them where its points lie ring by ring.
 
-    Sweeps in KITTI's order are numbered as `ring_numbers` does, others by elevation.
+    Sweeps in KITTI's order are numbered as `ring_numbers` does. Others that lie ring by ring, from
+    another side on or clockwise, are numbered by their order, too, all others by elevation.
 
     Raises:
         ValueError: Neither order nor elevation shows rings.
     """
-    fault: ValueError | None = None
-    if comes_by_firing(points):
-        try:
-            return rings_by_elevation(points), False
-        except ValueError as error:
-            fault = error
     try:
-        rings = ring_numbers(points)
-    except ValueError as error:
-        if fault is not None:
-            raise fault from error
-        try:
+        if comes_by_firing(points):
             return rings_by_elevation(points), False
-        except ValueError:
+    except ValueError as error:
+        rings, is_kittis = _rings_by_order(points)
+        if rings is None or int(rings[-1]) + 1 < FEWEST_RINGS:
             raise error from None
-    if fault is not None and int(rings[-1]) + 1 < _FEWEST:
-        raise fault
-    return rings, True
+        return rings, is_kittis
+    rings, is_kittis = _rings_by_order(points)
+    if rings is not None:
+        return rings, is_kittis
+    try:
+        return rings_by_elevation(points), False
+    except ValueError:
+        return ring_numbers(points), True  # tells what is wrong with their order
 
 
-def rings_by_elevation(
+def _rings_by_order(
     points: Float[np.ndarray, "num_points fields"],
-) -> Int64[np.ndarray, " num_points"]:
-    """Number the rings of a sweep in any order from the top, by the elevations of its points.
+) -> tuple[Int64[np.ndarray, " num_points"] | None, bool]:
+    """Rings of a sweep that lies ring by ring, else None; True beside them in KITTI's order."""
+    kittis = _ring_numbers_or_none(points)
+    if kittis is not None and _begins_as_kittis(points, kittis):
+        return kittis, True
+    found = []
+    if kittis is not None and int(kittis[-1]) + 1 >= FEWEST_RINGS:
+        found.append((_step_down_deg(points, kittis) / _KEPT, kittis))
+    for turned in _other_orders(points):
+        rings = _ring_numbers_or_none(turned)
+        if rings is not None and int(rings[-1]) + 1 >= FEWEST_RINGS:
+            found.append((_step_down_deg(points, rings), _without_stubs(rings)))
+    _, best = max(found, key=lambda each: each[0], default=(0.0, kittis))
+    return best, best is kittis
 
-    Elevations crowd together where a laser looks. That needs lasers that start at one origin, or
-    nearly so, and a frame whose z axis is the one they turn about. Rings without a return have no
-    number.
 
-    Raises:
-        ValueError: Elevations do not part into 8 to 135 rings.
+def _begins_as_kittis(
+    points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
+) -> bool:
+    if len(points) < _FEWEST_POINTS:
+        return True
+    if is_whole_turn(points):
+        return bool(_from_ahead_deg(points)[0] < _AHEAD_DEG)
+    return int(rings[-1]) + 1 >= FEWEST_RINGS
+
+
+def _other_orders(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Iterator[Float[np.ndarray, "num_points fields"]]:
+    """The sweep, turned and mirrored so that one in another order by ring is in KITTI's."""
+    begin_deg = float(_azimuth_deg(points)[0])
+    seams_deg = (0.0, 90.0, 180.0, 270.0, begin_deg) if is_whole_turn(points) else (0.0,)
+    for mirror in (1, -1):
+        for seam_deg in seams_deg:
+            turn = np.radians(-seam_deg)
+            x, y = points[:, 0], points[:, 1]
+            turned = points.astype(np.float64)
+            turned[:, 0] = np.cos(turn) * x - np.sin(turn) * y
+            turned[:, 1] = mirror * (np.sin(turn) * x + np.cos(turn) * y)
+            yield turned
+
+
+def _ring_numbers_or_none(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Int64[np.ndarray, " num_points"] | None:
+    try:
+        return ring_numbers(points)
+    except ValueError:  # in another order
+        return None
+
+
+def _without_stubs(rings: Int64[np.ndarray, " num_points"]) -> Int64[np.ndarray, " num_points"]:
+    """The same numbers where the few points before a seam are none of their own."""
+    counts = np.bincount(rings)
+    numbers: Int64[np.ndarray, " num_rings"] = np.cumsum(counts > _STUB_POINTS) - 1
+    return np.asarray(numbers.clip(min=0)[rings], dtype=np.int64)
+
+
+def _step_down_deg(
+    points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
+) -> float:
+    """Elevation that is lost from the end of a ring to the begin of the next: the median."""
+    is_step = np.diff(rings) > 0
+    return float(np.median(-np.diff(elevations_deg(points))[is_step])) if is_step.any() else 0.0
+
+
+def in_kitti_order(
+    points: Float32[np.ndarray, "num_points 4"], rings: Shaped[np.ndarray, " num_points"]
+) -> Float32[np.ndarray, "num_points 4"]:
+    """Sort a sweep by the ring numbers that its driver gave, as KITTI's files are.
+
+    The highest ring comes first, each from straight ahead counter-clockwise. Numbers that do not
+    go by elevation are no rings, and change nothing.
+
+    Args:
+        points: Of the sweep, finite or not.
+        rings: Number of each point's laser, from the top or from the bottom or in any order.
     """
-    elevation = _elevation_deg(points)
-    doubtful = 1.0
-    for blur_deg in _BLURS_DEG:
-        rings = _crowds(elevation, blur_deg)
-        num_rings = len(rings)
-        if not _FEWEST <= num_rings <= int(_SPARE * _SENSORS[-1]):
-            continue
-        doubtful = min(doubtful, _share_between(elevation, rings))
-        if doubtful <= _DOUBTFUL_SHARE:
-            borders = (rings[1:] + rings[:-1]) / 2
-            return np.asarray(num_rings - 1 - np.searchsorted(borders, elevation), dtype=np.int64)
-    raise ValueError(
-        "the points are not in the order of KITTI's own files, ring by ring, and their elevations "
-        f"do not part into rings either ({100 * doubtful:.0f} % of them lie between any): give "
-        "sweeps in the frame of the LiDAR itself, neither tilted nor corrected for motion, or in "
-        "the order of KITTI's files"
-    )
+    if not holds_rings(rings, points, least_share=_NAMED_SHARE):
+        return points
+    made = is_echo(points)
+    made_points, (numbers, which) = points[made], np.unique(rings[made], return_inverse=True)
+    elevation = elevations_deg(made_points)
+    heights_deg = np.array([np.median(elevation[which == n]) for n in range(len(numbers))])
+    # Near points of an HDL-64E may swap the medians of neighbours; numbers in order do not.
+    with np.errstate(invalid="ignore", divide="ignore"):  # not a number of heights all alike
+        trend = float(np.corrcoef(numbers.astype(np.float64), heights_deg)[0, 1])
+    from_top = -trend * which if abs(trend) > _IN_ORDER else -heights_deg[which]
+    order = np.lexsort((_from_ahead_deg(made_points), from_top))
+    return np.concatenate((made_points[order], points[~made]))
+
+
+def turned_in_order(
+    points: Float32[np.ndarray, "num_points 4"], turned: Float32[np.ndarray, "num_points 4"]
+) -> Float32[np.ndarray, "num_points 4"]:
+    """Sort a sweep that was turned about z into KITTI's order, if it was in that before.
+
+    Args:
+        points: Before the turn.
+        turned: The same points after it.
+    """
+    if comes_by_firing(points) or not len(points) or not is_whole_turn(points):
+        return turned
+    rings = _ring_numbers_or_none(points)
+    if rings is None:
+        return turned
+    return turned[np.lexsort((_from_ahead_deg(turned), rings))]
 
 
 def sensor_of(num_rings: int) -> int:
     """Beams of the sensor that shows so many rings in whole sweeps: 16, 32, 64 or 128."""
     return next((count for count in _SENSORS if num_rings <= _SPARE * count), _SENSORS[-1])
-
-
-def _crowds(
-    elevation_deg: Float64[np.ndarray, " num_points"], blur_deg: float
-) -> Float64[np.ndarray, " num_rings"]:
-    """Elevations about which points crowd, rising, parted by valleys of their density."""
-    lowest = elevation_deg.min(initial=0.0) - 1
-    bins = ((elevation_deg - lowest) / _BIN_DEG).astype(np.int64)
-    density = gaussian_filter1d(
-        np.bincount(bins, minlength=bins.max(initial=0) + 100).astype(np.float64),
-        blur_deg / _BIN_DEG,
-    )
-    inner = density[1:-1]
-    tops = np.flatnonzero((inner > density[:-2]) & (inner >= density[2:]) & (inner > 1e-9)) + 1
-    kept: list[int] = []
-    for top in tops:
-        while kept:
-            valley = density[kept[-1] : top].min()
-            if valley <= _VALLEY * min(density[kept[-1]], density[top]):
-                kept.append(int(top))
-                break
-            if density[top] <= density[kept[-1]]:
-                break  # a shoulder of the one before
-            kept.pop()
-        if not kept:
-            kept.append(int(top))
-    crowds: Float64[np.ndarray, " num_rings"] = lowest + (np.array(kept) + 0.5) * _BIN_DEG
-    return crowds
-
-
-def _share_between(
-    elevation_deg: Float64[np.ndarray, " num_points"], rings_deg: Float64[np.ndarray, " num_rings"]
-) -> float:
-    """Share of points that lie between two rings rather than on one of them."""
-    first, last = 2 * rings_deg[0] - rings_deg[1], 2 * rings_deg[-1] - rings_deg[-2]
-    rungs = np.array([first, *rings_deg, last])
-    above = np.searchsorted(rungs, elevation_deg).clip(1, len(rungs) - 1)
-    place = (elevation_deg - rungs[above - 1]) / (rungs[above] - rungs[above - 1])
-    is_on_one = (np.abs(place) < _BETWEEN) | (np.abs(place - 1) < _BETWEEN)
-    return float(1 - is_on_one.mean())
-
-
-def _elevation_deg(
-    points: Float[np.ndarray, "num_points fields"],
-) -> Float64[np.ndarray, " num_points"]:
-    x, y, z = points[:, :3].astype(np.float64).T
-    elevation: Float64[np.ndarray, " num_points"] = np.degrees(np.arctan2(z, np.hypot(x, y)))
-    return elevation
 
 
 def check_spacing(
@@ -211,7 +248,7 @@ def check_spacing(
         ValueError: They are those of another sensor.
     """
     numbers = np.unique(rings)
-    elevations = _elevations_deg(points, rings)
+    elevations = _medians_deg(points, rings)
     steps = (elevations[:-1] - elevations[1:]) / np.diff(numbers)
     if len(steps) and np.median(steps) > _WIDEST_STEP_DEG:
         raise ValueError(
@@ -221,7 +258,8 @@ def check_spacing(
         )
 
 
-def _is_whole(points: Float[np.ndarray, "num_points fields"]) -> bool:
+def is_whole_turn(points: Float[np.ndarray, "num_points fields"]) -> bool:
+    """Tell whole sweeps, which have points behind the LiDAR, from those cut to the image."""
     return bool((points[:, 0] < 0).any())
 
 
@@ -229,25 +267,40 @@ def _count_starts(
     points: Float[np.ndarray, "num_points fields"], *, is_whole: bool
 ) -> Int64[np.ndarray, " num_points"]:
     """For each point how often the azimuth has started again."""
-    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0], dtype=np.float64))
-    from_ahead = azimuth % 360 if is_whole else azimuth
+    from_ahead = _from_ahead_deg(points) if is_whole else _azimuth_deg(points)
     starts = np.diff(from_ahead, prepend=from_ahead[:1]) < (-180 if is_whole else -_SEAM_DEG)
     return np.cumsum(starts, dtype=np.int64)
 
 
-def _elevations_deg(
+def _from_ahead_deg(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Float64[np.ndarray, " num_points"]:
+    """Azimuths from 0, straight ahead, counter-clockwise to 360."""
+    return _azimuth_deg(points) % 360
+
+
+def _azimuth_deg(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Float64[np.ndarray, " num_points"]:
+    azimuth: Float64[np.ndarray, " num_points"] = np.degrees(
+        np.arctan2(points[:, 1], points[:, 0], dtype=np.float64)
+    )
+    return azimuth
+
+
+def _medians_deg(
     points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> Float64[np.ndarray, " num_rings"]:
-    """The median of each ring that has points."""
+    """The median elevation of each ring that has points."""
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
     ends = np.searchsorted(rings, [*np.unique(rings), np.iinfo(np.int64).max])
     medians = [np.median(elevation[start:end]) for start, end in itertools.pairwise(ends)]
     return np.array(medians, dtype=np.float64)
 
 
-def _check_top_down(elevations_deg: Float64[np.ndarray, " num_rings"]) -> None:
-    above = np.minimum.accumulate(elevations_deg)[:-1]
-    rise = elevations_deg[1:] - above
+def _check_top_down(medians_deg: Float64[np.ndarray, " num_rings"]) -> None:
+    above = np.minimum.accumulate(medians_deg)[:-1]
+    rise = medians_deg[1:] - above
     if len(rise) and rise.max() > _TOP_DOWN_SLACK_DEG:
         first = int(np.argmax(rise > _TOP_DOWN_SLACK_DEG))
         raise ValueError(

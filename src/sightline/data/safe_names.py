@@ -5,11 +5,12 @@ characters; none of them may lead out of the folder that is read or written.
 """
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
+from sightline.data.problem import FileError, Problem
 
 MAX_NAME_BYTES: Final = 200
 """Longest name in UTF-8: file systems allow 255, of which endings and numbers need some."""
@@ -39,6 +40,17 @@ def checked_name(
         return name
     shown = shortened(ascii(name) if not isinstance(name, str) else repr(name))
     raise FileError(source, f"{place} {shown} {fault}, expected a plain file name", _REMEDY)
+
+
+def unprintable_names(folder: Path, names: Iterable[str]) -> Problem | None:
+    """The problem of frames whose names no output could have; None where all are text."""
+    found = [name for name in names if not name.isprintable()]
+    if not found:
+        return None
+    said = f"has {len(found)} frames whose names are not UTF-8, or not to be seen, such as"
+    return Problem(
+        path=folder, problem=f"{said} {shortened(found[0])}", remedy="rename their files"
+    )
 
 
 def path_below(root: Path, relative: object, source: Path | str, place: str) -> Path:

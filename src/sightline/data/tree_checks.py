@@ -7,7 +7,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from sightline.data.calibration_checks import check_matrices
-from sightline.data.calibration_text import read_raw_matrices
+from sightline.data.calibration_text import (
+    CalibrationMatrices,
+    read_object_matrices,
+    read_raw_matrices,
+)
 from sightline.data.depth_tree import (
     DepthFrame,
     DriveSplit,
@@ -36,6 +40,7 @@ from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError, Problem, plain_line
 from sightline.data.recording_checks import (
     check_recording_calibration,
+    describe_mount,
     describe_recording,
     examine_recording_frame,
     reference_images,
@@ -53,6 +58,8 @@ from sightline.data.recording_tree import (
     read_times,
     unpaired,
 )
+from sightline.data.safe_names import unprintable_names
+from sightline.data.tree_mount import pose_of_tree
 from sightline.data.unread_files import (
     PartFolder,
     depth_folders,
@@ -182,6 +189,8 @@ def _object_tree(folder: Path) -> Tree | None:
         for part, suffix in suffixes.items()
     ]
     tree = _tree(folder, "object frames", frames, expected, checks)
+    told = next((each.calibration for each in frames if each.points and each.calibration), None)
+    tree = _with_notes(tree, *_mount_of(frames, read_or_note(read_object_matrices, told, [])))
     return _with_unread(tree, object_folders(folder, velodyne))
 
 
@@ -227,9 +236,9 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     matrices = read_or_note(read_raw_matrices, files.calibration, [])
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     tree = _tree(folder, "raw frames", files.frames, expected, checks)
-    if tree is not None and (folder / TRACKLETS).is_file():
-        note = f"{TRACKLETS} is not read: a raw drive has no labels"
-        tree = replace(tree, summary=replace(tree.summary, note=note))
+    tree = _with_notes(tree, *_mount_of(files.frames, matrices))
+    if (folder / TRACKLETS).is_file():
+        tree = _with_notes(tree, f"{TRACKLETS} is not read: a raw drive has no labels")
     return _with_unread(tree, drive_folders(folder))
 
 
@@ -258,9 +267,22 @@ def _recording_tree(folder: Path) -> Tree | None:
     if misnamed is not None:  # instead of all files that are missing
         tree = replace(tree, gaps=(misnamed,))
     tree = replace(tree, gaps=(*tree.gaps, *ambiguous(folder)))
-    note = "; ".join(describe_recording(frames))
-    tree = replace(tree, summary=replace(tree.summary, note=note))
+    tree = _with_notes(tree, *describe_recording(frames))
     return _with_unread(tree, recording_folders(folder))
+
+
+def _mount_of(
+    frames: Sequence[ObjectFrame] | Sequence[DriveFrame], matrices: CalibrationMatrices | None
+) -> tuple[str, ...]:
+    return () if matrices is None else describe_mount(matrices, pose_of_tree(frames).tilt)
+
+
+def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:
+    """The tree with more to say in its summary, a clause each."""
+    if tree is None:
+        return None
+    note = "; ".join(filter(None, (tree.summary.note, *notes)))
+    return replace(tree, summary=replace(tree.summary, note=note))
 
 
 def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | None:
@@ -330,7 +352,8 @@ def _tree(
 ) -> Tree | None:
     if not frames:
         return None
-    parts, gaps = [], []
+    misnamed = unprintable_names(folder, (frame.sample_id for frame in frames))
+    parts, gaps = [], [] if misnamed is None else [misnamed]
     for part in expected:
         absent = [frame.sample_id for frame in frames if getattr(frame, part.attribute) is None]
         name = part.folder.parent.name if part.folder.name == "data" else part.folder.name

@@ -1,6 +1,8 @@
 """LiDAR sweeps as KITTI stores them: float32 x, y, z, reflectance, nothing else."""
 
+import warnings
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float32
@@ -8,12 +10,12 @@ from jaxtyping import Float32
 from sightline.data.atomic import atomic_write_bytes
 from sightline.data.plain_file import read_bytes
 from sightline.data.problem import FileError, Problem
-from sightline.geometry.cloud_checks import cloud_fault, other_layout, warn_of_losses
+from sightline.geometry.cloud_checks import cloud_fault, other_layout
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest LiDAR on the road
 _REMEDY = "extract the velodyne archive again"
-_COLUMNS = {
+COLUMNS: Final = {
     3: "three columns (x, y, z alone)",
     4: "four columns",
     5: "five columns (ring or time)",
@@ -21,7 +23,14 @@ _COLUMNS = {
     7: "seven columns",
     8: "eight columns",
 }
-_OTHER_FORMATS = {b"# .PCD": "PCD", b"VERSION": "PCD", b"\x93NUMPY": "NPY", b"ply\n": "PLY"}
+"""Numbers of a point in files of raw floats, in words."""
+_OTHER_FORMATS = {
+    b"# .PCD": "PCD",
+    b"VERSION": "PCD",
+    b"\x93NUMPY": "NPY",
+    b"ply\n": "PLY",
+    b"ply\r": "PLY",
+}
 
 
 def read_sweep(
@@ -33,7 +42,7 @@ def read_sweep(
         path: A `.bin` file of little-endian float32 values.
         drop_non_finite: Leave out points whose x, y or z is NaN or infinite, as some drivers write
             where no echo came back, and take 0 for reflectances that are, instead of refusing the
-            file.
+            file; warns of their numbers.
 
     Raises:
         FileError: The file cannot be read as `sweep_rows` says, or holds NaN or infinite values.
@@ -43,10 +52,7 @@ def read_sweep(
     if finite.all():
         return points
     if drop_non_finite:
-        warn_of_losses(points, str(path))
-        kept: Float32[np.ndarray, "num_points 4"] = points[np.isfinite(points[:, :3]).all(axis=1)]
-        kept[~np.isfinite(kept[:, 3]), 3] = 0
-        return kept
+        return _finite_alone(points, path)
     raise FileError(
         path,
         f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first is point "
@@ -74,6 +80,28 @@ def sweep_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     return np.frombuffer(content, "<f4").reshape(-1, 4).astype(np.float32)
 
 
+def _finite_alone(
+    points: Float32[np.ndarray, "num_points 4"], path: Path | str
+) -> Float32[np.ndarray, "num_left 4"]:
+    """Points at finite places, 0 for reflectances that are not finite; warns of both by number."""
+    kept: Float32[np.ndarray, "num_left 4"] = points[np.isfinite(points[:, :3]).all(axis=1)]
+    is_dark = ~np.isfinite(kept[:, 3])
+    kept[is_dark, 3] = 0
+    num_lost, num_dark = len(points) - len(kept), np.count_nonzero(is_dark)
+    said = []
+    if num_lost:
+        said.append(
+            f"{num_lost} of {len(points)} points, whose x, y, z are not finite, are left out: "
+            f"{len(kept) or 'none'} {'are' if len(kept) != 1 else 'is'} left"
+        )
+    if num_dark:
+        said.append(
+            f"{num_dark} of {len(kept)} points have a reflectance that is not finite: 0 is taken"
+        )
+    warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
+    return kept
+
+
 def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -> Problem | None:
     """Problem of a KITTI sweep that is not in metres or has reflectances outside 0 to 1; else None.
 
@@ -96,15 +124,21 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
     return Problem(path=Path(path), problem=f"holds {problem}", remedy=remedy)
 
 
+def other_format(content: bytes) -> str | None:
+    """Name of the format of clouds that a file has by its first bytes; None of raw numbers."""
+    names = (name for beginning, name in _OTHER_FORMATS.items() if content.startswith(beginning))
+    return next(names, None)
+
+
 def _check_layout(content: bytes, path: Path | str) -> None:
-    for beginning, name in _OTHER_FORMATS.items():
-        if content.startswith(beginning):
-            raise FileError(
-                path,
-                f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
-                f"give it the ending .{name.lower()} in a recording (docs/recordings.md), or "
-                "write these four",
-            )
+    name = other_format(content)
+    if name is not None:
+        raise FileError(
+            path,
+            f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
+            f"give it the ending .{name.lower()} in a recording (docs/recordings.md), or "
+            "write these four",
+        )
     layout = other_layout(content)
     if layout is None:
         return
@@ -114,7 +148,7 @@ def _check_layout(content: bytes, path: Path | str) -> None:
     raise FileError(
         path,
         f"holds {len(content)} bytes: {width} bytes a point fit, {_POINT_BYTES} do not: probably "
-        f"{_COLUMNS[columns]}{kinds}, expected float32 x, y, z, reflectance",
+        f"{COLUMNS[columns]}{kinds}, expected float32 x, y, z, reflectance",
         "write these four alone",
     )
 

@@ -1,6 +1,7 @@
 """Depth completion that follows the spacing of the measurements: for 64 beams or 8."""
 
 from dataclasses import dataclass, fields
+from typing import Final, Literal, get_args
 
 import cv2
 import numpy as np
@@ -14,47 +15,105 @@ from sightline.depth_completion.adaptive_kernels import (
     gap_counts,
     hidden_pixels,
     inverse,
+    move_towards,
     right_neighbours,
     smooth_rows,
     trace_rings,
 )
+from sightline.depth_completion.classical import classical_depth
 from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.structures.predictions import DepthMap
+
+HiddenRule = Literal["contrast", "window"]
+"""How far nearer returns may lie that hide a return from the camera: `contrast`, the farther the
+larger the difference of the inverse depths, as parallax has it; `window`, always as far (versions
+up to 0.2)."""
 
 WIDEST_SPACING_PX = 64  # between neighbours of a ring; bounds the search in very sparse maps
 HOLE_COLUMNS = 3  # column spacings; so much farther than valid guesses is where a hole begins
 SMOOTHING_PASSES = 2  # two running means make a triangle
+_SEARCH_COLUMNS = 5  # column spacings to all sides, in which the nearest return is looked up
+_KITTI_COLUMNS = 3  # column spacing of KITTI's sweeps in its images [px]
+# Rule "contrast": reach in ring spacings (beside: column spacings), and its growth in column
+# spacings per difference of inverse depths [m]. Wider than the parallax of KITTI's mount, some 20:
+# true depth bleeds at edges, too. Found on the frames of real truth.
+_ABOVE, _BELOW, _BESIDE = (0.6, 50.0), (0.8, 133.0), (4 / 3, 40 / 3)
+_NEAR_PX = 5  # square around a measurement in which morphological completion counts
+_MEDIAN_PX, _GAUSS_PX, _GAUSS_SIGMA_PX = 5, 5, 0.8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AdaptiveConfig:
     """Settings of adaptive completion, in multiples of the spacings measured in each map.
 
-    Column spacing: from a measurement to the next one of its ring. Ring spacing: rows from one ring
-    to the next. Tuned on KITTI frames; the error is flat around these values.
+    Column spacing: from a measurement to the next one of its ring; grows with the focal length.
+    Ring spacing: rows from one ring to the next. Tuned on 13 KITTI frames with real depth truth.
     """
 
-    surface_ratio: float = 1.15
-    """Depths whose ratio is larger belong to different surfaces."""
+    surface_ratio: float = 1.05
+    """Largest ratio of two depths of one surface."""
+    ground_slope: float = 0.0016
+    """Most that inverse depth [1/m] grows downwards in a row of KITTI's images on one surface,
+    however large the ratio; twice what a level road has."""
+    nearer_share: float = 0.7
+    """Share of a gap between two surfaces that gets the nearer one's depth; negative: such gaps are
+    linear, as all are where rings are sparse."""
+    dense_rings: float = 2.5
+    """Ring spacing in column spacings up to which rings count as dense."""
+    hidden_rule: HiddenRule = "contrast"
+    """Which nearer measurements hide a farther one from the camera."""
+    hidden_ratio: float = 1.2
+    """How many times nearer a measurement is that hides another."""
     hidden_rows: float = 5.0
-    """How far to look above and below for surfaces in front, in column spacings (both grow with
-    the focal length), but a ring spacing at least."""
+    """Rule `window`: how far to look above and below, in column spacings, but a ring spacing at
+    least."""
     hidden_columns: float = 2.0
-    """How far to look beside, in column spacings."""
+    """Rule `window`: how far to look beside, in column spacings."""
     link_columns: float = 4.0
     """Longest gap to bridge within a ring, in column spacings."""
     smoothing: float = 0.25
     """Columns to either side that are averaged, per row of distance to the nearest ring."""
+    softening: float = 0.01
+    """Depths that differ from the smoothed median around them by a larger share take its value;
+    infinite: none does."""
     trusted_rings: float = 4.0
     """Rings further apart than so many ring spacings leave a gap that is not valid."""
+    classical_share: float = 0.5
+    """Weight of morphological completion (`classical_depth`) near measurements where both differ,
+    if the ring spacing is within the reach of its kernels."""
+    classical_difference: float = 0.03
+    """Smallest difference of both, as a share of the depth, at which their mean is taken."""
+    classical_rows: float = 7.0
+    """Largest ring spacing [px] at which morphological completion has a share."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Checks the choices and ranges."""
+        if self.hidden_rule not in get_args(HiddenRule):
+            raise ValueError(
+                f"hidden_rule must be one of {', '.join(get_args(HiddenRule))}, got "
+                f"{self.hidden_rule!r}"
+            )
+        lowest = {"surface_ratio": 1.0, "hidden_ratio": 1.0, "nearer_share": -1.0}
+        highest = {"nearer_share": 1.0, "classical_share": 1.0, "softening": np.inf}
         for field in fields(self):
-            lowest = 1.0 if field.name == "surface_ratio" else 0.0
             value = getattr(self, field.name)
-            if not lowest <= value < np.inf:
-                raise ValueError(f"{field.name} must be at least {lowest} and finite, got {value}")
+            if isinstance(value, str):
+                continue
+            low, high = lowest.get(field.name, 0.0), highest.get(field.name)
+            if not low <= value <= (np.finfo(float).max if high is None else high):
+                bound = "finite" if high is None else f"at most {high:g}"
+                raise ValueError(f"{field.name} must be at least {low} and {bound}, got {value}")
+
+
+FIRST_EDITION: Final = AdaptiveConfig(
+    surface_ratio=1.15,
+    nearer_share=-1.0,
+    hidden_rule="window",
+    hidden_ratio=1.15,
+    softening=np.inf,
+    classical_share=0.0,
+)
+"""Adaptive completion of versions up to 0.2, from which the shipped networks start."""
 
 
 def adaptive_depth(
@@ -64,19 +123,23 @@ def adaptive_depth(
     """Completes depth between the rings of a sweep, however many there are.
 
     1. Measures the spacing along and between rings.
-    2. Leaves out measurements with nearer ones both above and below: the LiDAR sees past edges that
-       hide them from the camera.
+    2. Leaves out measurements with nearer ones both above and below, as far away as parallax may
+       move a surface: the LiDAR sees past edges that hide them from the camera.
     3. Joins each measurement to the next of its ring, linear in inverse depth on one surface.
-    4. Fills columns between rings, linear in inverse depth, which is exact for planes. Above the
-       top ring its depth goes on, below the lowest one the slope of the ground.
+    4. Fills columns between rings, linear in inverse depth on one surface, which is exact for
+       planes; between two surfaces the nearer one goes on for most of the gap. Above the top ring
+       its depth goes on, below the lowest one the slope of the ground.
     5. Where a part of the sweep is missing goes along rows instead, from what is valid on the left
        to what is valid on the right.
-    6. Averages depth along rows, the wider the farther from a ring, so that no stripes stay.
+    6. Averages depth along rows, the wider the farther from a ring, so that no stripes stay, and
+       replaces what differs from the median around it.
+    7. With some 64 beams takes the mean with morphological completion, whose errors at contours
+       are others.
 
     Gives every pixel a depth if anything is measured. Valid are pixels between two rings that are
     not too far apart, and those within a ring spacing of one; the rest, such as the sky, is a
-    guess. Measured pixels that are not hidden keep their values. Depths in another unit give the
-    same map in that unit. Takes about 10 ms on one core for 1216x352.
+    guess. Measured pixels that are not hidden keep their values. Takes some 15 ms on one core for
+    1216x352.
 
     Raises:
         ValueError: `sparse_depth_m` holds something else than depths.
@@ -94,19 +157,71 @@ def adaptive_depth(
     is_hidden = _find_hidden(inverse_depth, pixels, spacing, config)
     inverse_depth[*pixels[is_hidden].T] = 0
     pixels = pixels[~is_hidden]
+    depth_m, is_trusted = _between_rings(inverse_depth, pixels, spacing, config)
+    depth_m = _softened(depth_m, config.softening)
+    if config.classical_share and spacing.rows <= config.classical_rows:
+        depth_m = _mixed_with_classical(depth_m, sparse_depth_m, config)
+    depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions
+    return DepthMap(depth_m=torch.from_numpy(depth_m), valid=torch.from_numpy(is_trusted))
+
+
+def _between_rings(
+    inverse_depth: Float32[np.ndarray, "height width"],
+    pixels: Int64[np.ndarray, "n 2"],
+    spacing: "_Spacing",
+    config: AdaptiveConfig,
+) -> tuple[Float32[np.ndarray, "height width"], Bool[np.ndarray, "height width"]]:
+    """Steps 3 to 5 and the averaging of 6: depth [m], and which pixels are valid."""
     traced = _trace(inverse_depth, pixels, spacing, config)
+    is_dense = spacing.rows <= config.dense_rings * spacing.columns
     filled, distance, is_trusted = fill_columns(
-        traced, config.trusted_rings * spacing.rows, spacing.rows
+        traced,
+        config.trusted_rings * spacing.rows,
+        spacing.rows,
+        config.surface_ratio,
+        config.ground_slope * _KITTI_COLUMNS / spacing.columns,
+        config.nearer_share if is_dense else -1.0,
     )
-    nearest = _nearest_true(filled[0] > 0)  # a column is filled from top to bottom or not at all
-    to_ring = np.where(filled > 0, distance, np.float32(np.inf))
-    filled, distance = filled.take(nearest, axis=1), distance.take(nearest, axis=1)
+    has_rings = filled[0] > 0  # a column is filled from top to bottom or not at all
+    to_ring = np.where(has_rings, distance, np.float32(np.inf))
+    if not has_rings.all():
+        nearest = _nearest_true(has_rings)
+        filled, distance = filled.take(nearest, axis=1), distance.take(nearest, axis=1)
     beyond_bends = float(spacing.rows + HOLE_COLUMNS * spacing.columns)
     depth_m = inverse(bridge_rows(filled, to_ring, is_trusted, beyond_bends))
     for _ in range(SMOOTHING_PASSES):
         depth_m = smooth_rows(depth_m, distance, config.smoothing)
-    depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions
-    return DepthMap(depth_m=torch.from_numpy(depth_m), valid=torch.from_numpy(is_trusted))
+    return depth_m, is_trusted
+
+
+def _softened(
+    depth_m: Float32[np.ndarray, "height width"], tolerance: float
+) -> Float32[np.ndarray, "height width"]:
+    """The map with depths that differ from the smoothed median around them replaced by it."""
+    if not np.isfinite(tolerance):
+        return depth_m
+    median = cv2.medianBlur(depth_m, _MEDIAN_PX)
+    smooth = cv2.GaussianBlur(median, (_GAUSS_PX, _GAUSS_PX), _GAUSS_SIGMA_PX)
+    return move_towards(depth_m, smooth, smooth > 0, tolerance, 1.0)
+
+
+def _mixed_with_classical(
+    depth_m: Float32[np.ndarray, "height width"],
+    sparse_depth_m: Float32[np.ndarray, "height width"],
+    config: AdaptiveConfig,
+) -> Float32[np.ndarray, "height width"]:
+    """The mean with morphological completion near and above measurements, where both differ."""
+    filtered = classical_depth(sparse_depth_m).depth_m.numpy()
+    beside = cv2.dilate((sparse_depth_m > 0).view(np.uint8), np.ones((1, _NEAR_PX), np.uint8))
+    is_near = cv2.dilate(beside, np.ones((_NEAR_PX, 1), np.uint8)) > 0
+    is_above = beside.argmax(axis=0) > np.arange(len(beside))[:, None]
+    return move_towards(
+        depth_m,
+        filtered,
+        (is_near | is_above) & (filtered > 0),
+        config.classical_difference,
+        config.classical_share,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +252,26 @@ def _find_hidden(
     spacing: _Spacing,
     config: AdaptiveConfig,
 ) -> Bool[np.ndarray, " n"]:
-    reach_columns = round(config.hidden_columns * spacing.columns)
-    reach_rows = max(round(config.hidden_rows * spacing.columns), spacing.rows)
-    nearest_beside = cv2.dilate(inverse_depth, np.ones((1, 2 * reach_columns + 1), np.uint8))
-    return hidden_pixels(inverse_depth, nearest_beside, pixels, reach_rows, config.surface_ratio)
+    """Which measured pixels the camera cannot see, by `config.hidden_rule`."""
+    if config.hidden_rule == "window":
+        beside = float(round(config.hidden_columns * spacing.columns))
+        rows = float(max(round(config.hidden_rows * spacing.columns), spacing.rows))
+        above, below, columns = (rows, 0.0), (rows, 0.0), (beside, 0.0)
+    else:
+        above, below, columns = (
+            (base * unit, growth * spacing.columns)
+            for (base, growth), unit in zip(
+                (_ABOVE, _BELOW, _BESIDE),
+                (spacing.rows, spacing.rows, spacing.columns),
+                strict=True,
+            )
+        )
+    reach = max(_SEARCH_COLUMNS * spacing.columns, spacing.rows)
+    window = np.ones((2 * reach + 1, 2 * _SEARCH_COLUMNS * spacing.columns + 1), np.uint8)
+    nearest_around = cv2.dilate(inverse_depth, window)
+    return hidden_pixels(
+        inverse_depth, nearest_around, pixels, config.hidden_ratio, above, below, columns
+    )
 
 
 def _trace(

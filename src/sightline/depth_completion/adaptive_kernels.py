@@ -79,36 +79,57 @@ def gap_counts(
 @compiled
 def hidden_pixels(
     inverse_depth: Float32[ndarray, "height width"],
-    nearest_beside: Float32[ndarray, "height width"],
+    nearest_around: Float32[ndarray, "height width"],
     pixels: Int64[ndarray, "n 2"],
-    reach_rows: int,
-    surface_ratio: float,
+    ratio: float,
+    rows_above: tuple[float, float],
+    rows_below: tuple[float, float],
+    columns: tuple[float, float],
 ) -> Bool[ndarray, " n"]:
-    """Which measured pixels have a surface in front of them both above and below.
+    """Which measured pixels have nearer ones both above and below, close enough to hide them.
+
+    A reach (base, growth) is base + growth * d pixels, d being the difference of the two inverse
+    depths: parallax, by which a surface can move in front of another, grows with it.
 
     Args:
         inverse_depth: The measured map.
-        nearest_beside: Largest inverse depth of the columns around, row by row.
+        nearest_around: Largest inverse depth of the window around each pixel; its difference to the
+            pixel's own bounds the search.
         pixels: Rows and columns of the measured pixels.
-        reach_rows: Rows searched on either side; the pixel's own row counts to both.
-        surface_ratio: How many times nearer "in front" is.
+        ratio: How many times nearer "in front" is.
+        rows_above: Reach upwards; a pixel's own row counts to both sides.
+        rows_below: Reach downwards.
+        columns: Reach to either side.
     """
-    height = inverse_depth.shape[0]
+    height, width = inverse_depth.shape
     hidden = np.zeros(len(pixels), dtype=np.bool_)
     for i in range(len(pixels)):
         row, column = pixels[i]
-        limit = np.float32(surface_ratio * inverse_depth[row, column])
-        above = False
-        for other in range(row, max(row - reach_rows, 0) - 1, -1):
-            if nearest_beside[other, column] > limit:
-                above = True
-                break
-        if not above:
+        own = inverse_depth[row, column]
+        limit = np.float32(ratio * own)
+        if nearest_around[row, column] <= limit:
             continue
-        for other in range(row, min(row + reach_rows, height - 1) + 1):
-            if nearest_beside[other, column] > limit:
-                hidden[i] = True
+        most = nearest_around[row, column] - own
+        top = max(row - int(rows_above[0] + rows_above[1] * most), 0)
+        bottom = min(row + int(rows_below[0] + rows_below[1] * most), height - 1)
+        beside = int(columns[0] + columns[1] * most)
+        left, right = max(column - beside, 0), min(column + beside, width - 1)
+        above, below = False, False
+        for other in range(top, bottom + 1):
+            for at in range(left, right + 1):
+                value = inverse_depth[other, at]
+                if value <= limit:
+                    continue
+                nearer = value - own
+                if abs(at - column) > columns[0] + columns[1] * nearer:
+                    continue
+                if other <= row and row - other <= rows_above[0] + rows_above[1] * nearer:
+                    above = True
+                if other >= row and other - row <= rows_below[0] + rows_below[1] * nearer:
+                    below = True
+            if (other >= row and not above) or (above and below):
                 break
+        hidden[i] = above and below
     return hidden
 
 
@@ -151,6 +172,9 @@ def fill_columns(
     traced: Float32[ndarray, "height width"],
     trusted_gap: float,
     trusted_reach: float,
+    surface_ratio: float,
+    ground_slope: float,
+    nearer_share: float,
 ) -> tuple[
     Float32[ndarray, "height width"],
     Float32[ndarray, "height width"],
@@ -158,14 +182,21 @@ def fill_columns(
 ]:
     """Fills each column from its traced pixels; columns without any stay empty.
 
-    Linear between two. Above the topmost its value; below the lowest the slope of the last gap goes
-    on for twice its rows if it comes nearer downwards, as the ground does.
+    Linear between two of one surface. Between two surfaces the nearer one goes on for a share of
+    the gap, then the farther one: what lies between them belongs to neither. Above the topmost its
+    value; below the lowest the slope of the last gap goes on for twice its rows if it comes nearer
+    downwards, as the ground does.
 
     Args:
         traced: The rings.
         trusted_gap: Most rows between two rings for what lies between them to be trusted.
         trusted_reach: Rows from a ring that are trusted anyway. Below the lowest ring the rows of
             the last gap are, if they are more, up to `trusted_gap`.
+        surface_ratio: Largest ratio of two depths of one surface.
+        ground_slope: Most that inverse depth [1/m] grows downwards in a row on one surface, however
+            large the ratio: the road's own slope.
+        nearer_share: Of a gap between two surfaces, from the nearer one; negative: every gap is
+            linear.
 
     Returns:
         Inverse depth; rows to the nearest traced pixel of the column; which pixels are trusted.
@@ -183,10 +214,18 @@ def fill_columns(
                 continue
             above = last[column]
             start = traced[max(above, 0), column] if above >= 0 else value
-            step = (value - start) / np.float32(max(row - above, 1))
+            gap = max(row - above, 1)
+            step = (value - start) / np.float32(gap)
+            near, far = max(value, start), min(value, start)
+            is_linear = nearer_share < 0 or near <= surface_ratio * far
+            is_linear |= 0 < value - start <= ground_slope * gap
             for at in range(above + 1, row):
                 to_ring = row - at if above < 0 else min(at - above, row - at)
-                filled[at, column] = start + step * np.float32(at - above)
+                if is_linear:
+                    filled[at, column] = start + step * np.float32(at - above)
+                else:
+                    from_near = at - above if start > value else row - at
+                    filled[at, column] = near if from_near <= nearer_share * gap else far
                 distance[at, column] = to_ring
                 trusted[at, column] = to_ring <= trusted_reach or (
                     above >= 0 and row - above <= trusted_gap
@@ -300,3 +339,25 @@ def smooth_rows(
                 start, end = max(column - reach, 0), min(column + reach + 1, width)
                 smooth[row, column] = (total[end] - total[start]) / (end - start)
     return smooth
+
+
+@compiled
+def move_towards(
+    depth_m: Float32[ndarray, "height width"],
+    other_m: Float32[ndarray, "height width"],
+    chosen: Bool[ndarray, "height width"],
+    tolerance: float,
+    share: float,
+) -> Float32[ndarray, "height width"]:
+    """Moves chosen depths by a share of the way to others that differ by more than a tolerance.
+
+    The tolerance is a share of the depth.
+    """
+    moved = depth_m.copy()
+    for row in range(depth_m.shape[0]):
+        for column in range(depth_m.shape[1]):
+            depth = depth_m[row, column]
+            difference = other_m[row, column] - depth
+            if chosen[row, column] and abs(difference) > np.float32(tolerance) * depth:
+                moved[row, column] = depth + np.float32(share) * difference
+    return moved

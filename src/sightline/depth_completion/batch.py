@@ -28,3 +28,5 @@ class DepthBatch(FieldwiseBatch):
     """Truth to train on or to score against."""
     dense_depth_m: Float32[Tensor, "batch 1 height width"] | None = None
     """Dense truth to train on besides, where `depth_m` holds but a few rings."""
+    weight: Float32[Tensor, "batch 1 height width"] | None = None
+    """How much each pixel of `depth_m` counts in the loss; None: all alike."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args, get_origin, get_type_hints
 
 from sightline.data.settings import IN_USE_ALONE
+from sightline.depth_completion.method_names import FillingEdition
 
 TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
@@ -150,8 +151,8 @@ class DepthCompletionConfig:
     """What sees image and depth together."""
     stem_channels: int = 32
     """Channels of the convolution that each input goes through before the trunk."""
-    stem_fusion: Literal["sum", "concatenate"] = "sum"
-    """How the inputs meet before the trunk."""
+    stem_fusion: Literal["sum", "concatenate", "joint"] = "sum"
+    """How the inputs meet before the trunk; joint: one convolution reads them all."""
     trunk_stride: Literal[1, 2, 4] = 1
     """The trunk works on maps smaller by this factor: blocks of pixels are folded into channels
     before it, and unfolded after it."""
@@ -161,12 +162,20 @@ class DepthCompletionConfig:
     refinement_stride: Literal[1, 2, 4] = 1
     """Those two work on maps smaller by this factor, folded like the trunk's; 1: at full
     resolution, which is slow even with few channels."""
+    refinement_hidden_channels: int = 0
+    """Channels between those two; 0: `refinement_channels`."""
     filled_input: bool = False
     """Takes a classical completion as a further input."""
+    filling: FillingEdition = "first"
+    """Edition of the adaptive completion that this input is."""
+    surroundings_px: int = 0
+    """Reach of the window around each pixel whose nearest and farthest measurement the network is
+    told, relative to the classical completion; 0: it is told depths alone."""
     residual: bool = False
     """Predicts a correction of the classical completion, and starts as that completion."""
-    correction: Literal["metres", "log"] = "metres"
-    """Unit of the correction: added metres, or a bounded factor on the completed depth."""
+    correction: Literal["metres", "log", "between"] = "metres"
+    """Kind of the correction: added metres; a bounded factor on the completed depth; or a share of
+    the way to the nearest or farthest measurement around, then a factor close to 1."""
     dead_zone: float = 0.0
     """Corrections smaller than this (the logarithm of a factor) are dropped and larger ones reduced
     by it, so that what the classical completion knows to the centimetre stays as it is."""
@@ -187,6 +196,8 @@ class DepthCompletionConfig:
     everywhere."""
     least_correction_beside: float | ByDirection | None = field(default=None, metadata=IN_USE_ALONE)
     """The same within a pixel or two of a measurement. None: as everywhere."""
+    keep_measured: bool = field(default=False, metadata=IN_USE_ALONE)
+    """Predictors put back the measurements that the classical completion keeps."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
     """Predictors run the network on the frame's mirror image, too; see `answer_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
@@ -202,6 +213,9 @@ class DepthCompletionConfig:
             )
         _check_at_least("stem_channels", self.stem_channels, 1)
         _check_at_least("refinement_channels", self.refinement_channels, 0)
+        _check_at_least("refinement_hidden_channels", self.refinement_hidden_channels, 0)
+        _check_at_least("surroundings_px", self.surroundings_px, 0)
+        _check_at_most("surroundings_px", self.surroundings_px, _WIDEST_WINDOW_PX)
         _check_at_least("propagation_steps", self.propagation_steps, 0)
         _check_at_most("propagation_steps", self.propagation_steps, _MOST_PROPAGATION_STEPS)
         if self.trunk_stride % self.refinement_stride:
@@ -211,10 +225,7 @@ class DepthCompletionConfig:
             )
         if self.refinement_stride > 1 and not self.refinement_channels:
             raise ValueError("refinement_stride is of the refinement: set refinement_channels too")
-        if self.residual and not self.filled_input:
-            raise ValueError("residual corrects the classical completion: set filled_input too")
-        if self.correction == "log" and not self.residual:
-            raise ValueError("correction log is a factor on the classical completion: set residual")
+        self._check_what_needs_the_completion()
         for name in ("dead_zone", "least_correction"):
             self._check_of_factor(name, getattr(self, name))
         for name in ("least_correction_above", "least_correction_beside"):
@@ -222,10 +233,27 @@ class DepthCompletionConfig:
             self._check_of_factor(name, values.nearer)
             self._check_of_factor(name, values.farther)
 
+    def _check_what_needs_the_completion(self) -> None:
+        if self.residual and not self.filled_input:
+            raise ValueError("residual corrects the classical completion: set filled_input too")
+        if self.correction != "metres" and not self.residual:
+            raise ValueError(
+                f"correction {self.correction} is of the classical completion: set residual"
+            )
+        if self.correction == "between" and not self.surroundings_px:
+            raise ValueError("correction between needs measurements around: set surroundings_px")
+        if self.surroundings_px and (not self.filled_input or self.shift_conv):
+            raise ValueError(
+                "surroundings_px tells depths relative to the classical completion: set "
+                "filled_input, and shift_conv to null"
+            )
+        if self.keep_measured and not self.filled_input:
+            raise ValueError("keep_measured is of the classical completion: set filled_input too")
+
     def _check_of_factor(self, name: str, value: float) -> None:
         if not 0 <= value < 1:
             raise ValueError(f"{name} must be from 0 to below 1, got {value}")
-        if value and self.correction != "log":
+        if value and self.correction == "metres":
             raise ValueError(f"{name} is of a factor's logarithm: set correction log too")
 
     @property

@@ -1,5 +1,6 @@
 """Makes the examples that networks are trained and scored on out of samples."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -8,15 +9,24 @@ import torch
 from torch import Tensor
 
 from sightline.corruptions.occlusion import LidarOcclusion
-from sightline.data.augmentation import crop, jitter_color
+from sightline.data.augmentation import crop, jitter_color, thin_rings
 from sightline.data.faults import FalseEchoes, NoCamera, draw_turned_lidar
+from sightline.data.rings import NUM_RINGS
 from sightline.depth_completion.batch import DepthBatch
-from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.method_names import FillingEdition
+from sightline.depth_completion.methods import starting_depth
+from sightline.depth_completion.truth_shaping import (
+    AS_SIMULATED,
+    TruthShaping,
+    pixel_weights,
+    widen_near_surfaces,
+)
 from sightline.evaluation.held_out_frame import (
     BEAMS,
     CROP_SIZE,
     FIRST_HELD_OUT,
     HELD_OUT_EVERY,
+    dense_truth_in_reach,
     split_rings,
 )
 from sightline.geometry.projection import sparse_depth_map
@@ -73,6 +83,10 @@ class ExampleConfig:
     """Where the true depth comes from."""
     filled: bool = False
     """Whether examples hold the adaptive completion, for networks that start from one."""
+    filling: FillingEdition = "first"
+    """Edition of that completion; the network's own."""
+    shaping: TruthShaping = AS_SIMULATED
+    """How dense truth is changed and weighed for training."""
     farthest_m: float = 90.0
     """Truth beyond this is left out: no sweep reaches it, and KITTI's own truth ends nearer."""
     crop_size: tuple[int, int] | None = None
@@ -88,6 +102,8 @@ class ExampleConfig:
             raise ValueError(
                 f"truth must be one of {', '.join(get_args(TruthKind))}, got {self.truth!r}"
             )
+        if self.shaping != AS_SIMULATED and self.truth != "depth":
+            raise ValueError(f"shaping is of dense truth: set truth to depth, got {self.truth}")
         if not 0 < self.farthest_m <= _FARTHEST_TRUTH_M:
             raise ValueError(
                 f"farthest_m must be above 0 and at most {_FARTHEST_TRUTH_M}, got {self.farthest_m}"
@@ -149,13 +165,24 @@ def make_example(
     if dense_m is not None:
         maps["dense_depth_m"] = _up_to(config.farthest_m, dense_m)[None]
     if config.filled:  # of the whole width: a crop has too few rings to measure their spacing
-        maps["filled_depth_m"] = complete_depth(sparse_m, "adaptive").depth_m[None]
+        maps["filled_depth_m"] = starting_depth(sparse_m, config.filling).depth_m[None]
+    if training and config.shaping != AS_SIMULATED:
+        maps |= _shaped(maps, config.shaping)
     top, left, height, width = _window(given.image_size, config, rng, training=training)
     cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
     if training and config.augmentation.mirror and rng.random() < 0.5:
         cut = {name: item.flip(-1) for name, item in cut.items()}
     stacked = {name: item[None].contiguous() for name, item in cut.items()}
     return DepthBatch(sample_ids=(sample.sample_id,), **stacked)
+
+
+def _shaped(maps: Mapping[str, Tensor], shaping: TruthShaping) -> dict[str, Tensor]:
+    """The truth with its contours widened, and the pixels' weights."""
+    truth_m, sparse_m = maps["depth_m"][0].numpy(), maps["sparse_depth_m"][0].numpy()
+    filled_m = maps["filled_depth_m"][0].numpy() if "filled_depth_m" in maps else None
+    weights = pixel_weights(truth_m, sparse_m, filled_m, shaping)
+    widened = widen_near_surfaces(truth_m, shaping)
+    return {"depth_m": torch.from_numpy(widened)[None], "weight": torch.from_numpy(weights)[None]}
 
 
 def _up_to(farthest_m: float, depth_m: Tensor) -> Tensor:
@@ -177,19 +204,23 @@ def _given(
             "simulated data or KITTI's depth tree, or set truth to held_out"
         )
     largest = _whole_steps(sample)
-    if config.truth == "depth" and set(config.beams) == {64}:  # needs no ring numbers
+    if config.truth == "depth":  # nothing of the sweep is truth, so that no ring is held out
+        if config.shaping.in_reach:
+            sample = replace(sample, depth=dense_truth_in_reach(sample))
+        keep_every = NUM_RINGS // int(rng.choice(config.beams))
+        if keep_every > 1:
+            first = int(rng.integers(keep_every)) if training else 0
+            sample = thin_rings(sample, keep_every, first)
         return _bottom_centre(sample, largest), None
     first = int(rng.integers(HELD_OUT_EVERY)) if training else FIRST_HELD_OUT
     frame = split_rings(sample, first_held_out=first)
     beams = int(rng.choice(config.beams))
-    start = int(rng.integers(64 // beams)) if training else 0
+    start = int(rng.integers(NUM_RINGS // beams)) if training else 0
     given = frame.with_beams(beams, start=start)
     dense_m = None
-    if config.truth != "held_out":
+    if config.truth == "both":
         dense_m = _bottom_centre(_bottom_centre(sample, given.image_size), largest).depth
     given = _bottom_centre(replace(given, depth=frame.truth_m), largest)
-    if config.truth == "depth":
-        return replace(given, depth=dense_m), None
     return given, dense_m
 
 

@@ -14,6 +14,7 @@ from sightline.depth_completion.targets import ExpansionConfig, expand_depth
 
 EmdKind = Literal["tiles", "global"]
 
+_RISE_M, _RISE_ENDS_M = 3.0, 10.0  # of rising_l1
 _LEAST_RATIO = 0.01  # of predicted to true depth: predictions may be zero or less
 
 
@@ -27,6 +28,9 @@ class DepthLossConfig:
     """Weight of the root of each image's mean squared error."""
     l1: float = 0.0
     """Weight of the mean absolute error of the depth."""
+    rising_l1: float = 0.0
+    """Weight of the mean of |e| + e^2 / (3 + 0.3 |e|), e in metres: an absolute error that weighs
+    more the larger it is, up to fourfold, as one of 10 m matters more than ten of 1 m."""
     dense_l1: float = 0.0
     """Weight of the mean absolute error against the dense truth that comes beside held-out rings
     (`truth: both`)."""
@@ -74,6 +78,7 @@ class DepthLosses(NamedTuple):
     mse: Float[Tensor, ""]
     rmse: Float[Tensor, ""]
     l1: Float[Tensor, ""]
+    rising_l1: Float[Tensor, ""]
     dense_l1: Float[Tensor, ""]
     dense_relative: Float[Tensor, ""]
     emd: Float[Tensor, ""]
@@ -87,6 +92,7 @@ def depth_completion_loss(
     *,
     step: int,
     dense_truth_m: Float[Tensor, "batch 1 height width"] | None = None,
+    weight: Float[Tensor, "batch 1 height width"] | None = None,
 ) -> DepthLosses:
     """Loss of a batch: depth against ground truth, E-Point against expanded ground truth.
 
@@ -104,19 +110,25 @@ def depth_completion_loss(
         truth_m: Ground truth; 0 = none.
         config: Weights and readings.
         step: Number of the training step; odd ones shift the tiles of the EMD.
+        weight: How much each pixel counts, in all terms against `truth_m` but the EMD.
         dense_truth_m: Dense truth besides, where `truth_m` holds but a few rings; 0 = none.
     """
     truth = truth_m / config.unit_m
     is_valid = truth > 0
     error = torch.where(is_valid, _in_units(output.depth_m, config) - truth, 0.0)
+    counted = is_valid.to(error.dtype) if weight is None else torch.where(is_valid, weight, 0.0)
     zero = error.sum() * 0  # hangs on the network, so that `backward` works on any batch
-    mse = rmse = l1 = dense_l1 = dense_relative = emd = uncertainty = zero
+    mse = rmse = l1 = rising_l1 = dense_l1 = dense_relative = emd = uncertainty = zero
     if config.mse or config.rmse:
-        per_image = _image_means(error.square(), is_valid)
+        per_image = _image_means(error.square(), counted)
         mse = _mean_over_images(per_image, is_valid) if config.mse else zero
         rmse = _mean_over_images(_root(per_image), is_valid) if config.rmse else zero
     if config.l1:
-        l1 = _mean_over_images(_image_means(error.abs(), is_valid), is_valid)
+        l1 = _mean_over_images(_image_means(error.abs(), counted), is_valid)
+    if config.rising_l1:
+        metres = error.abs() * config.unit_m
+        rising = metres + metres.square() / (_RISE_M + metres * _RISE_M / _RISE_ENDS_M)
+        rising_l1 = _mean_over_images(_image_means(rising / config.unit_m, counted), is_valid)
     if dense_truth_m is not None:
         is_dense = dense_truth_m > 0
         if config.dense_relative:
@@ -124,20 +136,22 @@ def depth_completion_loss(
             divisor = torch.where(is_dense, dense_truth_m, 1.0)
             ratio = torch.where(is_dense, output.depth_m, 1.0) / divisor
             distance = ratio.clamp(min=_LEAST_RATIO).log().abs()
-            dense_relative = _mean_over_images(_image_means(distance, is_dense), is_dense)
+            means = _image_means(distance, is_dense.to(distance.dtype))
+            dense_relative = _mean_over_images(means, is_dense)
         dense_error = torch.where(is_dense, _in_units(output.depth_m - dense_truth_m, config), 0.0)
         if config.dense_l1:
-            dense_l1 = _mean_over_images(_image_means(dense_error.abs(), is_dense), is_dense)
+            means = _image_means(dense_error.abs(), is_dense.to(error.dtype))
+            dense_l1 = _mean_over_images(means, is_dense)
     if config.emd and output.e_point_m is not None:
         expanded = expand_depth(truth, config.expansion)
         emd = _earth_movers_distance(_in_units(output.e_point_m, config), expanded, config, step)
     if config.uncertainty and output.uncertainty_m is not None:
         scale = _in_units(output.uncertainty_m, config)
         if dense_truth_m is not None:
-            is_valid, error = is_dense, dense_error
+            is_valid, error, counted = is_dense, dense_error, is_dense.to(error.dtype)
         surprise = torch.where(is_valid, error.detach().abs() / scale + scale.log(), 0.0)
-        uncertainty = _mean_over_images(_image_means(surprise, is_valid), is_valid)
-    terms = (mse, rmse, l1, dense_l1, dense_relative, emd, uncertainty)
+        uncertainty = _mean_over_images(_image_means(surprise, counted), is_valid)
+    terms = (mse, rmse, l1, rising_l1, dense_l1, dense_relative, emd, uncertainty)
     weights = (getattr(config, name) for name in DepthLosses._fields[1:])
     total = sum((weight * term for weight, term in zip(weights, terms, strict=True)), start=zero)
     return DepthLosses(total, *terms)
@@ -190,10 +204,12 @@ def _in_units(
 
 
 def _image_means(
-    values: Float[Tensor, "batch 1 height width"], is_valid: Bool[Tensor, "batch 1 height width"]
+    values: Float[Tensor, "batch 1 height width"], weights: Float[Tensor, "batch 1 height width"]
 ) -> Float[Tensor, " batch"]:
-    """Mean over each image's valid pixels of values that are 0 elsewhere; 0 if it has none."""
-    return values.sum(dim=(1, 2, 3)) / is_valid.sum(dim=(1, 2, 3)).clamp(min=1)
+    """Weighted mean over each image's pixels; 0 if all of its weights are."""
+    total = weights.sum(dim=(1, 2, 3))
+    sums = (values * weights).sum(dim=(1, 2, 3))
+    return sums / torch.where(total > 0, total, 1.0)
 
 
 def _mean_over_images(

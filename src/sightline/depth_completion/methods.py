@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float32
 from torch import Tensor
 
-from sightline.depth_completion.adaptive import adaptive_depth
+from sightline.depth_completion.adaptive import FIRST_EDITION, AdaptiveConfig, adaptive_depth
 from sightline.depth_completion.classical import classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth
-from sightline.depth_completion.method_names import Method
+from sightline.depth_completion.method_names import FillingEdition, Method
 from sightline.structures.predictions import DepthMap
 
 
@@ -39,3 +39,11 @@ def complete_depth(
             return adaptive_depth(sparse)
         case _:
             assert_never(method)
+
+
+def starting_depth(
+    sparse_depth_m: Float32[Tensor, "height width"], edition: FillingEdition = "first"
+) -> DepthMap:
+    """The completion that networks with a filled input start from, in training as in use."""
+    config = FIRST_EDITION if edition == "first" else AdaptiveConfig()
+    return adaptive_depth(sparse_depth_m.numpy(force=True), config)

@@ -12,8 +12,10 @@ from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.hrnet import HighResolutionTrunk, conv_norm
 from sightline.depth_completion.propagation import NEIGHBOURS, propagate
 from sightline.depth_completion.shift_conv import ShiftConvBranch
+from sightline.depth_completion.surroundings import NUM_PLANES, Surroundings, look_around
 
 _MAX_LOG_CORRECTION = math.log(4)  # a completed depth is off by a factor of 4 at most
+_MAX_LOG_BETWEEN = 0.3  # beside the share of the way to a measurement around
 _UNCERTAINTY_FLOOR_M = 0.01
 
 
@@ -46,20 +48,29 @@ class DepthCompletionNet(nn.Module):
         self.shift_branch = (
             ShiftConvBranch(points, config.shift_conv) if config.shift_conv else None
         )
-        planes = [4 if config.presence_channel else 3, points]
-        planes += [1] * (config.shift_conv is not None) + [1] * config.filled_input
+        planes = [4 if config.presence_channel else 3]
+        if config.surroundings_px:
+            planes += [NUM_PLANES]
+        else:
+            planes += [points] + [1] * (config.shift_conv is not None) + [1] * config.filled_input
         stem = config.stem_channels
+        read_together = [sum(planes)] if config.stem_fusion == "joint" else planes
         self.stems = nn.ModuleList(
-            conv_norm(count * config.trunk_stride**2, stem) for count in planes
+            conv_norm(count * config.trunk_stride**2, stem) for count in read_together
         )
-        in_channels = stem if config.stem_fusion == "sum" else stem * len(planes)
+        is_wider = config.stem_fusion == "concatenate"
+        in_channels = stem * len(planes) if is_wider else stem
         self.outputs = _output_channels(config)
         found = config.refinement_channels or sum(self.outputs)
         unfolding = config.trunk_stride // config.refinement_stride
         self.trunk = HighResolutionTrunk(in_channels, found * unfolding**2, config.trunk)
         cells = config.refinement_stride**2
         self.refinement = (
-            _refinement(found + sum(planes) * cells, found, sum(self.outputs) * cells)
+            _refinement(
+                found + sum(planes) * cells,
+                config.refinement_hidden_channels or found,
+                sum(self.outputs) * cells,
+            )
             if config.refinement_channels
             else None
         )
@@ -94,22 +105,26 @@ class DepthCompletionNet(nn.Module):
         if not torch.compiler.is_compiling():  # while tracing, sizes are symbols
             self._check_size(image)
         config = self.config
-        points = self._points(sparse_depth_m)
-        planes = [_camera_planes(image, with_presence=config.presence_channel), points]
-        e_point_m = None
-        if self.shift_branch is not None:
-            e_point = self.shift_branch(points)
-            e_point_m = e_point.to(sparse_depth_m.dtype) * config.depth_scale_m
-            planes.append(e_point)
-        if config.filled_input:
-            if filled_depth_m is None:
-                raise ValueError(
-                    "this network starts from a classical completion: give filled_depth_m"
-                )
-            planes.append(filled_depth_m / config.depth_scale_m)
+        if config.filled_input and filled_depth_m is None:
+            raise ValueError("this network starts from a classical completion: give filled_depth_m")
+        planes = [_camera_planes(image, with_presence=config.presence_channel)]
+        around = e_point_m = None
+        if config.surroundings_px:
+            assert filled_depth_m is not None, "the config asks for both"
+            around = look_around(sparse_depth_m, filled_depth_m, config.surroundings_px)
+            planes.append(around.planes)
+        else:
+            points = self._points(sparse_depth_m)
+            planes.append(points)
+            if self.shift_branch is not None:
+                e_point = self.shift_branch(points)
+                e_point_m = e_point.to(sparse_depth_m.dtype) * config.depth_scale_m
+                planes.append(e_point)
+            if filled_depth_m is not None and config.filled_input:
+                planes.append(filled_depth_m / config.depth_scale_m)
         raw = self._predict(planes).to(sparse_depth_m.dtype)  # sums in metres need all digits
         outputs = torch.split(raw, self.outputs, dim=1)
-        depth_m = self._depth_m(outputs[0], filled_depth_m)
+        depth_m = self._depth_m(outputs[0], filled_depth_m, around)
         if config.propagation_steps:
             affinity, confidence = outputs[-2:]
             depth_m = propagate(
@@ -136,11 +151,12 @@ class DepthCompletionNet(nn.Module):
 
     def _predict(self, planes: list[Tensor]) -> Tensor:
         stride = self.config.trunk_stride
+        read = [torch.cat(planes, dim=1)] if self.config.stem_fusion == "joint" else planes
         folded = [
             stem(F.pixel_unshuffle(plane, stride))
-            for stem, plane in zip(self.stems, planes, strict=True)
+            for stem, plane in zip(self.stems, read, strict=True)
         ]
-        if self.config.stem_fusion == "sum":
+        if self.config.stem_fusion != "concatenate":
             met = folded[0]
             for other in folded[1:]:
                 met = met + other
@@ -153,12 +169,22 @@ class DepthCompletionNet(nn.Module):
         inputs = planes if fine == 1 else [F.pixel_unshuffle(plane, fine) for plane in planes]
         return F.pixel_shuffle(self.refinement(torch.cat((found, *inputs), dim=1)), fine)
 
-    def _depth_m(self, predicted: Tensor, filled_depth_m: Tensor | None) -> Tensor:
+    def _depth_m(
+        self, predicted: Tensor, filled_depth_m: Tensor | None, around: Surroundings | None
+    ) -> Tensor:
         if not self.config.residual:
             return predicted * self.config.depth_scale_m
         assert filled_depth_m is not None, "a residual network takes the classical completion"
         if self.config.correction == "metres":
             return filled_depth_m + predicted * self.config.depth_scale_m
+        if self.config.correction == "between":
+            assert around is not None, "the config asks for both"
+            moves = torch.tanh(predicted)
+            share, factor = moves[:, :1], moves[:, 1:]
+            farther = share.clamp(min=0) * (around.farthest_m - filled_depth_m)
+            nearer = share.clamp(max=0) * (filled_depth_m - around.nearest_m)
+            between: Tensor = filled_depth_m + farther + nearer
+            return between * (_MAX_LOG_BETWEEN * factor).exp()
         bounded = _MAX_LOG_CORRECTION * torch.tanh(predicted / _MAX_LOG_CORRECTION)
         if self.config.dead_zone:
             # Detached: within the zone the gradient is as outside, else nothing ever left it.
@@ -169,9 +195,9 @@ class DepthCompletionNet(nn.Module):
 
 def _output_channels(config: DepthCompletionConfig) -> list[int]:
     """Depth; uncertainty; affinities and confidence of the propagation."""
-    return (
-        [1] + [1] * config.uncertainty + ([NEIGHBOURS, 1] if config.propagation_steps > 0 else [])
-    )
+    depth = [2 if config.correction == "between" else 1]
+    propagation = [NEIGHBOURS, 1] if config.propagation_steps > 0 else []
+    return depth + [1] * config.uncertainty + propagation
 
 
 def _refinement(in_channels: int, channels: int, out_channels: int) -> nn.Sequential:

@@ -14,7 +14,7 @@ from sightline.depth_completion.config import DepthCompletionConfig, by_directio
 from sightline.depth_completion.corrections import drop_small_corrections, least_corrections
 from sightline.depth_completion.export_graph import export_graph
 from sightline.depth_completion.method_names import Method
-from sightline.depth_completion.methods import complete_depth
+from sightline.depth_completion.methods import complete_depth, starting_depth
 from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.network_task import NETWORK_TASK
@@ -30,7 +30,6 @@ from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
 _COORDINATES = 3
-_PREFILL: Method = "adaptive"  # what networks that start from a classical completion learn with
 
 # What users bring is checked when it comes in, so that the error says what to do.
 SparseMap = Real[Tensor, "*size"] | Real[np.ndarray, "*size"]
@@ -210,19 +209,24 @@ class DepthPredictor(SamplePredictor[DepthMap]):
             "image": _padded(rgb, stride, "edge"),
             "sparse_depth_m": _padded(sparse[None], stride, "constant"),  # no invented returns
         }
-        filled = complete_depth(sparse, _PREFILL) if self._network.takes_filled_depth else None
+        settings = self._network.config
+        filled = (
+            starting_depth(sparse, settings.filling) if self._network.takes_filled_depth else None
+        )
         if filled is not None:
             inputs["filled_depth_m"] = _padded(filled.depth_m[None], stride, "edge")
             is_supported = filled.valid
         else:
             is_supported = torch.from_numpy(inside_hull(sparse.numpy() > 0))
-        settings = self._network.config
         outputs = answer_with_mirror(self._run, inputs) if settings.flip_test else self._run(inputs)
         top, width = -sparse.shape[0] % stride, sparse.shape[1]
         cut = {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
         depth_m = cut["depth_m"]
         if filled is not None:
             depth_m = _with_counted_corrections(depth_m, filled.depth_m, sparse, settings)
+            if settings.keep_measured:
+                is_kept = (sparse > 0) & (filled.depth_m == sparse)
+                depth_m = torch.where(is_kept, sparse, depth_m)
         return to_depth_map(
             depth_m,
             cut.get("uncertainty_m"),

@@ -6,10 +6,10 @@ Every number that a program without Sightline needs stands here under a name.
 from dataclasses import asdict
 
 from sightline.depth_completion.adaptive import (
+    FIRST_EDITION,
     HOLE_COLUMNS,
     SMOOTHING_PASSES,
     WIDEST_SPACING_PX,
-    AdaptiveConfig,
 )
 from sightline.depth_completion.adaptive_kernels import GROWTH_BELOW, RING_SLOPE, WIDEST_HOLE
 from sightline.depth_completion.config import by_direction
@@ -61,10 +61,21 @@ def processing(network: DepthCompletionNet) -> dict[str, object]:
     }
 
 
+_FILLING_SETTINGS = (
+    "surface_ratio",
+    "hidden_rows",
+    "hidden_columns",
+    "link_columns",
+    "smoothing",
+    "trusted_rings",
+)
+"""Settings of adaptive completion that its first edition uses, in the order of the metadata."""
+
+
 def _filling() -> dict[str, object]:
     return {
         "method": "adaptive",
-        **asdict(AdaptiveConfig()),
+        **{name: getattr(FIRST_EDITION, name) for name in _FILLING_SETTINGS},
         "widest_spacing_px": WIDEST_SPACING_PX,
         "ring_slope": RING_SLOPE,
         "growth_below": GROWTH_BELOW,

@@ -18,6 +18,7 @@ from sightline.data.problem import FileError
 from sightline.evaluation.held_out_errors import held_out_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings
 from sightline.geometry.projection import sparse_depth_map
+from sightline.robustness.record import number_or_none
 from sightline.robustness.scoring import Answered, Figure, Panel, PosedFrame, Scores
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.canvas import scaled_to_width
@@ -83,8 +84,12 @@ def _read(path: Path) -> tuple[float, ...]:
     """A frame's figures; a tuple takes less room than what the file holds."""
     try:
         row = json.loads(read_text(path))
-        return tuple(float(row[name]) for name in _FIGURES)
-    except (KeyError, TypeError, ValueError) as error:
+        numbers = [number_or_none(row[name]) for name in _FIGURES]
+        known = tuple(number for number in numbers if number is not None)
+        if len(known) < len(_FIGURES):
+            raise ValueError("a figure is null")
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         if isinstance(error, FileError):
             raise
         raise FileError(path, "does not hold a frame's errors", _REMEDY) from error
+    return known

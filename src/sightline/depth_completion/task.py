@@ -10,6 +10,7 @@ from torch import Tensor
 
 from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.config import DepthCompletionConfig
+from sightline.depth_completion.examples import DepthExamples
 from sightline.depth_completion.loss import DepthLossConfig, DepthLosses, depth_completion_loss
 from sightline.depth_completion.model import DepthCompletionNet, DepthCompletionOutput
 from sightline.depth_completion.pictures import training_picture
@@ -80,6 +81,23 @@ class DepthCompletion(TrainingModule):
         )
         return output
 
+    def setup(self, stage: str) -> None:
+        """Checks that examples are filled as the network's input was.
+
+        Raises:
+            ValueError: Their edition of the completion is another one.
+        """
+        super().setup(stage)
+        preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
+        if not isinstance(preparation, DepthExamples) or not self.network.takes_filled_depth:
+            return
+        edition = self.network.config.filling
+        if preparation.settings.filling != edition:
+            raise ValueError(
+                f"the preparation's settings.filling is {preparation.settings.filling}, but the "
+                f"network's {edition}: set both alike"
+            )
+
     def losses(self, batch: DepthBatch) -> DepthLosses:
         """The loss of a batch and its terms."""
         return depth_completion_loss(
@@ -88,6 +106,7 @@ class DepthCompletion(TrainingModule):
             self.loss,
             step=self.global_step,
             dense_truth_m=batch.dense_depth_m,
+            weight=batch.weight,
         )
 
     def score(self, batch: DepthBatch) -> DepthCompletionOutput:

@@ -157,7 +157,7 @@ def _to_plain(gate: SensorGate) -> dict[str, object]:
 
 def _from_plain(plain: Mapping[str, Any]) -> SensorGate:
     return SensorGate(
-        mean=float(plain["mean"]),
+        mean=_number(plain["mean"], 1),
         masked=_cells_from_plain(plain["masked"]),
         clear=_cells_from_plain(plain["clear"]),
     )
@@ -170,4 +170,10 @@ def _cells_from_plain(plain: Mapping[str, Any]) -> GateCells:
         if not (is_whole and 0 <= level < NUM_LEVELS and 0 <= count < _MOST_CELLS):
             raise ValueError(f"no {count} cells can be at level {level}")
         counts[level] = count
-    return GateCells(total=float(plain["total"]), counts=counts)
+    return GateCells(total=_number(plain["total"], _MOST_CELLS), counts=counts)
+
+
+def _number(value: object, most: int) -> float:
+    if not isinstance(value, int | float) or not 0 <= value <= most:
+        raise ValueError(f"no {value} can be a mean or a sum of gates")
+    return float(value)

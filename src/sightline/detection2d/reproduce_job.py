@@ -8,6 +8,7 @@ from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import Case, Suite
 from sightline.data.jobs import JobResult, claim_folder
 from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.output_links import check_links
 from sightline.detection2d.config import Fusion
 from sightline.detection2d.files import write_results
 from sightline.detection2d.gate_record import (
@@ -90,6 +91,7 @@ def detect_in_cases(
             written to. Errors about a frame name it; frames done before stay done.
     """
     check_numbers(seed, workers)
+    check_links(out)
     asked = []
     for system in systems:
         made_by = {"method": system.predictor.name, **system.predictor.made_by}

@@ -40,6 +40,7 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.evaluation.localization_recall_precision import optimal_lrp
+from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 
 Target = Literal["precision", "overlap"]
 
@@ -130,6 +131,7 @@ def evaluate_calibration(
         min_score=settings.min_score,
         target=settings.target,
         entries=entries,
+        remarks=measured.remarks,
     )
 
 
@@ -178,6 +180,7 @@ class _Measured:
     strict: MatchingData
     loose: MatchingData
     settings: CalibrationSettings
+    remarks: tuple[str, ...]
 
     def task(self, code: int, *, any_overlap: bool = False) -> MatchingTask:
         """What matching sees of a class."""
@@ -196,14 +199,21 @@ class _Measured:
 
 
 def _read(data: ScoredFrames, settings: CalibrationSettings, *, progress: bool) -> _Measured:
-    frames = read_frames(data.results_dir, data.labels_dir, data.sample_list, progress=progress)
     names = frame_names(data.labels_dir, data.sample_list)
-    found, labels = zip(*_checked(frames, names, data.results_dir), strict=True)
+    tally = ObjectTally()
+    frames = read_frames(data.results_dir, data.labels_dir, names, progress=progress)
+    counted = tallied(frames, tally)
+    found, labels = zip(*_checked(counted, names, data.results_dir), strict=True)
     strict = find_pairs(found, labels, settings.overlaps.as_array())
     loose = find_pairs(found, labels, _ANY.as_array())
     # Whether a region excuses a detection does not depend on how well it fits an object.
     loose = replace(loose, detection_forgiven=strict.detection_forgiven)
-    return _Measured(strict=strict, loose=loose, settings=settings)
+    unread: tuple[str, ...] = ()
+    if data.sample_list is None:
+        unread = unread_files(data.results_dir, data.labels_dir, names)
+    return _Measured(
+        strict=strict, loose=loose, settings=settings, remarks=(*unread, *tally.remarks())
+    )
 
 
 def _checked(

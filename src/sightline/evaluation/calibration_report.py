@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sightline.evaluation.calibrators import Calibrator, CalibratorName
 from sightline.evaluation.kitti_object_rules import ClassName, Difficulty, Metric
 from sightline.evaluation.localization_recall_precision import OptimalLrp
+from sightline.evaluation.object_tables import add_notes
 from sightline.structures.reliability import Reliability
 
 if TYPE_CHECKING:
@@ -101,6 +102,8 @@ class CalibrationReport:
     target: str
     """What calibrators were fitted to tell."""
     entries: tuple[CalibrationEntry, ...]
+    remarks: tuple[str, ...] = ()
+    """Sentences on files and objects that are left out."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""
@@ -110,6 +113,7 @@ class CalibrationReport:
             "difficulty": self.difficulty,
             "min_score": self.min_score,
             "target": self.target,
+            **({"notes": list(self.remarks)} if self.remarks else {}),
             "entries": [entry.to_json() for entry in self.entries],
         }
 
@@ -120,8 +124,8 @@ class CalibrationReport:
 
         title = f"calibration by {self.metric}, {self.difficulty}, {self.frames:,} frames, percent"
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        if not self.entries:
-            table.caption = "nothing was found in any frame, so there is nothing to calibrate"
+        nothing = "nothing was found in any frame, so there is nothing to calibrate"
+        add_notes(table, (*(() if self.entries else (nothing,)), *self.remarks))
         for name in ("class", "scores"):
             table.add_column(name, no_wrap=True)
         for name in ("D-ECE", "LaECE", "LaECE0", "oLRP", "Loc", "FP", "FN", "boxes"):

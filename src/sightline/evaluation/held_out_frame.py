@@ -25,11 +25,14 @@ from sightline.data.rings import (
     NUM_RINGS,
     check_spacing,
     count_beams,
+    is_whole_turn,
     ring_numbers,
     rings_of_any_order,
     sensor_of,
 )
+from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
+from sightline.ops.parallax import Parallax, hidden_by_parallax
 from sightline.structures.sample import CameraLidarSample
 
 BEAMS = (64, 32, 16, 8)
@@ -41,11 +44,6 @@ _LARGEST_CROPPED = (376, 1242)  # KITTI's largest images: of others the crop wou
 HELD_OUT_EVERY = 8
 FIRST_HELD_OUT = 4
 """The tables' own; training may hold out others."""
-# A return farther than this behind the nearest point around it is hidden from the camera, which
-# sits elsewhere than the LiDAR: it is no truth for the pixel that it falls on.
-_VISIBILITY_WINDOW = (15, 7)  # rows, columns
-_VISIBILITY_FACTOR = 1.15
-_VISIBILITY_MARGIN_M = 0.5
 
 TruthChoice = Literal["rings", "depth", "depth_in_reach"]
 """What a method is scored on. `rings`: the returns of the held-out rings. `depth`: the sample's own
@@ -69,8 +67,8 @@ class HeldOutFrame:
     first_held_out: int = FIRST_HELD_OUT
     sensor_beams: int = NUM_RINGS
     """How many the sensor has that took the sweep."""
-    is_ring_by_ring: bool = True
-    """True of a sweep in KITTI's order; rings of others are found by elevation."""
+    are_beams_assumed: bool = True
+    """True of a sweep cut to the image in KITTI's order: `sensor_beams` is not counted."""
 
     def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
         """The sample as a sensor of so many beams would have taken it.
@@ -127,14 +125,14 @@ def split_rings(
             "sample out"
         )
     try:
-        points, rings, sensor_beams, is_ring_by_ring = _rings_in_view(sample, sample.points)
+        points, rings, sensor_beams, are_beams_assumed = _rings_in_view(sample, sample.points)
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
     held_out = _is_held_out(rings, first_held_out)
     everything = sparse_depth_map(points, sample.calibration, sample.image_size)
     if truth == "rings":
         returns = sparse_depth_map(points[held_out], sample.calibration, sample.image_size)
-        truth_m = torch.where(_is_visible(returns, everything), returns, 0.0)
+        truth_m = _without_hidden(returns, everything, sample.calibration)
     else:
         is_partial = truth == "depth_in_reach"
         truth_m = dense_truth_in_reach(sample) if is_partial else _dense_truth(sample)
@@ -154,32 +152,34 @@ def split_rings(
         truth_m=truth_m,
         first_held_out=first_held_out,
         sensor_beams=sensor_beams,
-        is_ring_by_ring=is_ring_by_ring,
+        are_beams_assumed=are_beams_assumed,
     )
 
 
 def _rings_in_view(
     sample: CameraLidarSample, sweep: Float32[Tensor, "num_points 4"]
 ) -> tuple[Float32[Tensor, "num_in_view 4"], Int64[Tensor, " num_in_view"], int, bool]:
-    """Points in view, ring by ring, their numbers, the sensor's beams; True if they came so."""
+    """Points in view, ring by ring, their numbers, beams of the sensor; True if assumed."""
     is_in_view = points_in_view(sample)
     numbers, is_ring_by_ring = rings_of_any_order(sweep.numpy())
     if not is_ring_by_ring:
         rings, order = torch.sort(torch.from_numpy(numbers)[is_in_view], stable=True)
         return sweep[is_in_view][order], rings, sensor_of(int(numbers.max()) + 1), False
     points, sensor_beams = sweep[is_in_view], count_beams(sweep.numpy())
-    if sensor_beams == NUM_RINGS:  # numbered after the cut: as sweeps that come cut
-        return points, torch.from_numpy(ring_numbers(points.numpy())), sensor_beams, True
-    return points, torch.from_numpy(numbers)[is_in_view], sensor_beams, True
+    if sensor_beams == NUM_RINGS and not is_whole_turn(points.numpy()):
+        # numbered after the cut: as sweeps that come cut
+        rings = torch.from_numpy(ring_numbers(points.numpy()))
+        return points, rings, sensor_beams, not is_whole_turn(sweep.numpy())
+    return points, torch.from_numpy(numbers)[is_in_view], sensor_beams, False
 
 
 def check_rings(frame: HeldOutFrame) -> None:
-    """Refuses a frame of KITTI's sensor whose points are not in its order.
+    """Refuses a frame cut to the image whose rings are not those of 64 beams, as is assumed.
 
     Raises:
-        ValueError: Its rings do not lie as that sensor's do.
+        ValueError: Its rings lie too far apart.
     """
-    if frame.sensor_beams != NUM_RINGS or not frame.is_ring_by_ring:
+    if not frame.are_beams_assumed:
         return
     points = frame.sample.points
     assert points is not None, "split_rings leaves points"
@@ -193,13 +193,20 @@ def _is_held_out(rings: Int64[Tensor, " count"], first: int) -> Bool[Tensor, " c
     return rings % HELD_OUT_EVERY == first
 
 
-def _is_visible(
-    depth_m: Float32[Tensor, "height width"], everything_m: Float32[Tensor, "height width"]
-) -> Bool[Tensor, "height width"]:
-    """Which depths have no nearer point of the sweep around them that would hide them."""
-    occupied = np.where(everything_m.numpy() > 0, everything_m.numpy(), np.inf)
-    nearest = torch.from_numpy(cv2.erode(occupied, np.ones(_VISIBILITY_WINDOW, np.uint8)))
-    return depth_m <= _VISIBILITY_FACTOR * nearest + _VISIBILITY_MARGIN_M
+def _without_hidden(
+    returns_m: Float32[Tensor, "height width"],
+    everything_m: Float32[Tensor, "height width"],
+    calibration: Calibration,
+) -> Float32[Tensor, "height width"]:
+    """The returns that the camera sees: the others are no truth for the pixels they fall on."""
+    depths_m = returns_m.numpy()
+    pixels = np.argwhere(depths_m > 0)
+    of_pixels = depths_m[*pixels.T]
+    parallax = Parallax.of(calibration)
+    is_hidden = hidden_by_parallax(everything_m.numpy(), pixels, of_pixels, parallax)
+    seen_m = returns_m.clone()
+    seen_m[*pixels[is_hidden].T] = 0
+    return seen_m
 
 
 def _dense_truth(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:

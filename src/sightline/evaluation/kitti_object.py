@@ -19,7 +19,7 @@ from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, f
 from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
-from sightline.evaluation.object_tally import ObjectTally, unread_labels, unread_results
+from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 
 _FRAMES_AT_A_TIME = 64
 _MAX_PAIRS = 2_000_000  # of a result and a label in one frame; KITTI's fullest has some thousands
@@ -190,13 +190,10 @@ def _read_submission(
     frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)
     tally = ObjectTally()
     parts: list[MatchingData] = []
-    for batch in _batches(frames):
+    for batch in _batches(tallied(frames, tally)):
         detections, labels = zip(*batch, strict=True)
         parts.append(find_pairs(detections, labels, overlaps.as_array()))
-        for results, labelled in batch:
-            tally.add(results, labelled)
-    unread = unread_labels(labels_dir) if sample_list is None else ()
-    unread += unread_results(results_dir, names) if sample_list is None else ()
+    unread = unread_files(results_dir, labels_dir, names) if sample_list is None else ()
     return _Submission(concatenate(parts), len(missing), (*unread, *tally.remarks()))
 
 

@@ -18,7 +18,7 @@ from sightline.evaluation.kitti_object_rules import (
     Metric,
     MinimumOverlaps,
 )
-from sightline.evaluation.object_tables import add_section, score_table, slots_note
+from sightline.evaluation.object_tables import add_notes, add_section, score_table, slots_note
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -104,7 +104,7 @@ class ObjectComparison:
         table = score_table(
             f"{self.first} less {self.second}, {self.frames:,} frames, AP in percent"
         )
-        table.caption, table.caption_justify = "\n".join(self.notes()) or None, "left"
+        add_notes(table, self.notes())
         for start in range(0, len(self.entries), len(DIFFICULTIES)):
             levels = self.entries[start : start + len(DIFFICULTIES)]
             rows: list[tuple[str, list[str]]] = []

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Int8, Int64
 
 from sightline.data.kitti_labels import KittiObjects
-from sightline.evaluation.kitti_object import read_frames
+from sightline.evaluation.kitti_object import frame_names, read_frames
 from sightline.evaluation.kitti_object_overlaps import ground_and_space_overlap, image_overlap
 from sightline.evaluation.kitti_object_pairs import find_evaluated, stack_boxes
 from sightline.evaluation.kitti_object_rules import (
@@ -23,6 +23,7 @@ from sightline.evaluation.kitti_object_rules import (
     class_code,
     truth_levels,
 )
+from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.evaluation.proposal_report import ProposalEntry, ProposalReport
 from sightline.ops.compiled import compiled
 
@@ -74,9 +75,12 @@ def evaluate_proposals(
         )
     is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
     parts: list[_Truths] = []
-    for proposals, labels in read_frames(
-        Path(results_dir), Path(labels_dir), sample_list, progress=progress
-    ):
+    results_dir, labels_dir = Path(results_dir), Path(labels_dir)
+    names = frame_names(labels_dir, sample_list)
+    tally, num_beyond = ObjectTally(), 0
+    frames = read_frames(results_dir, labels_dir, names, progress=progress)
+    for proposals, labels in tallied(frames, tally):
+        num_beyond += max(len(proposals) - (max_proposals or len(proposals)), 0)
         boxes, codes = _best_proposals(proposals, max_proposals)
         is_evaluated |= find_evaluated(boxes, codes)
         parts.append(_find_truths(len(parts), labels, boxes, codes))
@@ -87,7 +91,13 @@ def evaluate_proposals(
         for iou in ious
         for level in range(NEVER + 1)
     )
-    return ProposalReport(frames=len(parts), entries=entries)
+    remarks = unread_files(results_dir, labels_dir, names) if sample_list is None else ()
+    if num_beyond:
+        remarks += (
+            f"{num_beyond:,} of {tally.found.total():,} proposals were left out: only "
+            f"{max_proposals:,} of a frame are taken.",
+        )
+    return ProposalReport(frames=len(parts), entries=entries, remarks=(*remarks, *tally.remarks()))
 
 
 class _Truths(NamedTuple):

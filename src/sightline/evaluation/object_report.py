@@ -9,7 +9,13 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
-from sightline.evaluation.object_tables import add_section, percentage, score_table, slots_note
+from sightline.evaluation.object_tables import (
+    add_notes,
+    add_section,
+    percentage,
+    score_table,
+    slots_note,
+)
 from sightline.structures.precision_recall import PrecisionRecall
 
 if TYPE_CHECKING:
@@ -181,12 +187,12 @@ class ObjectReport:
                 ]
                 first = levels[0]
                 add_section(table, (first.class_name, first.metric, band.title), rows)
-        _add_notes(table, _slots_notes([entry for band in self.bands for entry in band.entries]))
+        add_notes(table, _slots_notes([entry for band in self.bands for entry in band.entries]))
         return table
 
     def _scores_table(self) -> "Table":
         table = score_table(f"KITTI objects, {self.frames:,} frames, AP and AOS in percent")
-        _add_notes(table, self.notes())
+        add_notes(table, self.notes())
         for start in range(0, len(self.entries), len(DIFFICULTIES)):
             levels = self.entries[start : start + len(DIFFICULTIES)]
             rows: list[tuple[str, list[str]]] = [
@@ -227,11 +233,6 @@ class ObjectReport:
 
 def _slots_notes(entries: Sequence[ObjectEntry]) -> list[str]:
     return slots_note([(each.class_name, each.difficulty, each.n_gt) for each in entries])
-
-
-def _add_notes(table: "Table", notes: Sequence[str]) -> None:
-    table.caption = "\n".join(notes) or None
-    table.caption_justify = "left"
 
 
 def _interval(points: BootstrapAP | None) -> str:

@@ -22,8 +22,10 @@ def score_table(
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    shown = Text(title, style="table.title")  # what folders are named is no markup
+    table = Table(title=shown, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("class", "metric", extra_name, ""):
         if name is not None:
             table.add_column(name, no_wrap=True)
@@ -40,6 +42,14 @@ def add_section(
     for number, (figure, cells) in enumerate(rows):
         shown = names if number == 0 else [""] * len(names)
         table.add_row(*shown, figure, *cells, end_section=number == len(rows) - 1)
+
+
+def add_notes(table: "Table", notes: Sequence[str]) -> None:
+    """Puts sentences below a table; what they name is no markup."""
+    from rich.text import Text
+
+    table.caption = Text("\n".join(notes), style="table.caption") if notes else None
+    table.caption_justify = "left"
 
 
 def percentage(value: float | None) -> str:

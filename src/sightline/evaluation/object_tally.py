@@ -1,12 +1,13 @@
 """Counts of what an evaluation of objects cannot score, so that nothing is left out unsaid."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
+from sightline.data.label_checks import in_degrees
 from sightline.data.plain_text import shortened
 from sightline.evaluation.kitti_object_rules import CLASSES, class_code
 
@@ -25,11 +26,17 @@ class ObjectTally:
     labelled: Counter[str] = field(default_factory=Counter)
     without_box3d: int = 0
     """Results of scored classes without a 3D part."""
+    found_in_degrees: int = 0
+    """Results with an angle beyond two pi."""
+    labelled_in_degrees: int = 0
+    """Labels of that kind."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Count a frame."""
         self.found.update(results.class_names)
         self.labelled.update(labels.class_names)
+        self.found_in_degrees += int(in_degrees(results).sum())
+        self.labelled_in_degrees += int(in_degrees(labels).sum())
         lacks = (results.dimensions_hwl <= 0).any(axis=1)
         lacks |= (results.locations == NO_LOCATION).any(axis=1)
         scored = (class_code(name) >= 0 for name in results.class_names)
@@ -76,7 +83,27 @@ class ObjectTally:
                 f"{self.without_box3d:,} of {sum(found.values()):,} results of scored classes have "
                 "no 3D part: they find nothing in bird's eye and 3D."
             )
+        if self.found_in_degrees or self.labelled_in_degrees:
+            remarks.append(
+                f"WARNING: {self.labelled_in_degrees:,} of {self.labelled.total():,} labels and "
+                f"{self.found_in_degrees:,} of {total:,} results have angles beyond two pi, "
+                "probably degrees: they were taken for radians, as KITTI's files have them."
+            )
         return tuple(remarks)
+
+
+def tallied(
+    frames: Iterable[tuple[KittiObjects, KittiObjects]], tally: ObjectTally
+) -> Iterator[tuple[KittiObjects, KittiObjects]]:
+    """Results and labels of each frame as they come, counted on the way."""
+    for results, labels in frames:
+        tally.add(results, labels)
+        yield results, labels
+
+
+def unread_files(results_dir: Path, labels_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on files that are not read where all frames with labels are scored."""
+    return unread_labels(labels_dir) + unread_results(results_dir, names)
 
 
 def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:

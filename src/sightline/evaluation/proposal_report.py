@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
-from sightline.evaluation.object_tables import add_section, percentage, score_table
+from sightline.evaluation.object_tables import add_notes, add_section, percentage, score_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -51,10 +51,14 @@ class ProposalReport:
     frames: int
     entries: tuple[ProposalEntry, ...]
     """By class, metric, overlap, then difficulty."""
+    remarks: tuple[str, ...] = ()
+    """Sentences on files and objects that are left out."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as its file has it."""
-        return {"frames": self.frames, "entries": [entry.to_json() for entry in self.entries]}
+        notes = {"notes": list(self.remarks)} if self.remarks else {}
+        entries = [entry.to_json() for entry in self.entries]
+        return {"frames": self.frames, **notes, "entries": entries}
 
     def table(self) -> "Table":
         """The recalls of each class, metric and overlap, a column for each difficulty; 80 wide."""
@@ -73,4 +77,5 @@ class ProposalReport:
             ]
             names = (levels[0].class_name, levels[0].metric, f"{levels[0].iou:g}")
             add_section(table, names, rows)
+        add_notes(table, self.remarks)
         return table

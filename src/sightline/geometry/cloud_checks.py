@@ -3,11 +3,12 @@
 Without PyTorch, for checks that start at once.
 """
 
+import math
 import warnings
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float64, Shaped
 
 from sightline.geometry.mount import MAX_RANGE_M
 
@@ -23,6 +24,13 @@ _USUAL_LOSS: Final = 0.5  # share of a cloud, organised ones include rays into t
 _FEWEST_BYTES: Final = 320  # twenty points: fewer say too little
 _FINITE_SHARE: Final = 0.5  # of rows that are points, within reach
 _CLEARLY: Final = 0.8  # so much less unlike than rows of four have to be those of another layout
+_FEWEST_TO_DOUBT: Final = 100  # points
+_DARK_SHARE: Final = 0.01  # of max_intensity: of 255, intensities up to 1 are such
+_FEWEST_RINGS: Final = 4
+_LARGEST_RING: Final = 1e6
+_RING_SHARE: Final = 0.95  # of the variance of elevations, that rings explain and no intensity does
+_POINTS_A_RING: Final = 20  # so that they do not explain it by chance
+_MOST_RINGS: Final = 128
 _WILD: Final = 1e30  # stands for what is not finite
 
 
@@ -45,7 +53,7 @@ def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_
     the sensor's own place. An intensity that is not finite becomes 0, as if there were none:
     `losses` counts both.
     """
-    made: Float[np.ndarray, "num_echoes 4"] = points[_is_echo(points)]
+    made: Float[np.ndarray, "num_echoes 4"] = points[is_echo(points)]
     unusable = ~_is_finite(made[:, 3])
     if unusable.any():
         made[unusable, 3] = 0
@@ -58,8 +66,8 @@ def losses(points: Float[np.ndarray, "num_points 4"]) -> tuple[str, ...]:
     Points without an echo are usual, up to half of a cloud that looks into the sky; an intensity
     that is not finite is not.
     """
-    is_echo = _is_echo(points)
-    num_left = int(np.count_nonzero(is_echo))
+    made = is_echo(points)
+    num_left = int(np.count_nonzero(made))
     num_lost = len(points) - num_left
     said = []
     if num_lost > _USUAL_LOSS * len(points):
@@ -69,12 +77,46 @@ def losses(points: Float[np.ndarray, "num_points 4"]) -> tuple[str, ...]:
             f"finite and {num_lost - num_wild} at 0, 0, 0: "
             + (f"{num_left} are left" if num_left else "none is left, the cloud is empty")
         )
-    num_dark = np.count_nonzero(~_is_finite(points[is_echo, 3]))
+    num_dark = np.count_nonzero(~_is_finite(points[made, 3]))
     if num_dark:
         said.append(
             f"{num_dark} of {num_left} points have an intensity that is not finite: 0 is taken"
         )
     return tuple(said)
+
+
+def warn_of_columns(num_columns: int, num_points: int) -> None:
+    """Warn of what rows of numbers lack or hold beyond x, y, z and intensity.
+
+    Without the name of a cloud: said once, of all that have so many columns.
+    """
+    if num_points and num_columns == 3:
+        warnings.warn(
+            "clouds have three columns, x, y, z: 0 is taken for the reflectance of their points; "
+            "add intensities as the fourth, or zeros where there are none",
+            stacklevel=3,
+        )
+    elif num_points and num_columns > 4:
+        warnings.warn(
+            f"clouds have {num_columns} columns: the first four are taken for x, y, z, intensity, "
+            "the others are left out; leave them out yourself, or write a .pcd, .ply or structured "
+            ".npy, of which a field ring is used",
+            stacklevel=3,
+        )
+
+
+def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: float) -> None:
+    """Warn of intensities that are so far below max_intensity that it is hardly theirs."""
+    brightest = float(intensities.max(initial=0))
+    if max_intensity == math.inf or len(intensities) < _FEWEST_TO_DOUBT:
+        return
+    if 0 < brightest <= _DARK_SHARE * max_intensity:
+        warnings.warn(
+            f"intensities reach no hundredth of max_intensity, {max_intensity:.6g}, so "
+            "reflectances are nearly 0: set it (of an import: --max-intensity) to what stands for "
+            "a reflectance of 1; of intensities from 0 to 1 that is 1",
+            stacklevel=3,
+        )
 
 
 def warn_of_losses(points: Float[np.ndarray, "num_points 4"], source: str) -> None:
@@ -83,7 +125,8 @@ def warn_of_losses(points: Float[np.ndarray, "num_points 4"], source: str) -> No
         warnings.warn(f"{source}: {loss}", stacklevel=3)
 
 
-def _is_echo(points: Float[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_points"]:
+def is_echo(points: Float[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_points"]:
+    """Tell points that an echo made: x, y, z are finite and not all zero."""
     places = points[:, :3]
     made = np.logical_and(_is_finite(places).all(axis=1), places.any(axis=1))
     return np.asarray(made)
@@ -99,7 +142,8 @@ def cloud_fault(
 ) -> tuple[str, str] | None:
     """Why finite points are no cloud in metres with intensities from 0 to max_intensity.
 
-    One point in a hundred may be brighter, as retroreflectors are; none may be darker than 0.
+    Ring numbers are no intensities. One point in a hundred may be brighter, as retroreflectors
+    are; none may be darker than 0.
 
     Returns:
         The problem, as the rest of a sentence, and the remedy; None where there is no fault.
@@ -110,6 +154,14 @@ def cloud_fault(
     if far is not None:
         return far
     intensities = points[:, 3]
+    if intensities.max() > 1 and holds_rings(
+        intensities, points, least_share=_RING_SHARE, points_a_ring=_POINTS_A_RING
+    ):
+        return (
+            f"ring numbers ({intensities.min():.0f} to {intensities.max():.0f}, by elevation) in "
+            "the place of brightness",
+            "give columns in the order x, y, z, intensity",
+        )
     if intensities.min() < 0 or (intensities > max_intensity).mean() > _BRIGHTER_SHARE:
         problem = (
             f"intensities from {intensities.min():.4g} to {intensities.max():.4g}, expected 0 to "
@@ -122,6 +174,37 @@ def cloud_fault(
             "1, often 255"
         )
     return None
+
+
+def holds_rings(
+    numbers: Shaped[np.ndarray, " num_points"],
+    points: Float[np.ndarray, "num_points 4"],
+    *,
+    least_share: float,
+    points_a_ring: int = 1,
+) -> bool:
+    """Tell whole numbers that part points by elevation, as those of lasers do, from others.
+
+    Args:
+        numbers: One a point.
+        points: x, y, z first; those without an echo say nothing.
+        least_share: Share of the variance of elevations that the numbers have to explain, 0 to 1.
+        points_a_ring: Points that a ring has at least, on average.
+    """
+    made = is_echo(points)
+    chosen = numbers[made].astype(np.float64)
+    if not len(chosen) or not (np.abs(chosen) <= _LARGEST_RING).all():
+        return False
+    if (chosen != np.rint(chosen)).any():
+        return False
+    rings, which = np.unique(chosen, return_inverse=True)
+    if not _FEWEST_RINGS <= len(rings) <= min(_MOST_RINGS, len(chosen) / points_a_ring):
+        return False
+    x, y, z = points[made, :3].astype(np.float64).T
+    elevation = np.arctan2(z, np.hypot(x, y))
+    within = elevation - (np.bincount(which, elevation) / np.bincount(which))[which]
+    whole = float(np.square(elevation - elevation.mean()).sum())
+    return whole > 0 and 1 - float(np.square(within).sum()) / whole >= least_share
 
 
 def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str] | None:
@@ -169,6 +252,17 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
     return next(
         ((np.dtype(kind), columns) for score, kind, columns in found if score <= 1.1 * best), None
     )
+
+
+def has_columns(content: bytes, columns: int) -> bool:
+    """Whether float32 rows of so many columns, x, y, z and intensity first, give plausible points.
+
+    Of fewer than twenty points nobody can tell: the answer is no.
+    """
+    row_bytes = 4 * columns
+    if len(content) % row_bytes or len(content) < 20 * row_bytes:
+        return False
+    return _is_plausible(np.frombuffer(content, "<f4").reshape(-1, columns))
 
 
 def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:

@@ -18,6 +18,7 @@ MAX_RANGE_M: Final = 300.0
 LEAST_SHARE_IN_IMAGE: Final = 0.01
 """Of a sweep's points, where camera and LiDAR look the same way."""
 
+_HANDFUL, _HANDFUL_SHARE = 20, 0.05  # points in the image, of a sweep that has many more
 _MAX_TILT_DEG = 25.0  # of the camera's vertical against the LiDAR's
 _MAX_ASIDE_DEG = 60.0  # of the view against the LiDAR's x axis
 _AHEAD_DEG = 5.0  # what is left of any mount that is meant to look ahead
@@ -72,6 +73,13 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
         f"tilts the camera by {_tilt_deg(rotation):.0f} degrees: its angles are probably in "
         "degrees where radians were expected, or it belongs to another pair of sensors"
     )
+
+
+def is_hardly_shown(num_shown: int, num_points: int) -> bool:
+    """Whether an image shows too little of a sweep for both to belong together."""
+    share = num_shown / max(num_points, 1)
+    is_handful = num_shown < _HANDFUL and share < _HANDFUL_SHARE
+    return num_points > 0 and (is_handful or share < LEAST_SHARE_IN_IMAGE)
 
 
 def turn_ahead(

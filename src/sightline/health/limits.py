@@ -184,7 +184,9 @@ def _by_sensor(limits: HealthLimits) -> dict[str, SensorLimits]:
 def _sensor_limits(content: Mapping[str, Any], names: Sequence[str]) -> SensorLimits:
     if set(content["checks"]) != set(names):
         differing = sorted(set(content["checks"]) ^ set(names))
-        raise ValueError(f"they differ by {', '.join(differing)}: another version's, perhaps")
+        raise ValueError(
+            f"they differ by {shortened(', '.join(differing))}: another version's, perhaps"
+        )
     ranges = {
         name: CheckRange(
             median=_finite(content["checks"][name]["median"]),

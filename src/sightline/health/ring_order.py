@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float32, Int64
 
+from sightline.data.ring_elevations import FEWEST_RINGS, rings_by_elevation
 from sightline.health.sphere import to_sphere
 
 SEAM_DEG = 30.0
@@ -10,6 +11,7 @@ SEAM_DEG = 30.0
 _FEWEST = 100  # points, below which no order can be told
 _APART = 7  # points that far from each other are on one ring, or nearly so
 _SCATTERED = 0.2  # of the spread of elevations, that they differ by where they are not
+_MOST_DOUBTFUL = 0.15  # of points between rings: a noisy sensor is to be judged, too
 _RING_GAP_DEG = 0.1
 _FEWEST_RINGS = 4
 _RING_STEP_DEG = 0.4  # where noise blurs the rings
@@ -21,7 +23,8 @@ def ring_by_ring(
     """The same points, the highest ring first, each by rising azimuth.
 
     What is in KITTI's order stays as it is. Rings that run clockwise are turned round. Points that
-    come in the order of the laser's shots, or in none, are parted into rings by their elevation.
+    come in the order of the laser's shots, or in none, are parted into rings by their elevation
+    (`rings_by_elevation`; where noise blurs these, by gaps or even steps).
 
     Args:
         points: Of a sweep, or of a part of it that does not reach round.
@@ -31,8 +34,11 @@ def ring_by_ring(
     _, azimuth_deg, elevation_deg = to_sphere(points)
     spread = float(np.subtract(*np.quantile(elevation_deg, (0.9, 0.1))))
     apart = np.abs(elevation_deg[_APART:] - elevation_deg[:-_APART])
-    if float(np.median(apart)) > _SCATTERED * spread:
-        return points[np.lexsort((azimuth_deg, -_rings_by_elevation(elevation_deg)))]
+    is_scattered = float(np.median(apart)) > _SCATTERED * spread
+    if is_scattered or number_rings(azimuth_deg)[-1] + 1 < FEWEST_RINGS:
+        by_ring = _rings_from_below(points, elevation_deg, is_scattered=is_scattered)
+        if by_ring is not None:
+            return points[np.lexsort((azimuth_deg, -by_ring))]
     if np.median(np.diff(azimuth_deg)) < 0:
         points, elevation_deg = points[::-1], elevation_deg[::-1]
         azimuth_deg = azimuth_deg[::-1]
@@ -50,7 +56,20 @@ def number_rings(
     return np.cumsum(np.diff(azimuth_deg, prepend=azimuth_deg[:1]) < -SEAM_DEG, dtype=np.int64)
 
 
-def _rings_by_elevation(
+def _rings_from_below(
+    points: Float32[np.ndarray, "num_points 4"],
+    elevation_deg: Float32[np.ndarray, " num_points"],
+    *,
+    is_scattered: bool,
+) -> Int64[np.ndarray, " num_points"] | None:
+    """Numbers by elevation; None of points that may be ring by ring and show no other rings."""
+    try:
+        return -rings_by_elevation(points, _MOST_DOUBTFUL)
+    except ValueError:
+        return _groups_by_elevation(elevation_deg) if is_scattered else None
+
+
+def _groups_by_elevation(
     elevation_deg: Float32[np.ndarray, " num_points"],
 ) -> Int64[np.ndarray, " num_points"]:
     """Numbers from below: groups with gaps between them, or steps where there are no gaps."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sightline.data.atomic import atomic_write_text
 from sightline.data.check import check_tree
+from sightline.data.output_links import check_links
 from sightline.inference.demo_page import demo_page, picture_html
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
@@ -51,8 +52,10 @@ def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]
         What was written, for a person.
 
     Raises:
-        ValueError: `out` cannot be written to, or the embedded frames are damaged.
+        ValueError: `out` cannot be written to or holds links that lead out of it, or the embedded
+            frames are damaged.
     """
+    check_links(out)
     problems = list(check_tree(PACKAGED_FRAMES))
     if problems:
         raise ValueError(

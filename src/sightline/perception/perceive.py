@@ -1,12 +1,11 @@
 """Runs all tasks over a whole data set: result files and one line a frame, resumable, parallel."""
 
-import json
+import warnings
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from sightline.data.atomic import atomic_write_text
 from sightline.data.jobs import (
@@ -19,9 +18,8 @@ from sightline.data.jobs import (
     run_job,
     shard,
 )
-from sightline.data.object_tree import Velodyne
-from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
-from sightline.data.plain_file import read_bytes
+from sightline.data.object_tree import Velodyne, describe_absent
+from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
 from sightline.inference.predict import (
     Places,
     answered_samples,
@@ -29,6 +27,7 @@ from sightline.inference.predict import (
     output_places,
     write_answer,
 )
+from sightline.perception.kept_lines import Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import Perceiver
 from sightline.perception.pictures import PictureFiles
@@ -43,10 +42,6 @@ TIMINGS_NAME: Final = "timings.jsonl"
 
 _LINES_FOLDER = "lines"
 _TIMINGS_FOLDER = "timings"
-
-_MAX_LINE_BYTES = 2**26
-
-_Lines = dict[str, tuple[str, dict[str, object]]]  # by frame: its line as text, what it says
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,7 +76,8 @@ def perceive(
     frame without a sensor is answered by the tasks that can do without it.
 
     A file appears whole or not at all, and frames that are done are skipped, so a job that was
-    stopped goes on where it was: run it again.
+    stopped goes on where it was: run it again. Lines and times that are damaged are left out, of
+    which a warning tells.
 
     Examples:
         >>> import json, sightline, tempfile
@@ -139,7 +135,8 @@ def perceive(
     places = _places(perceiver, out, all_outputs=all_outputs)
     made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
     _claim(perceiver, places, data, out, sweeps_folder(dataset))
-    done = set() if overwrite else _done_frames(out / _LINES_FOLDER, places)
+    folder = out / _LINES_FOLDER
+    done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out)
         for index, name in zip(indices, names, strict=True)
@@ -147,7 +144,7 @@ def perceive(
     ]
     run_job(works, workers, description=JOB_NAME)
     lines = _join_lines(out)
-    _join_timings(out)
+    _warn_of_missing(out, lines, _join_timings(out))
     if pictures:
         pictures.write(dataset, out)
     return PerceiveResult(
@@ -222,68 +219,68 @@ def _claim(
     claim_folders(claims)
 
 
-def _done_frames(folder: Path, places: Mapping[str, Places]) -> set[str]:
-    """The frames that have a line, and all files of the tasks that it says had an answer."""
+def _done_frames(
+    dataset: SampleDataset, perceiver: Perceiver, places: Mapping[str, Places], folder: Path
+) -> set[str]:
+    """The frames that have a line of these tasks, and all files of those with an answer.
+
+    That a task lacked a sensor is believed only where the data still has no file of it.
+    """
     present = {task: answered_samples(task_places) for task, task_places in places.items()}
-    return {
-        name
-        for name, (_, line) in _read_lines(folder).items()
-        if all(task in _tasks(line) for task in places)
-        and all(name in present.get(task, ()) for task in _answering(line))
-    }
+    lines = read_lines(folder)
+    done = set()
+    for index, name in enumerate(dataset.sample_ids):
+        if name not in lines:
+            continue
+        line = lines[name][1]
+        tasks = line["tasks"]
+        is_ours = all(
+            task in tasks and tasks[task]["by"] == predictor.name
+            for task, predictor in perceiver.predictors.items()
+        )
+        lacking = {part for told in tasks.values() for part in told.get("lacks", ())}
+        is_true = not any(has_file(dataset, index, part) for part in lacking)
+        is_there = all(name in present.get(task, ()) for task in _answering(line))
+        if is_ours and is_true and is_there:
+            done.add(name)
+    return done
 
 
-def _join_lines(out: Path) -> _Lines:
+def _join_lines(out: Path) -> Lines:
     """Writes all frames' lines into one file, those included that others write meanwhile."""
     while True:
-        lines = _read_lines(out / _LINES_FOLDER)
+        lines = read_lines(out / _LINES_FOLDER)
         atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
         # Another shard may have ended between the reading and the writing: its file was whole,
         # and ours has just replaced it.
-        if _read_lines(out / _LINES_FOLDER) == lines:
+        if read_lines(out / _LINES_FOLDER) == lines:
             return lines
 
 
-def _join_timings(out: Path) -> None:
+def _join_timings(out: Path) -> Lines:
     """Writes the times of all frames into one file, as `_join_lines` does the lines."""
-    texts: list[str] | None = None
-    while texts != (texts := _read_timings(out)):
-        atomic_write_text(out / TIMINGS_NAME, "".join(f"{text}\n" for text in texts))
+    timings: Lines | None = None
+    while timings != (timings := read_timings(out / _TIMINGS_FOLDER)):
+        atomic_write_text(out / TIMINGS_NAME, "".join(f"{text}\n" for text, _ in timings.values()))
+    return timings
 
 
-def _read_timings(out: Path) -> list[str]:
-    files = sorted((out / _TIMINGS_FOLDER).glob("*.json"))
-    return [_small_text(path) for path in files]
+def _warn_of_missing(out: Path, lines: Lines, timings: Lines) -> None:
+    """Warns of what is not in the joined files, though something of it is in the folder."""
+    files = sorted(path.stem for path in (out / _LINES_FOLDER).glob("*.json"))
+    for what, names, joined in (
+        ("line", [name for name in files if name not in lines], LINES_NAME),
+        ("time", [name for name in lines if name not in timings], TIMINGS_NAME),
+    ):
+        if names:
+            warnings.warn(
+                f"{out / joined} lacks the {what} of {len(names)} of {len(files)} frames, "
+                f"{describe_absent(names)}: the file of each is missing, damaged or of something "
+                "else; run this again for these frames with --overwrite",
+                stacklevel=3,
+            )
 
 
-def _small_text(path: Path) -> str:
-    content = read_bytes(path, max_bytes=_MAX_LINE_BYTES, remedy="remove it, and run this again")
-    return content.decode(errors="replace").strip()
-
-
-def _read_lines(folder: Path) -> _Lines:
-    """The lines that are there, by frame in order: as text, and what it says; damaged ones not."""
-    lines: _Lines = {}
-    for path in sorted(folder.glob("*.json")):
-        text = _small_text(path)
-        with suppress(ValueError, RecursionError):
-            told = json.loads(text)
-            if "\n" not in text and _is_line_of(told, path.stem):
-                lines[path.stem] = (text, told)
-    return lines
-
-
-def _is_line_of(told: object, frame: str) -> bool:
-    tasks = told.get("tasks") if isinstance(told, dict) and told.get("frame") == frame else None
-    return isinstance(tasks, dict) and all(isinstance(each, dict) for each in tasks.values())
-
-
-def _answering(line: Mapping[str, object]) -> Collection[str]:
+def _answering(line: Mapping[str, Any]) -> Collection[str]:
     """The tasks that had an answer to the frame of a line."""
-    return [name for name, told in _tasks(line).items() if "lacks" not in told]
-
-
-def _tasks(line: Mapping[str, object]) -> dict[str, dict[str, object]]:
-    tasks = line["tasks"]
-    assert isinstance(tasks, dict), "checked when it was read"
-    return tasks
+    return [name for name, told in line["tasks"].items() if "lacks" not in told]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.jobs import MANIFEST_NAME, read_claim
+from sightline.data.plain_text import shortened
 from sightline.data.safe_names import checked_name
 from sightline.inference.predictor import Output
 from sightline.structures.predictions import Perception
@@ -14,6 +15,9 @@ from sightline.tasks import REGISTRY, find_task, task_names
 
 JOB_NAME: Final = "perceive"
 """What the manifest of a folder of several tasks' results calls the job that made it."""
+
+
+_LONGEST_NAME: Final = 500  # characters: of a folder and its parent, 255 bytes each
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -107,8 +111,8 @@ def _of_task(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
         ResultFolder(
             folder=folder,
             output=output,
-            made_by=str(claim.get("method", "")),
-            data=str(claim.get("data", "")),
+            made_by=shortened(str(claim.get("method", "")), _LONGEST_NAME),
+            data=shortened(str(claim.get("data", "")), _LONGEST_NAME),
             position=position,
         )
         for position, output in enumerate(outputs)

@@ -16,6 +16,7 @@ from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.jobs import check_apart, claim_folder
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, sweeps_folder
+from sightline.data.problem import plain_line
 from sightline.export.names import EngineChoice
 from sightline.inference.predictor import Predictor
 from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
@@ -182,8 +183,8 @@ def run_bench(
     answer_in_cases(dataset, asked, scoring, seed=seed, workers=workers, description=description)
     records = [
         Record(
-            method=predictor.name,
-            made_by=predictor.made_by,
+            method=plain_line(predictor.name),
+            made_by={name: plain_line(told) for name, told in predictor.made_by.items()},
             setting=setting,
             cases=infos,
             scores=score_cases(scoring, dataset, each / _ANSWERS, tuple(infos), each, workers),

@@ -7,6 +7,8 @@ from sightline.corruptions.suites import CLEAN
 from sightline.data.plain_text import shortened
 from sightline.robustness.record import CaseInfo, Record, Setting
 
+_LONGEST = 200  # characters of a case's parameters that an error shows
+
 
 def check_baseline(baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo]) -> None:
     """Refuses a baseline of another task, suite or data set, or without some of the cases.
@@ -24,8 +26,9 @@ def check_baseline(baseline: Record, setting: Setting, cases: Mapping[str, CaseI
             )
         if baseline.cases[name] != case:
             raise ValueError(
-                f"{who} was scored with another case {name}, of {baseline.cases[name].parameters} "
-                f"instead of {case.parameters}; run it again with this version"
+                f"{who} was scored with another case {name}, of "
+                f"{shortened(str(baseline.cases[name].parameters), _LONGEST)} instead of "
+                f"{case.parameters}; run it again with this version"
             )
 
 

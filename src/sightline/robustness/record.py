@@ -18,6 +18,7 @@ RECORD_NAME: Final = "robustness.json"
 """File of a run's folder."""
 
 _LARGEST = 10**12  # of a number that is believed
+_LONGEST = 10_000  # characters of a text
 _REMEDY = f"give the {RECORD_NAME} of a run of `sightline robustness`"
 
 
@@ -167,66 +168,84 @@ def read_record(path: Path) -> Record:
 
 def _parse(content: dict[str, Any]) -> Record:
     setting = Setting(
-        task=_text(content["task"]),
-        scoring=_text(content["scoring"]),
-        data=_text(content["data"]),
-        velodyne=_text(content["velodyne"]),
-        frames=_count(content["frames"]),
-        frames_sha256=_text(content["frames_sha256"]),
+        task=checked_text(content["task"]),
+        scoring=checked_text(content["scoring"]),
+        data=checked_text(content["data"]),
+        velodyne=checked_text(content["velodyne"]),
+        frames=checked_count(content["frames"]),
+        frames_sha256=checked_text(content["frames_sha256"]),
         figures=tuple(map(_parse_figure, content["figures"])),
-        suite=_text(content["suite"]),
-        seed=_count(content["seed"]),
+        suite=checked_text(content["suite"]),
+        seed=checked_count(content["seed"]),
     )
-    cases = {_text(name): _parse_case(case) for name, case in content["cases"].items()}
+    cases = {checked_text(name): _parse_case(case) for name, case in content["cases"].items()}
     if not setting.figures or CLEAN not in cases:
         raise ValueError(f"no figures or no case {CLEAN}")
     return Record(
-        method=_text(content["method"]),
-        made_by={_text(name): _text(value) for name, value in content["made_by"].items()},
+        method=checked_text(content["method"]),
+        made_by={
+            checked_text(name): checked_text(value) for name, value in content["made_by"].items()
+        },
         setting=setting,
         cases=cases,
         scores={
-            _text(case): {_text(name): _number_or_none(score) for name, score in row.items()}
+            checked_text(case): {
+                checked_text(name): number_or_none(score) for name, score in row.items()
+            }
             for case, row in content["scores"].items()
         },
-        notes=tuple(map(str, content.get("notes", ()))),
+        notes=tuple(map(checked_text, content.get("notes", ()))),
     )
 
 
 def _parse_figure(content: dict[str, Any]) -> Figure:
     return Figure(
-        name=_text(content["name"]),
-        title=_text(content["title"]),
-        unit=_text(content["unit"]),
-        highest=_number_or_none(content["highest"]),
+        name=checked_text(content["name"]),
+        title=checked_text(content["title"]),
+        unit=checked_text(content["unit"]),
+        highest=number_or_none(content["highest"]),
     )
 
 
 def _parse_case(content: dict[str, Any]) -> CaseInfo:
     severity = content["severity"]
     return CaseInfo(
-        title=_text(content["title"]),
-        kind=_text(content["kind"]),
-        severity=None if severity is None else _count(severity),
+        title=checked_text(content["title"]),
+        kind=checked_text(content["kind"]),
+        severity=None if severity is None else checked_count(severity),
         sensors=tuple(each for each in get_args(Sensor) if each in content["sensors"]),
         parameters=dict(content["parameters"]),
     )
 
 
-def _text(value: object) -> str:
-    """Text as any screen and page can show it."""
-    if not isinstance(value, str):
-        raise TypeError(f"expected text, got {value!r}")
+def checked_text(value: object) -> str:
+    """Turn text from a file into one line that any screen and page can show.
+
+    Raises:
+        TypeError: It is none, or longer than any that a run writes.
+    """
+    if not isinstance(value, str) or len(value) > _LONGEST:
+        raise TypeError(f"expected text of up to {_LONGEST:,} characters, got {value!r}")
     return plain_line(value)
 
 
-def _count(value: object) -> int:
+def checked_count(value: object) -> int:
+    """Return a whole number from a file as it is.
+
+    Raises:
+        TypeError: It is none, negative or beyond belief.
+    """
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _LARGEST:
         raise TypeError(f"expected a whole number, got {value!r}")
     return value
 
 
-def _number_or_none(value: object) -> float | None:
+def number_or_none(value: object) -> float | None:
+    """Return a score from a file.
+
+    Raises:
+        TypeError: It is no number, not finite or beyond belief.
+    """
     if value is None:
         return None
     if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= _LARGEST:

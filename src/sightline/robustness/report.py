@@ -20,6 +20,7 @@ from sightline.robustness.texts import (
     figures_table,
     kinds_table,
     leading_figures,
+    markdown_text,
     setting_text,
 )
 
@@ -43,6 +44,8 @@ class RobustnessReport:
     healthy: Mapping[Sensor, Record] = field(default_factory=dict)
     absent_cases: tuple[str, ...] = ()
     """Cases of the suite that there are no results of: not scored, and in no mean."""
+    no_cases: tuple[str, ...] = ()
+    """Folders of results that are called as no case of the suite, likewise."""
 
     @property
     def measured(self) -> list[tuple[Figure, Measures | None]]:
@@ -55,10 +58,12 @@ class RobustnessReport:
     def to_json(self) -> dict[str, object]:
         """What robustness.json holds."""
         absent = {"absent_cases": list(self.absent_cases)} if self.absent_cases else {}
+        strange = {"folders_not_scored": list(self.no_cases)} if self.no_cases else {}
         return {
             "sightline": version("sightline"),
             **self.record.to_json(),
             **absent,
+            **strange,
             "baseline": None if self.baseline is None else _named(self.baseline),
             "healthy": {sensor: _named(record) for sensor, record in self.healthy.items()},
             "measures": {
@@ -89,6 +94,13 @@ class RobustnessReport:
     def notes(self) -> tuple[str, ...]:
         """Sentences to read the scores with."""
         notes = self.record.notes
+        if self.no_cases:
+            count = len(self.no_cases)
+            notes = (
+                f"WARNING: {count} folder{'s' if count > 1 else ''} of results named as no case of "
+                f"suite {self.record.setting.suite}, not scored: {', '.join(self.no_cases)}.",
+                *notes,
+            )
         if self.absent_cases:
             count = len(self.absent_cases)
             notes = (
@@ -103,8 +115,8 @@ class RobustnessReport:
         """The tables as Markdown."""
         return "\n".join(
             [
-                f"{setting_text(self.record)}.\n",
-                *(f"{note}\n" for note in self.notes()),
+                f"{markdown_text(setting_text(self.record))}.\n",
+                *(f"{markdown_text(note)}\n" for note in self.notes()),
                 *(table.markdown() for table in self.tables()),
             ]
         )

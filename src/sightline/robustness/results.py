@@ -1,14 +1,18 @@
 """Scores what any other method made of the cases that `sightline corrupt` wrote."""
 
+import difflib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.jobs import MANIFEST_NAME, check_workers, claim_folder, data_name
+from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.data.plain_text import read_text, shortened
+from sightline.data.problem import plain_line
 from sightline.robustness.bench import (
     BenchSettings,
     BenchTask,
@@ -18,11 +22,13 @@ from sightline.robustness.bench import (
     read_healthy,
     setting_of,
 )
-from sightline.robustness.record import Record, describe_case
+from sightline.robustness.record import Record, checked_count, checked_text, describe_case
 from sightline.robustness.report import RobustnessReport
 from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import Scoring
 
+_LIKENESS: Final = 0.75  # of a folder's name to the case that may be meant
+_NAMED: Final = 4  # folders that an error names
 _HOW: Final = "give the folder that `sightline corrupt` wrote, which holds a folder for each case"
 
 
@@ -61,7 +67,8 @@ def score_results(
                 "out, or name other data"
             )
     asked = settings.chosen_cases(suite)
-    chosen = _present_cases(results, asked) if settings.cases is None else asked
+    strange = _no_cases(results, suite)
+    chosen = _present_cases(results, asked, strange) if settings.cases is None else asked
     _check_cases(suite, made_with["cases"], cases)
     given, healthy = read_baseline(settings.baseline), read_healthy(settings.healthy)
     if given is None and settings.baseline is not None:
@@ -89,7 +96,7 @@ def score_results(
     infos = {case.name: describe_case(case) for case in chosen}
     check_compared(given, healthy, setting, infos)
     made_by = {"results": data_name(results)}
-    name = results.resolve().name
+    name = plain_line(results.resolve().name)
     claim_folder(out, claim_of(setting, suite, name, made_by), results=("scores/*",))
     record = Record(
         method=name,
@@ -102,23 +109,32 @@ def score_results(
         notes=scoring.notes(dataset),
     )
     absent = tuple(case.name for case in asked if case not in chosen)
-    report = RobustnessReport(record=record, baseline=given, healthy=healthy, absent_cases=absent)
+    report = RobustnessReport(
+        record=record, baseline=given, healthy=healthy, absent_cases=absent, no_cases=strange
+    )
     report.write(out)
     return report
 
 
 def _made_with(cases: Path) -> dict[str, Any]:
+    """What the manifest says of the cases; its texts are made fit to be shown."""
     path = cases / MANIFEST_NAME
-    found: object = None
+    found: Any = None
     if path.is_file():
         try:
             found = json.loads(read_text(path))
         except (ValueError, RecursionError):
             found = None
     match found:
-        case {"suite": str(), "seed": int(), "velodyne": str(), "data": str(), "cases": dict()}:
-            assert isinstance(found, dict), "it is a mapping out of JSON"
-            return found
+        case {"suite": suite, "seed": seed, "velodyne": sweeps, "data": data, "cases": dict()}:
+            with suppress(TypeError):
+                made_with = {
+                    "suite": checked_text(suite),
+                    "seed": checked_count(seed),
+                    "data": checked_text(data),
+                }
+                if sweeps in get_args(Velodyne):
+                    return {**found, **made_with}
     raise ValueError(f"{cases} is not what `sightline corrupt` writes; {_HOW}")
 
 
@@ -131,21 +147,39 @@ def _check_cases(suite: Suite, written: Mapping[str, object], cases: Path) -> No
             )
 
 
-def _present_cases(results: Path, wanted: Sequence[Case]) -> tuple[Case, ...]:
+def _no_cases(results: Path, suite: Suite) -> tuple[str, ...]:
+    """Folders of results that are called as no case, each with the case that may be meant."""
+    known = [case.name for case in suite.cases]
+    strange = []
+    for path in sorted(results.iterdir()) if results.is_dir() else ():
+        if path.is_dir() and path.name not in known and not path.name.startswith("."):
+            close = difflib.get_close_matches(path.name, known, n=1, cutoff=_LIKENESS)
+            meant = f" (perhaps {close[0]} is meant)" if close else ""
+            strange.append(f"{shortened(path.name)}{meant}")
+    return tuple(strange)
+
+
+def _present_cases(
+    results: Path, wanted: Sequence[Case], strange: Sequence[str]
+) -> tuple[Case, ...]:
     """Those of the cases that results hold a folder of; the clean one must be among them."""
     present = tuple(case for case in wanted if (results / case.name).is_dir())
     if CLEAN not in {case.name for case in present}:
         raise ValueError(
             f"{results} has no folder {CLEAN} for the results of sound sensors, which all others "
-            "are held against; add it"
+            f"are held against; add it{_beside(strange)}"
         )
     if len(present) == 1:
         names = ", ".join(case.name for case in wanted[1:7])
         raise ValueError(
             f"{results} has a folder {CLEAN} and none of a broken case; name folders as the cases "
-            f"are named ({names}{', ..' if len(wanted) > 7 else ''})"
+            f"are named ({names}{', ..' if len(wanted) > 7 else ''}){_beside(strange)}"
         )
     return present
+
+
+def _beside(strange: Sequence[str]) -> str:
+    return f"; there is {', '.join(strange[:_NAMED])}" if strange else ""
 
 
 def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:

@@ -10,6 +10,8 @@ from sightline.data.atomic import atomic_write_text
 from sightline.data.jobs import run_job
 from sightline.data.open import SampleDataset
 from sightline.data.plain_text import read_text
+from sightline.data.problem import FileError
+from sightline.robustness.record import number_or_none
 from sightline.robustness.scoring import Scores, Scoring
 
 _SCORES: Final = "scores"
@@ -43,10 +45,28 @@ def score_cases(
     works = [
         _CaseWork(scoring, dataset, case, answers / case, path)
         for case, path in files.items()
-        if anew or not path.exists()
+        if anew or _kept_scores(path, scoring) is None
     ]
     run_job(works, workers, description="scoring")
-    return {case: json.loads(read_text(path)) for case, path in files.items()}
+    scores = {}
+    for case, path in files.items():
+        kept = _kept_scores(path, scoring)
+        if kept is None:
+            raise FileError(path, "holds no scores", "remove it, and run this again")
+        scores[case] = kept
+    return scores
+
+
+def _kept_scores(path: Path, scoring: Scoring) -> Scores | None:
+    """The scores of a case that were kept; None where there are none, or not all, or no numbers."""
+    try:
+        told = json.loads(read_text(path))
+        for figure in scoring.figures:
+            number_or_none(told[figure.name])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    names = {figure.name for figure in scoring.figures}
+    return {name: score for name, score in told.items() if name in names}
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,13 +28,16 @@ class TextTable:
             f"|{'---|' * len(self.header)}",
             *map(_markdown_row, self.rows),
         ]
-        return f"**{self.title}**\n\n" + "\n".join(lines) + "\n"
+        return f"**{markdown_text(self.title)}**\n\n" + "\n".join(lines) + "\n"
 
 
 def _markdown_row(cells: Sequence[str]) -> str:
-    """A row, in which what a method or a file is named ends no cell and begins no tag."""
-    shown = (plain_line(cell).replace("|", "\\|").replace("<", "&lt;") for cell in cells)
-    return f"| {' | '.join(shown)} |"
+    return f"| {' | '.join(map(markdown_text, cells))} |"
+
+
+def markdown_text(text: str) -> str:
+    """Text for Markdown, in which a name of anybody's ends no cell and begins no tag or link."""
+    return plain_line(text).replace("|", "\\|").replace("<", "&lt;").replace("](", "]\\(")
 
 
 def score_text(value: float | None, figure: Figure, *, signed: bool = False) -> str:

@@ -18,7 +18,9 @@ from sightline.geometry.cloud_checks import (
     echoes,
     reflectances,
     rows_of,
+    warn_of_columns,
     warn_of_losses,
+    warn_of_scale,
 )
 from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
@@ -90,16 +92,18 @@ def sweep_points(
 
     Left out are rows that no echo made: x, y, z are not finite, or all zero; an intensity that is
     not finite becomes 0. A warning counts such intensities, and rows that are left out where they
-    are most of the cloud. What is brighter than max_intensity, as retroreflectors are, gets 1.
+    are most of the cloud. What is brighter than max_intensity, as retroreflectors are, gets 1; one
+    that all intensities stay far below is warned of.
 
     Args:
-        points: x, y, z and, if it is known, intensity first; further columns do not matter. Rows,
-            or rows of rows.
+        points: x, y, z and intensity first; a warning tells of a lacking intensity, for which 0 is
+            taken, and of further columns, which are left out. Rows, or rows of rows.
         max_intensity: What stands for a reflectance of 1.
 
     Raises:
         ValueError: There are fewer than three columns, most points lie beyond 300 m, an intensity
-            is negative, or more than one in a hundred lies above max_intensity.
+            is negative, more than one in a hundred lies above max_intensity, or they are ring
+            numbers.
     """
     columns = cloud_columns(points)
     max_intensity = plain_number("max_intensity", max_intensity)
@@ -111,12 +115,15 @@ def sweep_points(
     if fault is not None:
         problem, remedy = fault
         raise ValueError(f"the cloud has {problem}; {remedy}")
+    warn_of_scale(columns[:, 3], max_intensity)
     columns[:, 3] = reflectances(columns[:, 3], max_intensity)
     return torch.from_numpy(columns.astype(np.float32))
 
 
 def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_points 4"]:
     """Take x, y, z and intensity (else 0) from rows of three columns or more, as they are.
+
+    A warning tells of a lacking intensity and of further columns.
 
     Raises:
         ValueError: There are no such rows.
@@ -128,6 +135,7 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
             "y, z [m] and perhaps intensity; give one row a point"
         )
+    warn_of_columns(rows.shape[1], len(rows))
     columns = rows[:, :4].astype(np.float64)
     return np.pad(columns, ((0, 0), (0, 4 - columns.shape[1])))
 

@@ -11,6 +11,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.tilt import Tilt, level_ahead
 from sightline.geometry.transforms import rigid_inverse, transform_points
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import Detections3D, Perception
@@ -38,6 +39,12 @@ def level_sample(sample: CameraLidarSample) -> CameraLidarSample:
         world_from_lidar=None if pose is None else pose @ lidar_from_level,
         level_from_lidar=None,
     )
+
+
+def level_from_mount(calibration: Calibration, tilt: Tilt | None) -> Float64[Tensor, "4 4"] | None:
+    """`level_ahead` of a calibration; None where the LiDAR's own frame will do."""
+    level_from_lidar = level_ahead(calibration.camera_from_lidar.numpy(), tilt)
+    return None if level_from_lidar is None else torch.from_numpy(level_from_lidar)
 
 
 def level_calibration(

@@ -118,9 +118,9 @@ class CameraLidarSample:
             image: RGB or grey of 8 bits: an array of height, width (, 3), or a tensor of
                 3, height, width. OpenCV reads BGR: give image[..., ::-1]. None: there is no
                 camera.
-            points: x, y, z [m] and, if it is known, intensity first; numbers of any type. Rows
-                that are not finite or lie at the origin, where no echo came back, are left out.
-                None: no LiDAR.
+            points: x, y, z [m] and intensity first; numbers of any type. Rows that are not finite
+                or lie at the origin, where no echo came back, are left out. Without an intensity 0
+                is taken, further columns are left out, both with a warning. None: no LiDAR.
             image_size: Height, width [px]; needed only where there is no image.
             max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
             lidar_height_m: Of the LiDAR above the road; 0 where the points' origin lies on it.

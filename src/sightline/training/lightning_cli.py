@@ -19,6 +19,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
 from sightline.data.atomic import atomic_write_text, disk_fault
+from sightline.data.jobs import check_apart
 from sightline.data.settings import told_by_parser
 from sightline.data.weights import read_checkpoint_weights
 from sightline.data.weights_header import has_weights
@@ -151,6 +152,14 @@ class _SaveConfig(SaveConfigCallback):
         atomic_write_text(self._path, self.parser.dump(config, skip_unset=False))
 
 
+def _check_apart(settings: Namespace, folder: Path) -> None:
+    """Refuses a run's folder in a data set of one of its sources; nothing is made yet."""
+    for use in ("training", "validation", "test"):
+        for source in settings[use] or ():
+            given = source.get("init_args", source)
+            check_apart(Path(settings["root"], given["path"]), [folder])
+
+
 class _TrainingCLI(LightningCLI):
     """Lightning's command line with our run folder, checkpoints and logger."""
 
@@ -208,6 +217,7 @@ class _TrainingCLI(LightningCLI):
             check_nulls(component, config[component])
         folder: Path = config["run_folder"]
         self._run.folder = folder
+        _check_apart(config["data"]["init_args"], folder)
         self._initial_weights = config["model"]["init_args"].get("initial_weights")
         given: str | None = config["ckpt_path"]
         if self.subcommand == "fit":

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from sightline.data.output_links import check_links
+
 _CLAIM = ".claim"
 
 
@@ -16,8 +18,10 @@ def claimed(folder: Path) -> Iterator[None]:
     The operating system holds the claim, on a file that stays; nothing is left to clear away.
 
     Raises:
-        ValueError: Another process is training in the folder, or it cannot be written to.
+        ValueError: Another process is training in the folder, or it cannot be written to, or a link
+            in it leads out of it.
     """
+    check_links(folder, files=True)  # Lightning and TensorBoard follow them
     try:
         folder.mkdir(parents=True, exist_ok=True)
         file = (folder / _CLAIM).open("a+")

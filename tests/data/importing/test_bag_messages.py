@@ -164,7 +164,7 @@ def test_a_length_of_rows_that_is_not_that_of_the_bytes_is_not_believed(order, r
 
 
 def test_the_last_row_may_lack_the_bytes_that_fill_it_up():
-    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+    layout = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
     values, sent = cloud(layout, range(6), height=3, row_gap=8)
     sent.data = sent.data[:-8]
     np.testing.assert_array_equal(cloud_of(sent, "/points")[:, 2], values["z"].ravel())
@@ -178,10 +178,10 @@ def test_the_case_of_an_encoding_does_not_count(encoding):
 
 
 def test_fields_that_stand_for_gaps_may_share_a_name_and_those_beyond_a_point_are_refused():
-    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("gap", "<f4")])
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("i", "<f4"), ("gap", "<f4")])
     values, sent = cloud(layout, range(4))
     sent.fields.append(sent.fields[-1])
     np.testing.assert_array_equal(cloud_of(sent, "/points")[:, 2], values["z"].ravel())
-    sent.fields[0].offset = 14
+    sent.fields[0].offset = 18
     with pytest.raises(ValueError, match="topic /points holds a cloud whose fields do not fit"):
         cloud_of(sent, "/points")

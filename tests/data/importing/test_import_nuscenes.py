@@ -78,6 +78,30 @@ def test_a_channel_that_is_not_there_is_answered_with_those_that_are(nuscenes, t
         import_recording(nuscenes, tmp_path, camera_topic="CAM_BACK")
 
 
+def test_tables_without_key_frames_say_so_and_not_that_a_channel_lacks(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=2)
+
+    def unmark(rows):
+        for row in rows:
+            row["is_key_frame"] = False
+
+    edit(tmp_path / "data", "sample_data", unmark)
+    with pytest.raises(FileError, match=r"has no key frame: none of its 4 rows has is_key_frame"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+
+
+@pytest.mark.parametrize("num_points", [1000, 1001])  # of 16 bytes: in rows of 20, or not
+def test_sweeps_of_four_columns_are_named_as_such(tmp_path, num_points):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    path = tmp_path / "data" / "samples" / "LIDAR_TOP" / "0.pcd.bin"
+    np.fromfile(path, "<f4").reshape(-1, 5)[:num_points, :4].tofile(path)
+    with pytest.raises(FileError, match=r"four columns of float32, expected nuScenes' five"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+    path.write_bytes(b"# .PCD v0.7\n" + bytes(400))
+    with pytest.raises(FileError, match=r"probably, PCD, expected nuScenes' five"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("damage", "said"),
     [

@@ -37,6 +37,8 @@ from sightline.data.problem import FileError
 from sightline.data.progress import track
 from sightline.data.recording_calibration import RecordingCalibration, checked_matrices
 from sightline.data.recording_tree import CALIBRATIONS, IMAGES, LABELS, POINTS
+from sightline.data.velodyne import COLUMNS, other_format
+from sightline.geometry.cloud_checks import has_columns
 from sightline.geometry.mount import turn_ahead
 
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
@@ -165,6 +167,17 @@ def _calibration(moment: Moment) -> RecordingCalibration:
 
 def _read_sweep(path: Path) -> Float32[np.ndarray, "num_points 4"]:
     content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
+    kind = other_format(content)
+    columns = next((each for each in (5, 4, 6, 7, 8) if has_columns(content, each)), None)
+    if kind is None and columns not in (5, None):
+        kind = f"{COLUMNS[columns]} of float32"
+    if kind is not None:
+        raise FileError(
+            path,
+            f"holds {len(content)} bytes of, probably, {kind}, expected nuScenes' five columns of "
+            "float32 (x, y, z, intensity, ring)",
+            "write these five, 0 for a ring that is unknown, or extract nuScenes' archive again",
+        )
     if len(content) % _POINT_BYTES:
         problem = f"holds {len(content)} bytes, expected a multiple of {_POINT_BYTES}"
         raise FileError(path, f"{problem} (float32 x, y, z, intensity, ring)", _REMEDY)

@@ -11,6 +11,7 @@ import numpy as np
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes_tables import Row, read_rows, read_table
 from sightline.data.plain_text import shortened
+from sightline.data.problem import FileError
 from sightline.data.safe_names import checked_name, path_below
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 
@@ -137,8 +138,10 @@ class _Reader:
         by_sample: dict[str, dict[str, Row]] = {}
         repeated = 0
         channels: set[str] = set()
+        num_between = 0
         for row in read_rows(self._path("sample_data")):
             if not row.flag("is_key_frame"):
+                num_between += 1
                 continue
             channel = self._channel(row)
             channels.add(channel)
@@ -147,6 +150,13 @@ class _Reader:
                 taken = by_sample.setdefault(token, {})
                 repeated += channel in taken
                 taken.setdefault(channel, row)
+        if not channels:
+            raise FileError(
+                self._path("sample_data"),
+                f"has no key frame: none of its {num_between} rows has is_key_frame true, and "
+                "labels are of key frames alone",
+                "extract nuScenes' metadata archive again, or mark the rows to import",
+            )
         for channel, option in zip(wanted, ("--camera-topic", "--lidar-topic"), strict=True):
             if channel not in channels:
                 raise ValueError(

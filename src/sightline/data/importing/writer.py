@@ -37,6 +37,7 @@ from sightline.data.recording_tree import (
     TIMES_NAME,
     list_recording,
 )
+from sightline.data.rings import turned_in_order
 from sightline.data.velodyne import write_sweep
 from sightline.geometry.tilt import Tilt
 
@@ -136,9 +137,7 @@ def counted_cloud(
     Raises:
         FileError: As `checked_cloud`.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of losses, which are counted
-        points = checked_cloud(read.copy(), max_intensity, source)
+    points = checked_cloud(read.copy(), max_intensity, source, are_losses_told=False)
     return points, CloudTally.of(name, read, points)
 
 
@@ -219,11 +218,12 @@ def turned(calibration: RecordingCalibration, new_from_old: Rigid) -> RecordingC
 def moved(
     points: Float32[np.ndarray, "num_points 4"], new_from_old: Rigid
 ) -> Float32[np.ndarray, "num_points 4"]:
-    """A cloud, moved by `new_from_old`."""
+    """A cloud, moved by `new_from_old`, and in KITTI's order where it was in that."""
     new_points = points.copy()
     places = points[:, :3].astype(np.float64) @ new_from_old[:3, :3].T + new_from_old[:3, 3]
     new_points[:, :3] = places
-    return new_points
+    is_turned = not np.allclose(new_from_old[:3, :3], np.eye(3))
+    return turned_in_order(points, new_points) if is_turned else new_points
 
 
 def write_cloud(out: Path, name: str, points: Float32[np.ndarray, "num_points 4"]) -> None:

@@ -1,0 +1,40 @@
+"""Links in a folder that is written to, which would lead what is written out of it."""
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+
+def check_links(folder: Path, *, files: bool = False) -> None:
+    """Refuse a folder to write into that holds a link to a folder outside, or to nothing.
+
+    The folder itself may be a link, and links may lead to other places in it. A link to a file is
+    harmless where files are written by `atomic_path`, which puts the file in the link's place.
+
+    Args:
+        folder: Need not be there.
+        files: Whether links to files are refused, too: for files of libraries, which follow them.
+
+    Raises:
+        ValueError: It holds such a link.
+    """
+    inside = os.path.realpath(folder)
+    for link in _links(folder):
+        leads = Path(os.path.realpath(link))
+        where = f"outside {folder}" if leads.exists() else "which is not there"
+        if leads.exists() and (leads.is_relative_to(inside) or (leads.is_file() and not files)):
+            continue
+        raise ValueError(
+            f"{link} is a link to {leads}, {where}, and nothing may be written where it leads; "
+            "remove the link, or name another output folder"
+        )
+
+
+def _links(folder: Path) -> Iterator[Path]:
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_symlink():
+                yield Path(entry.path)
+            elif entry.is_dir():
+                yield from _links(Path(entry.path))

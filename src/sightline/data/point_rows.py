@@ -1,0 +1,221 @@
+"""Rows of numbers in PCD and PLY files, and the names of their fields.
+
+No more memory is allotted than the file's size warrants.
+"""
+
+import io
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from sightline.data.problem import FileError
+
+MAX_BYTES: Final = 2**28
+"""Largest file, and largest unpacked cloud: 4 million points of 64 bytes."""
+
+REMEDY: Final = "export the cloud again, with fields x, y, z [m] and intensity"
+"""Remedy in errors about clouds."""
+
+INTENSITY_NAMES: Final = (
+    *("reflectivity", "reflectance", "remission", "remissions", "refl", "ref"),
+    *("intensity", "intensities", "i", "amplitude", "signal", "brightness"),
+)
+"""Names of the field that says how bright an echo is, calibrated ones first.
+
+Ouster's and Hesai's drivers write `reflectivity` (0 to 255, corrected for range) beside `intensity`
+(photon counts).
+"""
+
+RING_NAMES: Final = ("ring", "ring_id", "laser_id", "channel", "beam", "line")
+"""Names of the field that says which laser an echo is of."""
+
+MAX_HEADER: Final = 2**16
+"""Longest header [bytes]."""
+
+_USED_NAMES = {"x", "y", "z", *INTENSITY_NAMES, *RING_NAMES}
+_MICROSOFT_NAN = re.compile(rb"[-+]?(?:nan\(\w*\)|1\.#\w+)", re.IGNORECASE)
+
+
+class Field(NamedTuple):
+    """A field of each point, as a header announces it."""
+
+    name: str
+    kind: str
+    """Of its numbers, as NumPy writes types."""
+    length: int = 1
+    """Numbers a point."""
+
+    @property
+    def num_bytes(self) -> int:
+        """Size in a binary file [bytes a point]."""
+        return self.length * np.dtype(self.kind).itemsize
+
+
+def plain_name(name: str) -> str:
+    """A field's name in lower case, without the beginning that CloudCompare gives to its own."""
+    return name.lower().removeprefix("scalar_")
+
+
+def warn_of_repeated(names: Iterable[str]) -> None:
+    """Warn of fields that the same name, in capitals or not, is given to, where they are used."""
+    tally = Counter(plain_name(name) for name in names)
+    repeated = [name for name, count in tally.items() if count > 1 and name in _USED_NAMES]
+    if repeated:
+        warnings.warn(  # without the cloud's name: said once, of all that have these fields
+            f"clouds have several fields named {', '.join(repeated)}, capitals aside: the one in "
+            "lower case is taken, or the first; remove the others",
+            stacklevel=3,
+        )
+
+
+def has_bare_returns(content: bytes) -> bool:
+    """Tell headers whose lines end in a carriage return alone, by the first."""
+    first = re.search(rb"\r\n|\n|\r", content[:MAX_HEADER])
+    return first is not None and first.group() == b"\r"
+
+
+def row_type(fields: Sequence[Field]) -> np.dtype[np.void]:
+    """Rows of these fields without gaps; of several of one name the first."""
+    layout: dict[str, tuple[object, int]] = {}
+    offset = 0
+    for field in fields:
+        if field.name != "_":
+            kind = field.kind if field.length == 1 else (field.kind, (field.length,))
+            layout.setdefault(field.name, (kind, offset))
+        offset += field.num_bytes
+    return np.dtype(
+        {
+            "names": list(layout),
+            "formats": [kind for kind, _ in layout.values()],
+            "offsets": [at for _, at in layout.values()],
+            "itemsize": offset,
+        }
+    )
+
+
+def binary_points(
+    body: bytes, fields: Sequence[Field], num_points: int, path: Path | str
+) -> np.ndarray:
+    """Points that lie one after the other."""
+    row_bytes = sum(field.num_bytes for field in fields)
+    if not num_points or not row_bytes:
+        return no_points(fields)
+    check_length(len(body) // row_bytes, num_points, path)
+    return np.frombuffer(body, row_type(fields), num_points)
+
+
+def ascii_points(
+    body: bytes,
+    fields: Sequence[Field],
+    num_points: int,
+    path: Path | str,
+    *,
+    skipped: int = 0,
+    following: int = 0,
+) -> np.ndarray:
+    """Points that are written out, a line each, by the fields that are needed.
+
+    Args:
+        body: What comes after the header.
+        fields: Of each point.
+        num_points: How many there are.
+        path: The file, for errors.
+        skipped: Lines before the points.
+        following: Lines of other things after them.
+    """
+    if b"(" in body or b"#" in body:
+        body = _MICROSOFT_NAN.sub(b"nan", body)
+    lines = io.StringIO(body.decode("latin-1"), newline=None)
+    for _ in range(min(skipped, len(body))):
+        lines.readline()
+    at = lines.tell()
+    is_empty = not any(map(_values_of, lines))
+    lines.seek(at)
+    if not num_points or is_empty:
+        check_length(0, num_points, path)
+        return no_points(fields)
+    expected = sum(field.length for field in fields)
+    needed, column = dict[str, int](), 0
+    for field in fields:
+        if field.length == 1 and plain_name(field.name) in _USED_NAMES:
+            needed.setdefault(field.name, column)
+        column += field.length
+    if not needed:
+        return no_points(fields)  # whose names are refused
+    rows = _checked_rows(lines, expected, num_points, path)
+    try:
+        values = np.loadtxt(rows, usecols=list(needed.values()), ndmin=2)
+    except FileError:
+        raise
+    except ValueError as error:
+        cause = str(error).split("\n")[0][:90].rstrip(".")
+        raise FileError(path, f"holds points that are no numbers: {cause}", REMEDY) from error
+    check_length(len(values), num_points, path)
+    rest = sum(1 for line in lines if _values_of(line))
+    warn_of_rest(rest - following, num_points, path)
+    names = {field.name: "f8" if field.name in needed else "V0" for field in fields}
+    points = np.zeros(len(values), list(names.items()))
+    for number, name in enumerate(needed):
+        points[name] = values[:, number]
+    return points
+
+
+def _checked_rows(
+    lines: Iterable[str], expected: int, num_points: int, path: Path | str
+) -> Iterator[str]:
+    """The lines of so many points, without what is empty or a remark.
+
+    Raises:
+        FileError: A line has another number of values than expected.
+    """
+    found = 0
+    for line in lines:
+        values = _values_of(line)
+        if not values:
+            continue
+        if len(values) != expected:
+            raise FileError(
+                path,
+                f"has {len(values)} values in point {found} (from 0), where its header has "
+                f"{expected}",
+                REMEDY,
+            )
+        yield line
+        found += 1
+        if found == num_points:
+            return
+
+
+def _values_of(line: str) -> list[str]:
+    return line.split("#", maxsplit=1)[0].split()
+
+
+def no_points(fields: Sequence[Field]) -> np.ndarray:
+    """Rows of an empty cloud."""
+    return np.zeros(0, [(name, "f4") for name in dict.fromkeys(field.name for field in fields)])
+
+
+def check_length(num_found: int, num_points: int, path: Path | str) -> None:
+    """Refuses a file that holds fewer points than its header announces.
+
+    Raises:
+        FileError: It is cut short.
+    """
+    if num_found < num_points:
+        problem = f"holds {num_found} of the {num_points} points that it announces"
+        raise FileError(path, f"{problem}: it is cut short", REMEDY)
+
+
+def warn_of_rest(num_more: int, num_points: int, path: Path | str) -> None:
+    """Warns of points beyond those that the header announces, which are left out."""
+    if num_more > 0:
+        warnings.warn(
+            f"{path}: holds {num_more} points more than the {num_points} that it announces: they "
+            "are left out; write how many there are into its header",
+            stacklevel=4,
+        )

@@ -1,0 +1,157 @@
+"""Rings of a spinning LiDAR by the elevations of its points, in whatever order these come."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64, Int64
+from scipy.ndimage import gaussian_filter1d
+
+FEWEST_RINGS: Final = 8
+"""Fewer rings than that are no sweep of a LiDAR that the package knows."""
+MOST_RINGS: Final = 135
+"""Most rings: those of 128 lasers, some of which begin twice, straight ahead."""
+
+_BIN_DEG = 0.01
+_BLURS_DEG = (0.32, 0.16, 0.08, 0.04, 0.02, 0.01)  # the widest first, which joins what is close
+_VALLEY = 0.2  # of the density in the lower of two rings, at most, between them
+_BETWEEN = 0.25  # of the way from one ring to the next, from where on a point is doubtful
+_DOUBTFUL_SHARE = 0.02
+
+_HEIGHTS_M = tuple(np.arange(-0.1, 0.31, 0.01))  # of where lasers start, above the origin
+# The HDL-64E has two blocks of 32 lasers. KITTI's start 0.20 and 0.12 m above the origin, and the
+# plane between the lowest of one and the highest of the other 0.165 m above it.
+_UPPER_HEIGHTS_M = tuple(np.arange(0.165, 0.24, 0.005))
+_LOWER_HEIGHTS_M = tuple(np.arange(0.085, 0.18, 0.005))
+_BORDER_M, _BORDER_DEG = 0.165, -8.87
+_ENOUGH = 20_000  # points to tell a height by
+
+
+def rings_by_elevation(
+    points: Float[np.ndarray, "num_points fields"], most_doubtful: float = _DOUBTFUL_SHARE
+) -> Int64[np.ndarray, " num_points"]:
+    """Number the rings of a sweep in any order from the top, by the elevations of its points.
+
+    Elevations crowd together where a laser looks. That needs a frame whose z axis is the one that
+    the lasers turn about, and lasers that start at its origin, all at one height above it, or in
+    two blocks as those of the HDL-64E. Rings without a return have no number.
+
+    Args:
+        points: Of the sweep, x, y, z first [m], LiDAR frame.
+        most_doubtful: Share of the points that may lie between two rings.
+
+    Raises:
+        ValueError: Elevations do not part into 8 to 135 rings.
+    """
+    best = min((_parted(elevation) for elevation in _laser_elevations(points)), key=_doubt)
+    if best.doubtful > most_doubtful:
+        raise ValueError(
+            "the points are not in the order of KITTI's own files, ring by ring, and their "
+            f"elevations do not part into rings either ({100 * best.doubtful:.0f} % of them lie "
+            "between any): give sweeps in the frame of the LiDAR itself, neither tilted nor "
+            "corrected for motion, with a field ring (.pcd, .ply), or in the order of KITTI's files"
+        )
+    borders = (best.rings_deg[1:] + best.rings_deg[:-1]) / 2
+    below = np.searchsorted(borders, best.elevation_deg)
+    return np.asarray(len(borders) - below, dtype=np.int64)
+
+
+class _Parted(NamedTuple):
+    """Elevations of points, those of the rings that they part into, and what lies between."""
+
+    elevation_deg: Float64[np.ndarray, " num_points"]
+    rings_deg: Float64[np.ndarray, " num_rings"]
+    doubtful: float
+
+
+def _doubt(parted: _Parted) -> float:
+    return parted.doubtful
+
+
+def _parted(elevation_deg: Float64[np.ndarray, " num_points"]) -> _Parted:
+    """Rings by the widest blur that parts elevations well, else by the one that does best."""
+    best = _Parted(elevation_deg, np.zeros(0), 1.0)
+    for blur_deg in _BLURS_DEG:
+        rings_deg = _crowds(elevation_deg, blur_deg)
+        if not FEWEST_RINGS <= len(rings_deg) <= MOST_RINGS:
+            continue
+        doubtful = _share_between(elevation_deg, rings_deg)
+        best = min(best, _Parted(elevation_deg, rings_deg, doubtful), key=_doubt)
+        if doubtful <= _DOUBTFUL_SHARE:
+            break
+    return best
+
+
+def elevations_deg(
+    points: Float[np.ndarray, "num_points fields"], height_m: float = 0.0
+) -> Float64[np.ndarray, " num_points"]:
+    """Elevations of points [degrees], seen from so high above the LiDAR's origin."""
+    x, y, z = points[:, :3].astype(np.float64).T
+    seen: Float64[np.ndarray, " num_points"] = np.degrees(np.arctan2(z - height_m, np.hypot(x, y)))
+    return seen
+
+
+def _laser_elevations(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Iterator[Float64[np.ndarray, " num_points"]]:
+    """Elevations as lasers may see them: from the origin, from above it, from two blocks."""
+    yield elevations_deg(points)
+    yield elevations_deg(points, _sharpest_m(points, _HEIGHTS_M))
+    is_upper = elevations_deg(points, _BORDER_M) > _BORDER_DEG
+    upper_m = _sharpest_m(points[is_upper], _UPPER_HEIGHTS_M)
+    lower_m = _sharpest_m(points[~is_upper], _LOWER_HEIGHTS_M)
+    yield np.where(is_upper, elevations_deg(points, upper_m), elevations_deg(points, lower_m))
+
+
+def _sharpest_m(
+    points: Float[np.ndarray, "num_points fields"], heights_m: Sequence[float]
+) -> float:
+    """The height from which the elevations of points crowd most."""
+    drawn = np.random.default_rng(0).permutation(len(points))[:_ENOUGH]
+
+    def sharpness(height_m: float) -> float:
+        bins = np.floor(elevations_deg(points[drawn], height_m) / _BIN_DEG).astype(np.int64)
+        counts = np.bincount(bins - bins.min(initial=0)).astype(np.float64)
+        return float(np.square(counts).sum())
+
+    return max(heights_m, key=sharpness)
+
+
+def _crowds(
+    elevation_deg: Float64[np.ndarray, " num_points"], blur_deg: float
+) -> Float64[np.ndarray, " num_rings"]:
+    """Elevations about which points crowd, rising, parted by valleys of their density."""
+    lowest = elevation_deg.min(initial=0.0) - 1
+    bins = ((elevation_deg - lowest) / _BIN_DEG).astype(np.int64)
+    density = gaussian_filter1d(
+        np.bincount(bins, minlength=bins.max(initial=0) + 100).astype(np.float64),
+        blur_deg / _BIN_DEG,
+    )
+    inner = density[1:-1]
+    tops = np.flatnonzero((inner > density[:-2]) & (inner >= density[2:]) & (inner > 1e-9)) + 1
+    kept: list[int] = []
+    for top in tops:
+        while kept:
+            valley = density[kept[-1] : top].min()
+            if valley <= _VALLEY * min(density[kept[-1]], density[top]):
+                kept.append(int(top))
+                break
+            if density[top] <= density[kept[-1]]:
+                break  # a shoulder of the one before
+            kept.pop()
+        if not kept:
+            kept.append(int(top))
+    crowds: Float64[np.ndarray, " num_rings"] = lowest + (np.array(kept) + 0.5) * _BIN_DEG
+    return crowds
+
+
+def _share_between(
+    elevation_deg: Float64[np.ndarray, " num_points"], rings_deg: Float64[np.ndarray, " num_rings"]
+) -> float:
+    """Share of points that lie between two rings rather than on one of them."""
+    first, last = 2 * rings_deg[0] - rings_deg[1], 2 * rings_deg[-1] - rings_deg[-2]
+    rungs = np.array([first, *rings_deg, last])
+    above = np.searchsorted(rungs, elevation_deg).clip(1, len(rungs) - 1)
+    place = (elevation_deg - rungs[above - 1]) / (rungs[above] - rungs[above - 1])
+    is_on_one = (np.abs(place) < _BETWEEN) | (np.abs(place - 1) < _BETWEEN)
+    return float(1 - is_on_one.mean())

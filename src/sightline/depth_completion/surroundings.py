@@ -1,0 +1,78 @@
+"""Nearest and farthest measurement around each pixel, as inputs of a network."""
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+NUM_PLANES = 7
+_NEAREST_M, _FARTHEST_M = 1.0, 120.0  # depths are clamped before their logarithm
+_MIDDLE, _HALF_SPAN = 3.0, 2.0  # of those logarithms
+_LARGEST_RATIO = 2.0  # logarithm
+_NO_INVERSE_DEPTH = 9.0  # 1/m; larger than any
+
+
+class Surroundings(NamedTuple):
+    """What is measured in the square window around each pixel."""
+
+    nearest_m: Float[Tensor, "batch 1 height width"]
+    """Nearest of the measurements and the pixel's own completed depth."""
+    farthest_m: Float[Tensor, "batch 1 height width"]
+    """Farthest of them."""
+    planes: Float[Tensor, "batch 7 height width"]
+    """The completion's logarithm, scaled to about -1 to 1; the logarithms of nearest, farthest and
+    measured depth less the completion's, 0 where there is none; whether anything is measured in the
+    window, and whether the pixel is; whether nothing is measured in its column up to its row."""
+
+
+def look_around(
+    sparse_depth_m: Float[Tensor, "batch 1 height width"],
+    filled_depth_m: Float[Tensor, "batch 1 height width"],
+    reach_px: int,
+) -> Surroundings:
+    """Find the nearest and farthest measurement in the window around each pixel.
+
+    Args:
+        sparse_depth_m: Measurements; 0 = none.
+        filled_depth_m: Completion of them, positive.
+        reach_px: How far the window goes to each side.
+    """
+    is_measured = sparse_depth_m > 0
+    inverse = torch.where(is_measured, 1 / sparse_depth_m.clamp(min=1 / _NO_INVERSE_DEPTH), 0.0)
+    near = _largest_around(inverse, reach_px)
+    far = -_largest_around(torch.where(is_measured, -inverse, -_NO_INVERSE_DEPTH), reach_px)
+    has_any = near > 0
+    nearest_m = torch.where(has_any, 1 / near.clamp(min=1 / _FARTHEST_M), filled_depth_m)
+    farthest_m = torch.where(has_any, 1 / far.clamp(min=1 / _FARTHEST_M), filled_depth_m)
+    own = _log(filled_depth_m)
+
+    def ratio(depth_m: Tensor) -> Tensor:
+        return (_log(depth_m) - own).clamp(-_LARGEST_RATIO, _LARGEST_RATIO)
+
+    is_above = torch.cumsum(is_measured.to(own.dtype), dim=2) == 0
+    planes = (
+        (own - _MIDDLE) / _HALF_SPAN,
+        ratio(nearest_m),
+        ratio(farthest_m),
+        torch.where(is_measured, ratio(sparse_depth_m), 0.0),
+        has_any.to(own.dtype),
+        is_measured.to(own.dtype),
+        is_above.to(own.dtype),
+    )
+    return Surroundings(
+        torch.minimum(nearest_m, filled_depth_m),
+        torch.maximum(farthest_m, filled_depth_m),
+        torch.cat(planes, dim=1),
+    )
+
+
+def _largest_around(plane: Tensor, reach_px: int) -> Tensor:
+    side = 2 * reach_px + 1
+    columns = F.max_pool2d(plane, (side, 1), stride=1, padding=(reach_px, 0))
+    return F.max_pool2d(columns, (1, side), stride=1, padding=(0, reach_px))
+
+
+def _log(depth_m: Tensor) -> Tensor:
+    return depth_m.clamp(_NEAREST_M, _FARTHEST_M).log()

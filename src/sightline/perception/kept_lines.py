@@ -1,0 +1,143 @@
+"""Lines and times of `perceive`, read back from its folder: checked, as anybody may have edited it.
+
+What is damaged, or none of its own, counts as missing.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, get_args
+
+from sightline.data.object_tree import Part
+from sightline.data.plain_file import read_bytes
+
+Lines = dict[str, tuple[str, dict[str, Any]]]
+"""By frame: its line as text, and what it says."""
+
+_MAX_BYTES = 2**26
+_LARGEST = 3.5e38  # beyond single precision, in which networks answer
+_SENSORS: Final = {"image": "camera", "points": "lidar"}
+
+_Check = Callable[[Any], bool]
+
+
+def read_lines(folder: Path) -> Lines:
+    """Read the lines that are there, by frame in order, without those that are not whole."""
+    return _read(folder, lambda told: _fits(told, _LINE) and _is_consistent(told))
+
+
+def read_timings(folder: Path) -> Lines:
+    """Read the times in the same way."""
+    return _read(folder, lambda told: _fits(told, _TIMING))
+
+
+def _read(folder: Path, is_whole: _Check) -> Lines:
+    lines: Lines = {}
+    for path in sorted(folder.glob("*.json")):
+        content = read_bytes(path, max_bytes=_MAX_BYTES, remedy="remove it, and run this again")
+        text = content.decode(errors="replace").strip()
+        try:
+            told = json.loads(text)
+            # Written again it is the same, or somebody else has written it.
+            is_ours = json.dumps(told, allow_nan=False) == text
+        except (ValueError, RecursionError):
+            continue
+        if is_ours and is_whole(told) and told["frame"] == path.stem:
+            lines[path.stem] = (text, told)
+    return lines
+
+
+def _is_consistent(line: Mapping[str, Any]) -> bool:
+    """Whether tasks lack only what the frame is said to lack."""
+    return not any(
+        line["sensors"].get(_SENSORS.get(part), False)
+        for task in line["tasks"].values()
+        for part in task.get("lacks", ())
+    )
+
+
+def _fits(value: object, form: object) -> bool:
+    """Whether a value has a form: a check, or a dictionary, list or tuple of forms."""
+    if callable(form):
+        return bool(form(value))
+    if isinstance(form, dict):
+        return (
+            isinstance(value, dict)
+            and value.keys() == form.keys()
+            and all(_fits(value[name], each) for name, each in form.items())
+        )
+    if not isinstance(value, list):
+        return False
+    assert isinstance(form, list | tuple), "there is no other form"
+    forms = form * len(value) if isinstance(form, list) else form
+    return len(forms) == len(value) and all(map(_fits, value, forms))
+
+
+def _number(value: object) -> bool:
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and -_LARGEST <= value <= _LARGEST
+    )
+
+
+def _count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST
+
+
+def _text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _flag(value: object) -> bool:
+    return isinstance(value, bool)
+
+
+def _maybe(form: object) -> _Check:
+    return lambda value: value is None or _fits(value, form)
+
+
+def _task(value: object) -> bool:
+    return _fits(value, {"by": _text}) or _fits(value, {"by": _text, "lacks": _parts})
+
+
+def _parts(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and all(each in get_args(Part) for each in value)
+
+
+def _each(form: object) -> _Check:
+    return lambda value: (
+        isinstance(value, dict) and all(_fits(each, form) for each in value.values())
+    )
+
+
+_LINE: Final = {
+    "frame": _text,
+    "timestamp_s": _maybe(_number),
+    "image_size_px": (_count, _count),
+    "sensors": {"camera": _flag, "lidar": _flag},
+    "num_points": _maybe(_count),
+    "tasks": _each(_task),
+    "detections2d": _maybe([{"class": _text, "score": _number, "box_px": (_number,) * 4}]),
+    "detections3d": _maybe(
+        [
+            {
+                "class": _text,
+                "score": _number,
+                "center_m": (_number,) * 3,
+                "size_m": (_number,) * 3,
+                "yaw_rad": _number,
+            }
+        ]
+    ),
+    "depth": _maybe(
+        {
+            "valid_share": _number,
+            "nearest_m": _maybe(_number),
+            "median_m": _maybe(_number),
+            "farthest_m": _maybe(_number),
+            "median_expected_error_m": _maybe(_number),
+        }
+    ),
+}
+_TIMING: Final = {"frame": _text, "milliseconds": _each(_number)}

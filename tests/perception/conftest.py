@@ -1,0 +1,15 @@
+import pytest
+
+from tests.inference.trees import write_object_tree
+
+
+@pytest.fixture
+def data(tmp_path):
+    """A small object tree of four frames."""
+    return write_object_tree(tmp_path / "data", 4)
+
+
+@pytest.fixture
+def out(tmp_path):
+    """A folder that is not there yet."""
+    return tmp_path / "out"
