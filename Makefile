@@ -1,6 +1,7 @@
 # make demo: set everything up in .venv and run the main job on the embedded default.
 # make test: set everything up in .venv and pass the whole check.
 # make docs: build the site into build/site.
+# make package: build the archives of a release into build/package, and run the wheel.
 # make test-all: run the tests on every Python that is promised and to be found here.
 PYTHON ?= python3
 VENV ?= .venv
@@ -10,7 +11,7 @@ READY := $(VENV)/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut 
 PROMISED := $(shell sed -n 's/.*Programming Language :: Python :: \(3\.[0-9]*\)".*/\1/p' pyproject.toml)
 TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
-.PHONY: demo test lint docs tests test-all format frames constraints clean
+.PHONY: demo test lint docs package tests test-all format frames constraints clean
 
 demo: $(READY)
 	$(BIN)/sightline demo --out demo
@@ -29,6 +30,21 @@ lint: $(READY)
 # Whatever warns, a link that leads nowhere say, fails the build.
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict  # with --quiet no warning would count
+
+# The wheel is installed by itself; its dependencies are those of the environment here, without the
+# source, as a path that a .pth file adds is not searched for further .pth files.
+WHEEL := build/package/venv
+PLACE := import sysconfig; print(sysconfig.get_path("purelib"))
+package: $(READY)
+	rm -rf build/package
+	$(BIN)/python -m build --no-isolation --outdir build/package
+	$(BIN)/twine check --strict build/package/*
+	$(BIN)/python -m venv --without-pip $(WHEEL)
+	$(BIN)/python -m pip --python $(WHEEL)/bin/python install --quiet --no-index --no-deps build/package/*.whl
+	$(BIN)/python -c '$(PLACE)' > "$$($(WHEEL)/bin/python -c '$(PLACE)')/dependencies.pth"
+	cd build/package && unset PYTHONPATH && venv/bin/sightline --version && venv/bin/sightline tasks \
+		&& venv/bin/sightline check "$$(venv/bin/python -c \
+			'from sightline.simulation.packaged import PACKAGED_FRAMES; print(PACKAGED_FRAMES)')"
 
 tests: $(READY)
 	find src -name '*.nb[ic]' ! -newer "$$(ls -t $(KERNELS) | head -n 1)" -delete

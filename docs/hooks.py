@@ -22,7 +22,10 @@ PAGES: Final = {
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
     "STYLE.md": "style.md",
+    "SECURITY.md": "security.md",
+    "CODE_OF_CONDUCT.md": "conduct.md",
     "LICENSE": "LICENSE",
+    "NOTICE": "NOTICE",
     "CITATION.cff": "CITATION.cff",
     NOTEBOOK: "guides/first_ten_minutes.md",
 }

@@ -10,11 +10,26 @@ import pytest
 
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
-README = (Path(__file__).parent.parent / "README.md").read_text()
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
 MARKED = dict(
     re.findall(r"<!-- tests/test_readme.py runs [^>]*-->\n```(\w+)\n(.*?)```", README, re.DOTALL)
 )
 COMMANDS = [line.removeprefix("$ ") for line in MARKED["console"].splitlines()]
+
+
+def test_every_figure_of_the_readme_on_how_good_it_is_stands_in_the_results():
+    results = (ROOT / "docs" / "results.md").read_text()
+    section = README.partition("\n## How good it is\n")[2].partition("\n## ")[0]
+    figures = set(re.findall(r"\d[\d.,]*\d|\d", re.sub(r"\[[^\]]*\]\([^)]*\)", "", section)))
+    assert len(figures) > 40
+    assert {
+        each
+        for each in figures
+        if not re.search(rf"(?<![\d.]){re.escape(each)}(?![\d.]\d)", results)
+    } == set()
+    for interval in re.findall(r"\[[\d, ]+\]", section):
+        assert interval in results
 
 
 @pytest.fixture(scope="module")
