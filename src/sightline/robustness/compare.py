@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sightline.corruptions.suites import CLEAN
 from sightline.data.atomic import atomic_write_text
-from sightline.robustness.comparable import check_baseline
+from sightline.robustness.comparable import check_baseline, warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import compare_page
 from sightline.robustness.record import Record, read_record
@@ -51,6 +51,7 @@ class Comparison:
     def notes(self) -> tuple[str, ...]:
         """Sentences to read the scores with."""
         notes = tuple(dict.fromkeys(note for each in self.records for note in each.notes))
+        notes = (*warn_of_files(dict(zip(self._names(), self.records, strict=True))), *notes)
         if self.left_out:
             names = ", ".join(self.left_out)
             notes = (f"Left out, as not all runs have these cases: {names}.", *notes)
