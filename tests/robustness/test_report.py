@@ -208,7 +208,7 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
     path = str(tmp_path / "other" / "robustness.json")
     assert main(["robustness", "--compare", str(two[0]), path]) == 2
     err = capsys.readouterr().err
-    assert "is of suite others instead of levels" in err
+    assert f"the run {path} is of suite others instead of levels" in err
     assert err.count("\n") == 1
     for arguments, said in (
         (["--compare", str(two[0])], "two runs or more are compared, got 1"),

@@ -11,13 +11,21 @@ from sightline.robustness.record import CaseInfo, Record, Setting
 _FILES: Final = "files_digest"
 
 
-def check_baseline(baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo]) -> None:
+def check_baseline(
+    baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo], *, called: str = ""
+) -> None:
     """Refuses a baseline of another task, suite or data set, or without some of the cases.
+
+    Args:
+        baseline: The record.
+        setting: What it must be of.
+        cases: What it must have.
+        called: By errors.
 
     Raises:
         ValueError: It is one.
     """
-    who = f"the baseline {shortened(baseline.method)}"
+    who = called or f"the baseline {shortened(baseline.method)}"
     _check(who, asdict(baseline.setting), asdict(setting))
     for name, case in cases.items():
         if name not in baseline.cases:

@@ -148,8 +148,8 @@ def compare_runs(paths: Sequence[Path]) -> Comparison:
         raise ValueError(f"{told} have no clean case in common; run them again")
     every = dict.fromkeys(name for each in records for name in each.cases)
     first, *others = (_restricted(each, shared) for each in records)
-    for other in others:
-        check_baseline(other, first.setting, first.cases)
+    for path, other in zip(paths[1:], others, strict=True):
+        check_baseline(other, first.setting, first.cases, called=f"the run {path}")
     return Comparison(
         records=(first, *others), left_out=tuple(name for name in every if name not in shared)
     )
