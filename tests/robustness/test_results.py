@@ -12,12 +12,14 @@ from sightline.corruptions.generate import corrupt_dataset
 from sightline.data.image_header import read_image_size
 from sightline.data.open import open_dataset
 from sightline.depth_completion.registration import TASK as DEPTH
+from sightline.detection2d.registration import TASK as DETECTION2D
+from sightline.detection3d.registration import TASK as DETECTION3D
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.frames import digest_files
 from sightline.robustness.results import score_results
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.robustness.runs import LEVELS
-from tests.robustness.tasks import OracleTask
+from tests.robustness.tasks import Oracle, OracleTask
 
 SETTINGS = BenchSettings(workers=1)
 
@@ -66,6 +68,17 @@ def test_one_frame_is_drawn_as_each_case_has_it_with_what_was_found(written, tmp
         score_results(OracleTask(), few, found, out, replace(settings, picture_px=400))
     with pytest.raises(ValueError, match="frame 7 to show is none of the run's"):
         score_results(OracleTask(), few, found, out, replace(settings, shown="7"))
+
+
+def test_result_files_of_both_detectors_read_back_for_pictures(tmp_path):
+    sample = open_dataset(PACKAGED_FRAMES)[0]
+    path = tmp_path / "000000.txt"
+    path.write_text(Oracle()(replace(sample, objects=None)))
+    count = len(path.read_text().splitlines())
+    assert len(DETECTION2D.scoring().read(path, sample).detections.scores) == count
+    assert len(DETECTION3D.scoring().read(path, sample).scores) == count
+    path.write_text("")
+    assert len(DETECTION3D.scoring().read(path, sample).scores) == 0
 
 
 def test_the_files_of_the_frames_are_known_where_the_clean_case_has_them(written, tmp_path):
