@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from sightline.corruptions.generate import corrupt_dataset
 from sightline.corruptions.suites import SUITES
+from sightline.corruptions.tree import read_corrupted
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.jobs import JobResult
@@ -51,6 +52,17 @@ def cases(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("out") / "cases"
     assert make(data, out, masks=True) == JobResult(written=28, skipped=0)
     return out
+
+
+def test_a_frame_reads_back_as_its_case_has_it_with_masks_where_they_were_written(data, cases):
+    case = DGFN7.select(["camera_occlusion"])[0]
+    told = case.corrupt(open_dataset(data)[1], 3)
+    back = read_corrupted(cases / case.name, "000003", case.corruption, "velodyne")
+    assert back is not None
+    assert torch.equal(back.sample.image, told.sample.image)
+    assert torch.equal(back.camera_mask, told.camera_mask)
+    assert not back.lidar_mask.any()
+    assert read_corrupted(cases / case.name, "000007", case.corruption, "velodyne") is None
 
 
 def test_each_case_is_an_object_tree_that_passes_the_check(cases: Path):

@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -72,6 +73,27 @@ def test_a_submission_differs_from_itself_by_nothing_in_every_resample(street):
     for entry in compare_objects(results, labels, results, bootstrap=20).entries:
         for pair in filter(None, (entry.r40, entry.all_points)):
             assert (pair.difference, pair.low, pair.high) == (0, 0, 0)
+
+
+def test_the_same_results_under_two_names_are_told(street, tmp_path):
+    (results, labels), against, *_ = street
+    copied = tmp_path / "copied"
+    shutil.copytree(results, copied)
+    for folder in (results, copied):
+        notes = compare_objects(results, labels, folder, bootstrap=2).notes()
+        assert any("hold the same results to the byte" in note for note in notes)
+    notes = compare_objects(results, labels, against, bootstrap=2).notes()
+    assert not any("hold the same" in note for note in notes)
+
+
+def test_resamples_that_all_miss_the_only_object_give_no_interval(tmp_path):
+    frames = [(CAR.text(), FOUND.text())] + [("", "")] * 9
+    folders = write_frames(tmp_path, frames)
+    one = {"bootstrap": 1, "seed": 6}  # which draws the other nine frames
+    told = compare_objects(*folders, folders[0], **one).to_json()
+    assert told["entries"][0]["AP_R40"]["difference_95"] is None
+    points = evaluate_objects(*folders, **one).entries[0].all_points
+    assert (points.ap, points.low, points.high) == (100, None, None)
 
 
 def test_a_seed_gives_the_same_intervals_again_and_another_one_others(street):

@@ -22,7 +22,7 @@ def notes_of(tmp_path, labels, results):
         ([CAR, replace(CAR, name="automobile"), replace(CAR, name="Van")], [FOUND],
          "1 of 3 labels were left out: their classes are none of KITTI's (automobile 1)"),
         ([CAR, replace(CAR, name="Cyclist")], [FOUND],
-         "Nothing of Cyclist is among the results: its 1 labelled objects are all missed"),
+         "Nothing of Cyclist is among the results: its one labelled object is missed"),
         ([CAR], [FOUND, replace(FOUND, name="Pedestrian")],
          "No label is of Pedestrian: its 1 results cannot score above 0"),
         ([CAR], [FOUND, replace(FOUND, **MISSING)],

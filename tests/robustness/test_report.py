@@ -208,7 +208,7 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
     path = str(tmp_path / "other" / "robustness.json")
     assert main(["robustness", "--compare", str(two[0]), path]) == 2
     err = capsys.readouterr().err
-    assert "is of suite others instead of levels" in err
+    assert f"the run {path} is of suite others instead of levels" in err
     assert err.count("\n") == 1
     for arguments, said in (
         (["--compare", str(two[0])], "two runs or more are compared, got 1"),
@@ -218,7 +218,6 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
         (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is not"),
         (["--data", "x", "out", "--healthy", "lidar=A", "lidar=B"], "two methods of the lidar"),
         (["out", "--compare", str(two[0]), path], "--compare reads two runs that are done"),
-        (["--data", "x", "out", "--results", "y", "--show", "1"], "no pictures are drawn"),
         (["--data", "x", "out", "--results", "y", "z"], "--results is one folder, got y z"),
     ):
         try:
@@ -227,6 +226,24 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
             status = exit_.code
         assert status == 2
         assert said in capsys.readouterr().err
+
+
+def test_other_files_under_the_same_name_are_told_wherever_runs_are_held_together(tmp_path):
+    def record(digest):
+        return record_of(AP, 80.0, TABLE, files_digest=digest)
+
+    paths = []
+    for number, digest in enumerate(("0123", "4567", None)):
+        RobustnessReport(record=record(digest)).write(tmp_path / str(number))
+        paths.append(tmp_path / str(number) / "robustness.json")
+    said = "data kitti/toy hold other files, by names or sizes, for toy (2) than for toy (1)"
+    assert said in " ".join(compare_runs(paths).notes())
+    assert compare_runs([paths[0], paths[2]]).notes() == ()  # a record of before does not know
+    one = RobustnessReport(
+        record=record("0123"), baseline=record("0123"), healthy={"lidar": record("89")}
+    )
+    assert "for the healthy lidar than for this run" in " ".join(one.notes())
+    assert replace(one, healthy={}).notes() == ()
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,17 @@ import pytest
 
 from sightline.corruptions import suites
 from sightline.corruptions.generate import corrupt_dataset
+from sightline.data.image_header import read_image_size
+from sightline.data.open import open_dataset
 from sightline.depth_completion.registration import TASK as DEPTH
+from sightline.detection2d.registration import TASK as DETECTION2D
+from sightline.detection3d.registration import TASK as DETECTION3D
 from sightline.robustness.bench import BenchSettings, run_bench
+from sightline.robustness.frames import digest_files
 from sightline.robustness.results import score_results
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.robustness.runs import LEVELS
-from tests.robustness.tasks import OracleTask
+from tests.robustness.tasks import Oracle, OracleTask
 
 SETTINGS = BenchSettings(workers=1)
 
@@ -43,6 +48,51 @@ def test_the_same_files_have_the_same_scores_wherever_they_come_from(written, tm
     errors = [each.ce for _, measures in theirs.measured if measures
               for each in measures.kinds.values()]  # fmt: skip
     assert {round(error, 9) for error in errors if error is not None} == {1.0}
+
+
+def test_one_frame_is_drawn_as_each_case_has_it_with_what_was_found(written, tmp_path):
+    cases, found, _ = written
+    few = tmp_path / "few"
+    shutil.copytree(cases, few)
+    shutil.rmtree(few / "lidar_blank" / "training" / "image_2")
+    shutil.rmtree(few / "lidar_blank" / "training" / "velodyne")
+    settings = replace(SETTINGS, shown="000001", picture_px=300)
+    out = tmp_path / "out"
+    score_results(OracleTask(), few, found, out, settings)
+    drawn = {path.parent.name: path for path in (out / "pictures").glob("*/*.jpg")}
+    assert set(drawn) == {each.name for each in LEVELS.cases} - {"lidar_blank"}
+    assert read_image_size(drawn["camera_blank"])[1] == 300
+    page = (out / "report.html").read_text()
+    assert page.count("data:image/jpeg") == 3  # sound, dead pixels, blank
+    with pytest.raises(ValueError, match="picture_px 300 instead of 400"):
+        score_results(OracleTask(), few, found, out, replace(settings, picture_px=400))
+    with pytest.raises(ValueError, match="frame 7 to show is none of the run's"):
+        score_results(OracleTask(), few, found, out, replace(settings, shown="7"))
+
+
+def test_result_files_of_both_detectors_read_back_for_pictures(tmp_path):
+    sample = open_dataset(PACKAGED_FRAMES)[0]
+    path = tmp_path / "000000.txt"
+    path.write_text(Oracle()(replace(sample, objects=None)))
+    count = len(path.read_text().splitlines())
+    assert len(DETECTION2D.scoring().read(path, sample).detections.scores) == count
+    assert len(DETECTION3D.scoring().read(path, sample).scores) == count
+    path.write_text("")
+    assert len(DETECTION3D.scoring().read(path, sample).scores) == 0
+
+
+def test_the_files_of_the_frames_are_known_where_the_clean_case_has_them(written, tmp_path):
+    cases, found, report = written
+    digest = report.record.setting.files_digest
+    assert digest == digest_files(open_dataset(cases / "clean"))
+    other = tmp_path / "other"
+    shutil.copytree(cases / "clean", other)
+    with (other / "training" / "velodyne" / "000001.bin").open("ab") as file:
+        file.write(bytes(16))
+    assert digest_files(open_dataset(other)) != digest
+    shutil.copytree(cases, tmp_path / "few", ignore=shutil.ignore_patterns("clean"))
+    theirs = score_results(OracleTask(), tmp_path / "few", found, tmp_path / "out", SETTINGS)
+    assert theirs.record.setting.files_digest is None
 
 
 def test_results_that_changed_are_scored_again(written, tmp_path):

@@ -249,6 +249,14 @@ def test_what_cannot_be_trained_is_refused_in_one_sentence(recipes, arguments, s
     assert len(str(refused.value)) < 300, refused.value
 
 
+@pytest.mark.parametrize("given", [["--run_folder", "runs/mine"], ["--run_folder=runs/mine"]])
+def test_the_settings_of_a_run_are_pointed_at_where_no_recipe_is_named(recipes, given):
+    Path("runs/mine").mkdir(parents=True)
+    Path("runs/mine/config.yaml").write_text("")
+    with pytest.raises(ValueError, match=r"add --config=runs/mine/config\.yaml"):
+        run_training("validate", given, recipes)
+
+
 @pytest.mark.parametrize(
     ("writer", "named"),
     [

@@ -1,4 +1,5 @@
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -198,13 +199,19 @@ def test_settings_out_of_range_are_refused(frames, settings, said):
     [
         ({"batch_size": 10}, "an epoch of 9 samples does not fill a batch of 10; set a smaller"),
         ({"samples_per_epoch": 10}, "only 9 training samples"),
-        ({"training": ()}, r"set data\.training"),
+        ({"training": ()}, r"set --data\.init_args\.training"),
         ({"training": (SourceConfig(path=Path("gone")),)}, "gone: does not exist"),
     ],
 )
 def test_data_that_does_not_suffice_is_refused(frames, settings, said):
     with pytest.raises(ValueError, match=said):
         toy.data(frames, **settings).train_dataloader()
+    before_any_validation = toy.data(frames, **settings)
+    before_any_validation.trainer = SimpleNamespace(
+        global_rank=0, world_size=1, limit_val_batches=1.0
+    )
+    with pytest.raises(ValueError, match=said):
+        before_any_validation.setup("fit")
 
 
 def test_a_source_that_never_comes_is_refused():

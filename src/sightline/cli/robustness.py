@@ -29,6 +29,7 @@ def robustness(
     healthy: tuple[str, ...] | None = None,
     results: tuple[str, ...] = (),
     show: str | None = None,
+    picture_px: int = 800,
     engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
@@ -62,6 +63,7 @@ def robustness(
             camera=A.json lidar=B.json, of the same frames.
         results: Folder with a folder of result files for each case, by any method.
         show: The frame of the example pictures. Default: the first.
+        picture_px: How wide each of them is; a click on one in the page enlarges it.
         engine: What runs networks: by default (auto) openvino where it is installed, on the CPU,
             and else torch.
         device: Where PyTorch runs networks.
@@ -107,6 +109,7 @@ def robustness(
         baseline=baseline,
         healthy=by_sensor,
         shown=show,
+        picture_px=picture_px,
         workers=workers,
     )
     if not results:
@@ -124,8 +127,6 @@ def robustness(
     else:
         if method is not None or weights is not None:
             raise ValueError("--results are scored as they are; leave method and weights out")
-        if show is not None:
-            raise ValueError("of --results no pictures are drawn; leave --show out")
         if len(results) > 1:
             raise ValueError(
                 f"--results is one folder, got {' '.join(results)}; name the run's own folder first"

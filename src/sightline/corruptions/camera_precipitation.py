@@ -200,10 +200,16 @@ def draw_particles(
     depths_m = np.cbrt(_NEAREST_M**3 + cube * rng.random(count))
     pixels = size_px * rng.random((count, 2)) - margin_px - 0.5
     diameters_m = particles.draw_diameters_m(count, rng)
+    sizes_px = float(np.sqrt(focal_px.prod())) * diameters_m / depths_m
+    widths_px = np.maximum(sizes_px, 1)
+    # Motion spreads a particle thinner: half of the raindrops would be too faint at rest.
+    may_be_seen = math.pi / 4 * sizes_px**2 / (widths_px * widths_px) >= _FAINTEST
+    depths_m, pixels, diameters_m = (each[may_be_seen] for each in (depths_m, pixels, diameters_m))
+    sizes_px, widths_px = sizes_px[may_be_seen], widths_px[may_be_seen]
     places_m = (pixels - intrinsics[:2, 2]) / focal_px * depths_m[:, None]
     half_s = exposure.time_s / 2
     steps_m = half_s * np.stack(
-        (np.full(count, wind_mps), particles.speeds_mps(diameters_m)), axis=1
+        (np.full(len(depths_m), wind_mps), particles.speeds_mps(diameters_m)), axis=1
     )
     step_ahead_m = -half_s * exposure.speed_mps  # the car comes nearer
     ends = [
@@ -213,8 +219,6 @@ def draw_particles(
         / np.maximum(depths_m + sign * step_ahead_m, _NEAREST_M / 2)[:, None]
         for sign in (-1, 1)
     ]
-    sizes_px = float(np.sqrt(focal_px.prod())) * diameters_m / depths_m
-    widths_px = np.maximum(sizes_px, 1)
     lengths_px = np.linalg.norm(ends[1] - ends[0], axis=1)
     opacities = math.pi / 4 * sizes_px**2 / (widths_px * (lengths_px + widths_px))
     is_seen = opacities >= _FAINTEST

@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.corruptions.corruption import Corrupted
+import torch
+
+from sightline.corruptions.corruption import Corrupted, Corruption, Record, everywhere
 from sightline.data.atomic import atomic_link, atomic_write_text
 from sightline.data.kitti_files import write_image, write_points
-from sightline.data.mask_png import write_mask_png
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.mask_png import read_mask_png, write_mask_png
 from sightline.data.object_tree import (
     ObjectFrame,
     Part,
@@ -83,3 +86,33 @@ class CaseTree:
         """Takes over the lists of frames that the input has."""
         for path in list_files(data / _LISTS, (".txt",)).values():
             atomic_link(self.root / _LISTS / path.name, path)
+
+
+def read_corrupted(
+    root: Path, name: str, corruption: Corruption, velodyne: Velodyne
+) -> Corrupted | None:
+    """Read a labelled frame of a case's tree, with its masks; None where no sensor's file is there.
+
+    Args:
+        root: Of the tree.
+        name: The frame's.
+        corruption: The case's. What it drew is not read.
+        velodyne: The sweeps' folder.
+
+    Raises:
+        ValueError: A file is damaged; names it.
+    """
+    split: Final = "training"
+    if name not in list_object_frames(root / split, ("image", "points"), velodyne):
+        return None
+    parts: tuple[Part, ...] = ("image", "points", "objects")
+    frames = KittiObjectDataset(
+        root, split, sample_list=(name,), velodyne=velodyne, parts=parts, needs=()
+    )
+    sample = frames[0]
+    camera_mask, lidar_mask = (
+        torch.from_numpy(read_mask_png(path)) if path.is_file() else everywhere(sample)
+        for path in (root / split / folder / f"{name}.png" for folder in _MASKS)
+    )
+    record = Record(kind=corruption.kind, sensors=corruption.sensors, parameters={})
+    return Corrupted(sample=sample, record=record, camera_mask=camera_mask, lidar_mask=lidar_mask)

@@ -33,6 +33,18 @@ def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: s
         )
 
 
+def hold_the_same(first: Path, second: Path, names: Sequence[str]) -> bool:
+    """Whether two folders have the same file for each frame, byte by byte, or both have none."""
+    if first.resolve() == second.resolve():
+        return True
+    pairs = ((first / f"{name}{_SUFFIX}", second / f"{name}{_SUFFIX}") for name in names)
+    return all(_content(one) == _content(other) for one, other in pairs)
+
+
+def _content(path: Path) -> bytes | None:
+    return path.read_bytes() if path.is_file() else None
+
+
 def where_frame_files_are(folder: Path, names: Sequence[str]) -> str | None:
     """Remedy where a folder has no file of any frame: where they are, or whose there are."""
     entries = sorted(folder.iterdir())

@@ -8,7 +8,7 @@ import json
 import statistics
 from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import Final, Never
 
 from sightline.data.atomic import atomic_write_text
 from sightline.data.object_tree import Part
@@ -63,6 +63,11 @@ class HeldOutScoring:
         place = f"sample {frame.sample.sample_id}"
         errors = held_out_errors(frame, answered.answer, place, zero_where_nothing=True)
         atomic_write_text(path, json.dumps(asdict(errors)) + "\n")
+
+    def read(self, path: Path, sample: CameraLidarSample) -> Never:
+        """See `Scoring.read`: what is kept are errors, not the answer."""
+        del sample
+        raise FileError(path, "holds a frame's errors and no depth", "draw the answer itself")
 
     def score(self, folder: Path, dataset: SampleDataset) -> Scores:
         """Means over the frames."""

@@ -10,7 +10,7 @@ from sightline.data.image_file import write_rgb
 from sightline.data.object_results import detections2d_from_kitti, kitti_from_detections2d
 from sightline.detection2d.pictures import gate_picture
 from sightline.detection2d.predictor import DetectorAnswer
-from sightline.structures.predictions import Perception
+from sightline.structures.predictions import Detections2D, Perception
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -25,7 +25,21 @@ def read_results(path: Path, told: Perception) -> Perception:
     Raises:
         FileError: The file is damaged.
     """
-    return replace(told, detections2d=detections2d_from_kitti(kitti_labels.read_results(path)))
+    return replace(told, detections2d=_read_detections(path))
+
+
+def read_answer(path: Path, sample: CameraLidarSample) -> DetectorAnswer:
+    """The 2D boxes of KITTI's result file as a detector's answer, without gates.
+
+    Raises:
+        FileError: The file is damaged.
+    """
+    del sample
+    return DetectorAnswer(detections=_read_detections(path))
+
+
+def _read_detections(path: Path) -> Detections2D:
+    return detections2d_from_kitti(kitti_labels.read_results(path))
 
 
 def write_gates(path: Path, sample: CameraLidarSample, answer: DetectorAnswer) -> None:

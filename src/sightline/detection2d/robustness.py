@@ -3,7 +3,7 @@
 from typing import Final
 
 from sightline.detection2d.answer_picture import answer_panels
-from sightline.detection2d.files import write_results
+from sightline.detection2d.files import read_answer, write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import Answered, Panel
 
@@ -23,5 +23,6 @@ SCORING: Final = ObjectScoring(
         Target("Cyclist", "bbox", 0.5),
     ),
     write=write_results,
+    read_file=read_answer,
     panels=_panels,
 )

@@ -29,7 +29,20 @@ def read_results(path: Path, sample: CameraLidarSample, told: Perception) -> Per
         FileError: The file is damaged.
     """
     objects = kitti_labels.read_results(path)
-    calibration = level_calibration(sample.calibration, sample.level_from_lidar)
-    found = mounted_detections(detections3d_from_kitti(objects, calibration), sample)
+    found = _detections(objects, sample)
     is_of_2d_alone = len(objects) > 0 and len(found.scores) == 0
     return told if is_of_2d_alone else replace(told, detections3d=found)
+
+
+def read_answer(path: Path, sample: CameraLidarSample) -> Detections3D:
+    """The 3D boxes of KITTI's result file; none where it has 2D boxes alone.
+
+    Raises:
+        FileError: The file is damaged.
+    """
+    return _detections(kitti_labels.read_results(path), sample)
+
+
+def _detections(objects: kitti_labels.KittiObjects, sample: CameraLidarSample) -> Detections3D:
+    calibration = level_calibration(sample.calibration, sample.level_from_lidar)
+    return mounted_detections(detections3d_from_kitti(objects, calibration), sample)

@@ -3,7 +3,7 @@
 from typing import Final
 
 from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED
-from sightline.detection3d.files import write_results
+from sightline.detection3d.files import read_answer, write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import Answered, Panel
 from sightline.structures.level import level_detections, level_sample
@@ -50,5 +50,6 @@ SCORING: Final = ObjectScoring(
         Target("Cyclist", "bev", 0.5),
     ),
     write=write_results,
+    read_file=read_answer,
     panels=_panels,
 )

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sightline.data.frame_files import require_frame_files, where_frame_files_are
+from sightline.data.frame_files import hold_the_same, require_frame_files, where_frame_files_are
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
 from sightline.data.problem import FileError
 from sightline.data.progress import track
@@ -130,6 +130,11 @@ def compare_objects(
         for folder in (results_dir, against_dir)
     )
     remarks = []
+    if hold_the_same(Path(results_dir), Path(against_dir), first.names):
+        remarks.append(
+            f"WARNING: {results_dir} and {against_dir} hold the same results to the byte: name "
+            "another folder to compare with."
+        )
     for folder, each in ((results_dir, first), (against_dir, second)):
         if each.num_missing:
             remarks.append(
@@ -168,6 +173,8 @@ def check_resampling(bootstrap: int, seed: int) -> None:
 class _Submission(NamedTuple):
     """Result files of all frames, matched with the labels."""
 
+    names: tuple[str, ...]
+    """Of the frames."""
     data: MatchingData
     num_missing: int
     """Frames without a result file."""
@@ -194,7 +201,8 @@ def _read_submission(
         detections, labels = zip(*batch, strict=True)
         parts.append(find_pairs(detections, labels, overlaps.as_array()))
     unread = unread_files(results_dir, labels_dir, names) if sample_list is None else ()
-    return _Submission(concatenate(parts), len(missing), (*unread, *tally.remarks()))
+    remarks = (*unread, *tally.remarks())
+    return _Submission(tuple(names), concatenate(parts), len(missing), remarks)
 
 
 def read_frames(

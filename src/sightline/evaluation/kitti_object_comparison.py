@@ -32,10 +32,11 @@ class PairedDifference:
     second: float
     difference: float
     """First less second."""
-    low: float
-    """2.5 % quantile of the difference over resampled frames, the same frames for both."""
-    high: float
-    """97.5 % quantile."""
+    low: float | None
+    """2.5 % quantile of the difference over resampled frames, the same frames for both; None where
+    no resample has such an object."""
+    high: float | None
+    """97.5 % quantile; likewise."""
 
     def to_json(self) -> dict[str, Any]:
         """The difference as the report's file has it."""
@@ -43,7 +44,7 @@ class PairedDifference:
             "first": self.first,
             "second": self.second,
             "difference": self.difference,
-            "difference_95": [self.low, self.high],
+            "difference_95": None if self.low is None else [self.low, self.high],
         }
 
 
@@ -195,14 +196,17 @@ def _paired(
     once = np.array(scores(np.ones(curves[0].num_frames, dtype=np.int64)))
     drawn = draw_frames(first.valid_per_frame, num_resamples, seed)
     resampled = np.array([scores(weights) for weights in drawn]).reshape(-1, 2, 2)
-    low, high = np.percentile(resampled[:, 0] - resampled[:, 1], (2.5, 97.5), axis=0)
+    low, high = [None, None], [None, None]
+    if len(resampled):
+        differences = resampled[:, 0] - resampled[:, 1]
+        low, high = np.percentile(differences, (2.5, 97.5), axis=0).tolist()
     r40, all_points = (
         PairedDifference(
             first=float(once[0, figure]),
             second=float(once[1, figure]),
             difference=float(once[0, figure] - once[1, figure]),
-            low=float(low[figure]),
-            high=float(high[figure]),
+            low=low[figure],
+            high=high[figure],
         )
         for figure in range(2)
     )
@@ -218,4 +222,6 @@ def _difference(pair: PairedDifference | None) -> str:
 
 
 def _interval(pair: PairedDifference | None) -> str:
-    return "-" if pair is None else f"{pair.low:+.1f} {pair.high:+.1f}"
+    if pair is None or pair.low is None or pair.high is None:
+        return "-"
+    return f"{pair.low:+.1f} {pair.high:+.1f}"

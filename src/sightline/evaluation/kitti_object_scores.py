@@ -125,15 +125,15 @@ def _mean_r40(slots: Float64[np.ndarray, "41"]) -> float:
 def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP | None:
     """AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
 
-    None where no object counts; no interval without resamples.
+    None where no object counts; no interval without resamples that have such an object.
     """
     if task.n_gt == 0:
         return None
     curve = ResampledCurve.of(task)
     ap = curve.ap_all_points(np.ones(curve.num_frames, dtype=np.int64))
-    if num_resamples == 0:
-        return BootstrapAP(ap=ap)
     drawn = draw_frames(task.valid_per_frame, num_resamples, seed)
     resampled = [curve.ap_all_points(weights) for weights in drawn]
-    low, high = np.percentile(resampled, (2.5, 97.5)) if resampled else (np.nan, np.nan)
+    if not resampled:
+        return BootstrapAP(ap=ap)
+    low, high = np.percentile(resampled, (2.5, 97.5))
     return BootstrapAP(ap=ap, low=float(low), high=float(high))

@@ -30,9 +30,9 @@ class BootstrapAP:
     ap: float
     """Area under the monotone precision-recall curve, percent."""
     low: float | None = None
-    """2.5 % quantile over resampled frames, percent; None without resamples."""
+    """2.5 % quantile over resampled frames, percent; None without resamples of such objects."""
     high: float | None = None
-    """97.5 % quantile over resampled frames, percent; None without resamples."""
+    """97.5 % quantile over resampled frames, percent; likewise."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -70,9 +70,11 @@ class ObjectTally:
             )
         for code, name in enumerate(CLASSES):
             if code in labelled and code not in found:
+                missed = f"{labelled[code]:,} labelled objects are all missed"
+                missed = "one labelled object is missed" if labelled[code] == 1 else missed
                 remarks.append(
-                    f"Nothing of {name} is among the results: its {labelled[code]:,} labelled "
-                    "objects are all missed, and the table, as KITTI's, leaves the class out."
+                    f"Nothing of {name} is among the results: its {missed}. A table without any "
+                    "result of a class leaves it out, as KITTI's does."
                 )
             elif code in found and code not in labelled and labelled:
                 remarks.append(

@@ -14,15 +14,16 @@ from typing import Any, Final, Protocol, runtime_checkable
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.jobs import check_apart, claim_folder
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Velodyne, suggest_frames
 from sightline.data.open import SampleDataset, sweeps_folder
+from sightline.data.plain_text import shortened
 from sightline.data.problem import plain_line
 from sightline.export.names import EngineChoice
 from sightline.inference.predictor import Predictor
 from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
 from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer
-from sightline.robustness.frames import name_of, open_frames
+from sightline.robustness.frames import digest_files, name_of, open_frames
 from sightline.robustness.record import (
     RECORD_NAME,
     CaseInfo,
@@ -91,6 +92,8 @@ class BenchSettings:
     """Records of methods that look at one sensor each, by that sensor."""
     shown: str | None = None
     """The frame of the example pictures. None: the first."""
+    picture_px: int = 800
+    """How wide these are."""
     workers: int = 2
 
     def chosen_cases(self, suite: Suite) -> tuple[Case, ...]:
@@ -100,6 +103,22 @@ class BenchSettings:
             ValueError: The suite has no such case.
         """
         return suite.cases if self.cases is None else suite.select([CLEAN, *self.cases])
+
+    def drawer(self, out: Path, dataset: SampleDataset, scoring: Scoring) -> ExampleDrawer:
+        """What draws the example pictures of a run.
+
+        Raises:
+            ValueError: The data set has no such frame, or the width makes no sense.
+        """
+        names, shown = dataset.sample_ids, self.shown
+        if shown is not None and shown not in names:
+            raise ValueError(
+                f"frame {shortened(shown)} to show is none of the run's: "
+                f"{suggest_frames(shown, names)}; name one of them"
+            )
+        return ExampleDrawer(
+            out=out, frame=shown or names[0], scoring=scoring, width_px=self.picture_px
+        )
 
 
 def run_bench(
@@ -168,12 +187,11 @@ def run_bench(
     )
     infos = {case.name: describe_case(case) for case in cases}
     check_compared(given, healthy, setting, infos)
-    shown = _shown(dataset, settings.shown)
+    drawer = settings.drawer(out, dataset, scoring)
     folders = [out, out / _BASELINE][: len(predictors)]
     for folder, predictor in zip(folders, predictors, strict=True):
-        claim = claim_of(setting, suite, predictor.name, predictor.made_by) | {"shown": shown}
+        claim = claim_of(setting, suite, predictor.name, predictor.made_by) | drawer.settings
         claim_folder(folder, claim, results=(f"{_ANSWERS}/*",))
-    drawer = ExampleDrawer(out=out, frame=shown, scoring=scoring)
     asked = [
         Asked(predictor=predictor, cases=cases, folder=folder / _ANSWERS, also=also)
         for folder, predictor, also in zip(folders, predictors, (drawer, None), strict=False)
@@ -260,6 +278,7 @@ def setting_of(
         velodyne=velodyne,
         frames=len(dataset),
         frames_sha256=digest_names(dataset.sample_ids),
+        files_digest=digest_files(dataset),
         figures=scoring.figures,
         suite=suite.name,
         seed=seed,
@@ -274,14 +293,3 @@ def claim_of(
     del plain["figures"]
     cases = {case.name: asdict(describe_case(case)) for case in suite.cases}
     return {"sightline": version("sightline"), "method": method, **made_by, **plain, "cases": cases}
-
-
-def _shown(dataset: SampleDataset, name: str | None) -> str:
-    if name is None:
-        return dataset.sample_ids[0]
-    if name not in dataset.sample_ids:
-        raise ValueError(
-            f"frame {name} to show is not among the {len(dataset)} frames of the run; name one of "
-            "them"
-        )
-    return name

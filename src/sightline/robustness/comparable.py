@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from typing import Final
 
 from sightline.corruptions.suites import CLEAN
 from sightline.data.plain_text import shortened
@@ -9,14 +10,24 @@ from sightline.robustness.record import CaseInfo, Record, Setting
 
 _LONGEST = 200  # characters of a case's parameters that an error shows
 
+_FILES: Final = "files_digest"
 
-def check_baseline(baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo]) -> None:
+
+def check_baseline(
+    baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo], *, called: str = ""
+) -> None:
     """Refuses a baseline of another task, suite or data set, or without some of the cases.
+
+    Args:
+        baseline: The record.
+        setting: What it must be of.
+        cases: What it must have.
+        called: By errors.
 
     Raises:
         ValueError: It is one.
     """
-    who = f"the baseline {shortened(baseline.method)}"
+    who = called or f"the baseline {shortened(baseline.method)}"
     _check(who, asdict(baseline.setting), asdict(setting))
     for name, case in cases.items():
         if name not in baseline.cases:
@@ -44,9 +55,31 @@ def check_healthy(sensor: str, healthy: Record, setting: Setting) -> None:
         raise ValueError(f"{who} has no scores of case {CLEAN}; run it again with that case")
 
 
+def warn_of_files(records: Mapping[str, Record]) -> tuple[str, ...]:
+    """A sentence where frames of one name are other files: not refused, they may be written anew.
+
+    Args:
+        records: By what the sentence calls them. Those that do not know their files are left out.
+    """
+    digests = {
+        name: record.setting.files_digest
+        for name, record in records.items()
+        if record.setting.files_digest is not None
+    }
+    first, *rest = digests or ("",)
+    others = [name for name in rest if digests[name] != digests[first]]
+    if not others:
+        return ()
+    return (
+        f"WARNING: data {records[first].setting.data} hold other files, by names or sizes, for "
+        f"{', '.join(others)} than for {first}: unless the same frames were written anew, scores "
+        "do not compare.",
+    )
+
+
 def _check(who: str, there: Mapping[str, object], here: Mapping[str, object]) -> None:
     for name, value in here.items():
-        if there[name] != value:
+        if name != _FILES and there[name] != value:
             told = "other figures" if name == "figures" else f"{name} {_shown(there[name])}"
             wanted = "" if name == "figures" else f" instead of {_shown(value)}"
             raise ValueError(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sightline.corruptions.suites import CLEAN
 from sightline.data.atomic import atomic_write_text
-from sightline.robustness.comparable import check_baseline
+from sightline.robustness.comparable import check_baseline, warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import compare_page
 from sightline.robustness.record import Record, read_record
@@ -51,6 +51,7 @@ class Comparison:
     def notes(self) -> tuple[str, ...]:
         """Sentences to read the scores with."""
         notes = tuple(dict.fromkeys(note for each in self.records for note in each.notes))
+        notes = (*warn_of_files(dict(zip(self._names(), self.records, strict=True))), *notes)
         if self.left_out:
             names = ", ".join(self.left_out)
             notes = (f"Left out, as not all runs have these cases: {names}.", *notes)
@@ -147,8 +148,8 @@ def compare_runs(paths: Sequence[Path]) -> Comparison:
         raise ValueError(f"{told} have no clean case in common; run them again")
     every = dict.fromkeys(name for each in records for name in each.cases)
     first, *others = (_restricted(each, shared) for each in records)
-    for other in others:
-        check_baseline(other, first.setting, first.cases)
+    for path, other in zip(paths[1:], others, strict=True):
+        check_baseline(other, first.setting, first.cases, called=f"the run {path}")
     return Comparison(
         records=(first, *others), left_out=tuple(name for name in every if name not in shared)
     )

@@ -12,7 +12,7 @@ from sightline.robustness.record import CaseInfo
 from sightline.robustness.scoring import Answered, Scoring
 
 _PICTURES: Final = "pictures"
-_WIDTH_PX: Final = 800
+_WIDTHS_PX: Final = (100, 4000)
 
 
 class Example(NamedTuple):
@@ -30,12 +30,28 @@ class ExampleDrawer:
     """Folder of the run."""
     frame: str
     scoring: Scoring
+    width_px: int
+    """Of each picture."""
+
+    def __post_init__(self) -> None:
+        """Checks the width."""
+        least, most = _WIDTHS_PX
+        if not least <= self.width_px <= most:
+            raise ValueError(
+                f"picture_px must be between {least} and {most}, got {self.width_px}: it is how "
+                "many pixels wide each picture of the page is"
+            )
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """All that its pictures depend on, beside the answers, for a run's manifest."""
+        return {"shown": self.frame, "picture_px": self.width_px}
 
     def __call__(self, case: Case, answered: Answered) -> None:
         """Draws, where it is the frame."""
         if answered.posed.sample.sample_id != self.frame:
             return
-        for number, panel in enumerate(self.scoring.draw(answered, _WIDTH_PX)):
+        for number, panel in enumerate(self.scoring.draw(answered, self.width_px)):
             name = f"{number}_{panel.caption.replace(' ', '_')}.jpg"
             write_rgb(self.out / _PICTURES / case.name / name, panel.picture)
 

@@ -1,7 +1,9 @@
 """Opens the frames of a run, with all that its cases, methods and scoring need of them."""
 
 import contextlib
-from collections.abc import Collection, Sequence
+import hashlib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,12 +11,14 @@ from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import Case
 from sightline.data.jobs import data_name
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Part, Velodyne
-from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.object_tree import Part, Velodyne, list_object_frames
+from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.data.recording import RecordingDataset
 
 _DELIVERED: Final[dict[Sensor, Part]] = {"camera": "image", "lidar": "points"}
 _SEEN_BY_KINDS: Final[tuple[Part, ...]] = ("image", "points", "objects")
+_FRAME_FILES: Final[tuple[Part, ...]] = (*_SEEN_BY_KINDS, "calibration")
+_DIGITS: Final = 16
 _WORDS: Final[dict[Part, str]] = {"image": "images", "points": "sweeps"}
 
 
@@ -75,6 +79,28 @@ def open_frames(
             dataset = opened(needed | {part})
             needed.add(part)
     return dataset
+
+
+def digest_files(dataset: SampleDataset) -> str:
+    """Digest of the names and sizes of all files of the frames: data of one name told apart.
+
+    Images, sweeps, calibrations and labels count wherever they are, read or not, so that every
+    method has the same. The first 16 hexadecimal digits of a SHA-256.
+    """
+    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    if isinstance(whole, KittiObjectDataset):
+        folder, sweeps = whole.root / whole.split, whole.velodyne
+        frames: Mapping[str, Any] = list_object_frames(folder, _FRAME_FILES, sweeps)
+    else:
+        frames = {frame.sample_id: frame for frame in getattr(whole, "frames", ())}
+    digest = hashlib.sha256()
+    for name in dataset.sample_ids:
+        frame = frames[name]
+        for field in fields(frame):
+            path = getattr(frame, field.name)
+            if isinstance(path, Path):
+                digest.update(f"{field.name}/{path.name} {path.stat().st_size}\n".encode())
+    return digest.hexdigest()[:_DIGITS]
 
 
 def name_of(dataset: SampleDataset, data: Path) -> str:

@@ -46,6 +46,8 @@ class ObjectScoring:
     """The one that everybody looks at first."""
     write: "Callable[[Path, CameraLidarSample, Any], None]"
     """Writes the task's answer as a result file."""
+    read_file: "Callable[[Path, CameraLidarSample], Any]"
+    """Reads what a result file tells of such an answer."""
     panels: Callable[[Answered, int], tuple[Panel, ...]]
     """See `Scoring.draw`."""
     name: str = field(default="KITTI objects", init=False)
@@ -92,6 +94,10 @@ class ObjectScoring:
     def keep(self, path: Path, answered: Answered) -> None:
         """Writes KITTI's result file."""
         self.write(path, answered.posed.sample, answered.answer)
+
+    def read(self, path: Path, sample: "CameraLidarSample") -> object:
+        """See `Scoring.read`."""
+        return self.read_file(path, sample)
 
     def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
         """See `Scoring.draw`."""

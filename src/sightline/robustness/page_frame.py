@@ -61,6 +61,8 @@ circle.third { fill: var(--third); } circle.fourth { fill: var(--fourth); }
   text-align: right; }
 .example { margin: 1em 0; } .pictures { display: grid; gap: .5em;
   grid-template-columns: repeat(auto-fit, minmax(260px, 1fr)); align-items: start; }
+.pictures figure { cursor: zoom-in; }
+.pictures .large { grid-column: 1 / -1; cursor: zoom-out; }
 .pictures img { width: 100%; border-radius: 4px; display: block; background: #111; }
 @media (max-width: 560px) { body { padding: .8em .7em 3em; } h1 { font-size: 1.3em; }
   th, td { padding: .25em .4em; font-size: .88em; } .heat td.cell { min-width: 3.1em; }
@@ -74,6 +76,8 @@ const pick = document.getElementById("figure");
 const show = () => document.querySelectorAll("[data-figure]").forEach(
   part => { part.hidden = part.dataset.figure !== pick.value; });
 pick.addEventListener("change", show); show();
+document.querySelectorAll(".pictures figure").forEach(
+  each => each.addEventListener("click", () => each.classList.toggle("large")));
 """
 
 _PAGE: Final = """<!doctype html>

@@ -66,6 +66,9 @@ class Setting:
     figures: tuple[Figure, ...]
     suite: str
     seed: int
+    files_digest: str | None = None
+    """See `digest_files`: another one is told, not refused. None: a record of before, or of a
+    corrupted data set without its clean case."""
 
     @property
     def of_clean_frames(self) -> dict[str, object]:
@@ -177,6 +180,9 @@ def _parse(content: dict[str, Any]) -> Record:
         figures=tuple(map(_parse_figure, content["figures"])),
         suite=checked_text(content["suite"]),
         seed=checked_count(content["seed"]),
+        files_digest=(
+            checked_text(content["files_digest"]) if content.get("files_digest") else None
+        ),
     )
     cases = {checked_text(name): _parse_case(case) for name, case in content["cases"].items()}
     if not setting.figures or CLEAN not in cases:

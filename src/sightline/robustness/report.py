@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from sightline.corruptions.corruption import Sensor
 from sightline.data.atomic import atomic_write_text
+from sightline.robustness.comparable import warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page
 from sightline.robustness.record import RECORD_NAME, Record
@@ -93,7 +94,10 @@ class RobustnessReport:
 
     def notes(self) -> tuple[str, ...]:
         """Sentences to read the scores with."""
-        notes = self.record.notes
+        others = {f"the healthy {sensor}": each for sensor, each in self.healthy.items()}
+        if self.baseline is not None:
+            others["the baseline"] = self.baseline
+        notes = (*warn_of_files({"this run": self.record, **others}), *self.record.notes)
         if self.no_cases:
             count = len(self.no_cases)
             notes = (

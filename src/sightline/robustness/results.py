@@ -4,10 +4,12 @@ import difflib
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
+from sightline.corruptions.tree import read_corrupted
 from sightline.data.jobs import MANIFEST_NAME, check_workers, claim_folder, data_name
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
@@ -22,10 +24,11 @@ from sightline.robustness.bench import (
     read_healthy,
     setting_of,
 )
+from sightline.robustness.examples import ExampleDrawer
 from sightline.robustness.record import Record, checked_count, checked_text, describe_case
 from sightline.robustness.report import RobustnessReport
 from sightline.robustness.score_job import score_cases
-from sightline.robustness.scoring import Scoring
+from sightline.robustness.scoring import Answered, PosedFrame, Scoring
 
 _LIKENESS: Final = 0.75  # of a folder's name to the case that may be meant
 _NAMED: Final = 4  # folders that an error names
@@ -76,14 +79,16 @@ def score_results(
             f"the baseline of results is the robustness.json of a run, got "
             f"{shortened(settings.baseline)}; run that first"
         )
+    tree = _first_tree(cases, chosen)
     dataset = open_dataset(
-        _first_tree(cases, chosen),
+        tree,
         sample_list=settings.sample_list,
         velodyne=made_with["velodyne"],
         parts=scoring.parts,
     )
     scoring.check(dataset)
     _check_complete(results, chosen, dataset, scoring)
+    drawer = settings.drawer(out, dataset, scoring)
     setting = setting_of(
         task,
         scoring,
@@ -93,11 +98,14 @@ def score_results(
         suite=suite,
         seed=made_with["seed"],
     )
+    if tree.name != CLEAN:  # whose files are not those of the data
+        setting = replace(setting, files_digest=None)
     infos = {case.name: describe_case(case) for case in chosen}
     check_compared(given, healthy, setting, infos)
     made_by = {"results": data_name(results)}
     name = plain_line(results.resolve().name)
-    claim_folder(out, claim_of(setting, suite, name, made_by), results=("scores/*",))
+    claim = claim_of(setting, suite, name, made_by) | drawer.settings
+    claim_folder(out, claim, results=("scores/*",))
     record = Record(
         method=name,
         made_by=made_by,
@@ -108,12 +116,25 @@ def score_results(
         ),
         notes=scoring.notes(dataset),
     )
+    _draw(drawer, cases, results, chosen, made_with["velodyne"])
     absent = tuple(case.name for case in asked if case not in chosen)
     report = RobustnessReport(
         record=record, baseline=given, healthy=healthy, absent_cases=absent, no_cases=strange
     )
     report.write(out)
     return report
+
+
+def _draw(
+    drawer: ExampleDrawer, cases: Path, results: Path, chosen: Sequence[Case], velodyne: Velodyne
+) -> None:
+    """Pictures of one frame, of the cases whose frames are still there."""
+    for case in chosen:
+        corrupted = read_corrupted(cases / case.name, drawer.frame, case.corruption, velodyne)
+        if corrupted is not None:
+            path = results / case.name / f"{drawer.frame}{drawer.scoring.suffix}"
+            answer = drawer.scoring.read(path, corrupted.sample)
+            drawer(case, Answered(PosedFrame(corrupted.sample, None), corrupted, answer))
 
 
 def _made_with(cases: Path) -> dict[str, Any]:

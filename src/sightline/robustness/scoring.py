@@ -126,6 +126,14 @@ class Scoring(Keeper, Protocol):
         """Sentences to read the scores of such data with, of objects that are too few for one."""
         ...
 
+    def read(self, path: Path, sample: "CameraLidarSample") -> object:
+        """The answer that a kept file holds, for pictures; asked only where `takes_results`.
+
+        Raises:
+            ValueError: The file is at fault, or such files hold no answers.
+        """
+        ...
+
     def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
         """The figures of the files in a folder, one for each of the data set's samples.
 

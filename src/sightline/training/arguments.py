@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -122,8 +123,18 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
             resolved.append(argument)
         expected = not expected and argument in ("--config", "-c")
     if name == _UNNAMED and not any(argument.startswith("--model") for argument in arguments):
-        raise ValueError(f"no recipe is given; name one with --config: {_choice(recipes)}")
+        raise ValueError(f"no recipe is given; {_without_recipe(arguments, recipes)}")
     return resolved, name
+
+
+def _without_recipe(arguments: Sequence[str], recipes: Path) -> str:
+    """Remedy where no recipe is named: the settings that stand in the run's folder, or a choice."""
+    words = " ".join(arguments).replace(f"{RUN_FOLDER.flag}=", f"{RUN_FOLDER.flag} ").split()
+    for flag, folder in pairwise(words):
+        settings = Path(folder) / "config.yaml"
+        if flag == RUN_FOLDER.flag and settings.is_file():
+            return f"the run's own is {settings}: add --config={settings}"
+    return f"name one with --config: {_choice(recipes)}"
 
 
 def nulls_as_configs(arguments: Sequence[str]) -> list[str]:

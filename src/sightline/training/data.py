@@ -196,24 +196,23 @@ class CameraLidarData(lightning.LightningDataModule):
         self.workers = workers
         self.seed = seed
         self.samples_per_epoch = samples_per_epoch
+        self._training: tuple[PreparedSamples, TrainingBatches] | None = None
 
     def setup(self, stage: str) -> None:
-        """Trains without validation where there are no samples for it."""
-        if stage == "fit" and self.trainer is not None and not self.sources["validation"]:
-            self.trainer.limit_val_batches = 0
+        """Trains without validation where there are no samples for it.
+
+        Raises:
+            ValueError: Samples to train on are lacking; told before a first validation.
+        """
+        if stage == "fit" and self.trainer is not None:
+            if not self.sources["validation"]:
+                self.trainer.limit_val_batches = 0
+            self._training = self._training_samples()
 
     def train_dataloader(self) -> ResumableLoader:
         """Shuffled batches, another order in each epoch; what does not fill a batch is left out."""
-        samples = self._open("training", training=True)
-        rank, world = self._rank_and_world()
-        batches = TrainingBatches(
-            len(samples),
-            self.batch_size,
-            seed=self.seed,
-            samples_per_epoch=self.samples_per_epoch,
-            rank=rank,
-            world=world,
-        )
+        samples, batches = self._training or self._training_samples()
+        self._training = None  # another loader has a place of its own
         position = EpochPosition(self.trainer, len(batches))
         return ResumableLoader(samples, batches, position, workers=self.workers, seed=self.seed)
 
@@ -225,6 +224,19 @@ class CameraLidarData(lightning.LightningDataModule):
         """All test samples in order."""
         return self._scoring_loader("test")
 
+    def _training_samples(self) -> tuple[PreparedSamples, TrainingBatches]:
+        samples = self._open("training", training=True)
+        rank, world = self._rank_and_world()
+        batches = TrainingBatches(
+            len(samples),
+            self.batch_size,
+            seed=self.seed,
+            samples_per_epoch=self.samples_per_epoch,
+            rank=rank,
+            world=world,
+        )
+        return samples, batches
+
     def _scoring_loader(self, name: str) -> DataLoader[Any]:
         samples = self._open(name, training=False)
         rank, world = self._rank_and_world()
@@ -234,7 +246,9 @@ class CameraLidarData(lightning.LightningDataModule):
     def _open(self, name: str, *, training: bool) -> PreparedSamples:
         sources = self.sources[name]
         if not sources:
-            raise ValueError(f"there is nothing to take {name} samples from; set data.{name}")
+            raise ValueError(
+                f"there is nothing to take {name} samples from; set --data.init_args.{name}"
+            )
         validated = {
             data_tree(source, self.root)
             for source in (*self.sources["validation"], *self.sources["test"])

@@ -44,7 +44,7 @@ class TrainingBatches(Sampler[list[SampleKey]]):
             devices = f" on each of {world} devices" if world > 1 else ""
             raise ValueError(
                 f"an epoch of {wanted} samples does not fill a batch of {batch_size}{devices}; "
-                "set a smaller data.batch_size or raise the repeat of the sources"
+                "set a smaller --data.init_args.batch_size or raise the repeat of the sources"
             )
         self._num_samples = num_samples
         self._batch_size = batch_size
