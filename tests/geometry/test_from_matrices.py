@@ -52,7 +52,7 @@ def with_(rows, row, column, value):
         (np.array(5.0), RIGID, "camera_matrix is something else, .*, expected a matrix of 3x3"),
         (np.ravel(CAMERA), RIGID, "camera_matrix is something else, .*; give .reshape.3, 3."),
         (RIGID, CAMERA, "camera_matrix is 4x4, .* swap the arguments"),
-        (np.array(CAMERA, complex), RIGID, "camera_matrix is something else, array"),
+        (np.array(CAMERA, complex), RIGID, "camera_matrix is array.*, expected numbers; give"),
         (np.ma.masked_equal(CAMERA, 1), RIGID, "camera_matrix has . of 9 values masked"),
         (CAMERA, np.eye(3), "camera_from_lidar is 3x3, expected a matrix of 4x4 or 3x4"),
         (with_(CAMERA, 0, 0, np.nan), RIGID, "camera_matrix holds NaN or infinite values"),

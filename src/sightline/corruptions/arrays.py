@@ -23,12 +23,12 @@ from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.faults import fault_rng
 from sightline.data.frame_checks import depth_range_doubt
-from sightline.geometry.arguments import plain_text, shown, wrong_type
+from sightline.geometry.arguments import plain_size, plain_text, shown, wrong_type
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.given_arrays import Given, given_array, without_masked
 from sightline.geometry.mount import mount_doubt
-from sightline.structures.arrays import cloud_columns, image_remedy, plain_size, warn_of_view
+from sightline.structures.arrays import cloud_columns, image_remedy, warn_of_view
 from sightline.structures.mounting import warn_of_axes
 from sightline.structures.sample import CameraLidarSample
 

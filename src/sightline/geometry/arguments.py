@@ -6,8 +6,10 @@ Without PyTorch, for checks that start at once.
 import difflib
 import reprlib
 from collections.abc import Collection, Sequence
+from contextlib import suppress
+from operator import index
 from pathlib import Path
-from typing import TypeVar
+from typing import SupportsIndex, TypeVar
 
 Name = TypeVar("Name", bound=str)
 
@@ -55,6 +57,22 @@ def plain_path(name: str, value: object, expected: str) -> Path:
     if not isinstance(value, str | Path):
         raise wrong_type(name, value, expected)
     return Path(value)
+
+
+def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
+    """Height and width [px] of any whole numbers.
+
+    Raises:
+        ValueError: They are not two, not whole or not positive.
+    """
+    with suppress(TypeError):
+        size = tuple(index(side) for side in image_size)
+        if len(size) == 2 and min(size) > 0:
+            return size[0], size[1]
+    raise ValueError(
+        f"image_size is {shown(image_size)}, expected (height, width), each a whole number of at "
+        "least 1; give pixels"
+    )
 
 
 def nearest(name: str, known: Collection[str]) -> str:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from sightline.geometry.arguments import shown, wrong_type
 from sightline.geometry.checked import checked
-from sightline.geometry.given_arrays import given_array
+from sightline.geometry.given_arrays import plain_numbers
 from sightline.geometry.mount import mount_doubt
 from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
 
@@ -177,12 +177,7 @@ class Calibration:
 def _numbers(
     matrix: Matrix, name: str, shapes: Sequence[tuple[int, int]]
 ) -> Float64[np.ndarray, "rows columns"]:
-    plain = given_array(name, matrix)
-    is_numbers = plain.dtype.kind in "fiuOU"
-    try:
-        numbers = np.array(plain, dtype=np.float64) if is_numbers else np.empty(0)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
+    numbers = plain_numbers(name, matrix)
     if numbers.shape not in shapes:
         expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
         got = "x".join(map(str, numbers.shape))
@@ -210,10 +205,7 @@ def _shape_hint(numbers: Float64[np.ndarray, "..."], shapes: Sequence[tuple[int,
 def _refuse_distortion(distortion: Sequence[SupportsFloat] | np.ndarray | Tensor | None) -> None:
     if distortion is None:
         return
-    try:
-        coefficients = np.ravel(given_array("distortion", distortion).astype(np.float64))
-    except (TypeError, ValueError) as error:
-        raise ValueError("distortion is no row of numbers; give the lens' coefficients") from error
+    coefficients = plain_numbers("distortion", distortion).ravel()
     if coefficients.any():
         shown = ", ".join(f"{value:.4g}" for value in coefficients)
         raise ValueError(

@@ -1,10 +1,11 @@
 """Arrays, tensors and nested lists as users have them."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float64, Shaped
 from torch import Tensor, bfloat16, strided
 
 from sightline.geometry.arguments import shown
@@ -41,6 +42,19 @@ def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
             f"{name}: an array is needed, got something else ({shown(given)}); give rows of one "
             "length"
         ) from error
+
+
+def plain_numbers(name: str, given: object) -> Float64[np.ndarray, "..."]:
+    """The numbers of an array, a tensor or nested lists, of any shape.
+
+    Raises:
+        ValueError: It holds something else.
+    """
+    array = given_array(name, given)
+    if array.dtype.kind in "fiuOU":
+        with suppress(TypeError, ValueError):
+            return array.astype(np.float64)
+    raise ValueError(f"{name} is {shown(given)}, expected numbers; give rows of them")
 
 
 def without_masked(given: object, fill: float = np.nan) -> object:

@@ -1,10 +1,8 @@
 """Pictures and point clouds as users have them, made into what a sample holds."""
 
 import warnings
-from collections.abc import Sequence
 from contextlib import suppress
-from operator import index
-from typing import SupportsFloat, SupportsIndex
+from typing import SupportsFloat
 
 import numpy as np
 import torch
@@ -36,22 +34,6 @@ def plain_number(name: str, value: SupportsFloat) -> float:
         with suppress(TypeError, ValueError, OverflowError, RuntimeError):
             return float(value)
     raise ValueError(f"{name} is {shown(value)}, expected a number; give one")
-
-
-def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
-    """Height and width [px] of any whole numbers.
-
-    Raises:
-        ValueError: They are not two, not whole or not positive.
-    """
-    with suppress(TypeError):
-        size = tuple(index(side) for side in image_size)
-        if len(size) == 2 and min(size) > 0:
-            return size[0], size[1]
-    raise ValueError(
-        f"image_size is {shown(image_size)}, expected (height, width), each a whole number of at "
-        "least 1; give pixels"
-    )
 
 
 def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:

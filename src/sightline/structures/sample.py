@@ -9,12 +9,12 @@ import torch
 from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 
-from sightline.geometry.arguments import plain_text
+from sightline.geometry.arguments import plain_size, plain_text
 from sightline.geometry.calibration import Calibration, plain_calibration
 from sightline.geometry.checked import checked
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import level_ahead
-from sightline.structures.arrays import image_planes, plain_size, sweep_points, warn_of_view
+from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.mounting import plain_height, plain_tilt, pose_of_sweep, warn_of_axes
 
