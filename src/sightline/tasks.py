@@ -192,10 +192,11 @@ def load(
         threads: Of the CPU; None: the engine's own choice.
 
     Raises:
+        TypeError: The weights are neither a name nor a path.
         ValueError: There are no such weights, they are of no task that this version has, or the
             engine is not installed or cannot run on the device.
     """
-    task = choose_task(None, weights)
+    task = choose_task(None, find_weights(weights))
     return task.predictor(weights=weights, engine=engine, device=device, threads=threads)
 
 

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from sightline.corruptions.arrays import corrupt_arrays
-from sightline.corruptions.kinds import KINDS
+from sightline.corruptions.kinds import KINDS, plain_severity
 from sightline.data.faults import fault_rng
 from tests.data.scenes import sample_of
 
@@ -86,6 +86,13 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
         ({"image": IMAGE[:, :, 0], "image_size": (5, 5)}, "image must be uint8, height x width"),
         ({"points": np.full((1, 4), np.inf, np.float16)}, "points must be finite .* row 0 is not"),
         ({"seed": -1}, "seed must not be negative"),
+        ({"seed": True}, "seed is True, expected a whole number of 0 or more"),
+        ({"points": POINTS * [[1e3, 1e3, 1e3, 1]]}, "points: .* probably in millimetres; write"),
+        ({"points": np.ma.masked_array(POINTS, POINTS > 9)}, "points has .* values masked"),
+        ({"image": np.ma.masked_array(IMAGE, IMAGE > 9)}, "image has .* values masked"),
+        ({"image": torch.empty(3, 4, 3, device="meta")}, "image is a tensor on the device meta"),
+        ({"image": IMAGE.transpose(2, 0, 1)}, r"channels first: give image.transpose\(1, 2, 0\)"),
+        ({"depth": np.full((120, 400), np.inf)}, "depth must be finite"),
     ],
 )
 def test_what_is_no_such_array_is_refused(wrong, said):
@@ -146,3 +153,31 @@ def test_several_kinds_meet_a_frame_one_after_the_other():
     for wrong in ("lidar_fog+lidar_fog", "lidar_fog+", "camera_fog+fogg"):
         with pytest.raises(ValueError, match=r"named twice|no kind of corruption"):
             corrupt_arrays(wrong, 3, image=IMAGE, points=POINTS, **MATRICES)
+
+
+@pytest.mark.parametrize("severity", [True, 2.5, 9, 0, "3", None, [3]])
+def test_a_severity_is_a_whole_number_from_one_to_five(severity):
+    with pytest.raises(ValueError, match="camera_fog has severities from 1 to 5, got "):
+        plain_severity("camera_fog", severity)
+
+
+def test_a_calibration_and_a_depth_that_no_sensors_have_are_warned_of_as_elsewhere():
+    inverted = np.linalg.inv(MATRICES["camera_from_lidar"])
+    given = {"image": IMAGE, "points": POINTS}
+    with pytest.warns(UserWarning, match="camera_from_lidar is probably inverted"):
+        corrupt_arrays("camera_fog", 1, **given, **{**MATRICES, "camera_from_lidar": inverted})
+    doubled = MATRICES["image_from_camera"] * [[2], [2], [1]]
+    with pytest.warns(UserWarning, match="^image_from_camera has its principal point .* another r"):
+        corrupt_arrays("camera_fog", 1, **given, **{**MATRICES, "image_from_camera": doubled})
+    with pytest.warns(UserWarning, match="^depth has depths of up to 2e.04 m .*: give metres"):
+        corrupt_arrays("camera_fog", 1, **given, **MATRICES, depth=np.full((120, 400), 2e4))
+
+
+def test_a_masked_depth_is_unknown_there():
+    depth = np.full((120, 400), 20.0)
+    masked = np.ma.masked_array(depth, depth > 3)
+    found, expected = (
+        corrupt_arrays("camera_fog", 3, image=IMAGE, **MATRICES, depth=each)
+        for each in (masked, 0 * depth)
+    )
+    assert np.array_equal(found.image, expected.image)

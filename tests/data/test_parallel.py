@@ -192,7 +192,7 @@ def test_ctrl_c_ends_a_job_at_whichever_of_twenty_moments_of_its_start_it_comes(
             pieces.close()
         return count
 
-    total = calls_until_the_first_result(None)
+    total = min(calls_until_the_first_result(None) for _ in range(3))  # waiting takes calls, too
     for moment in range(20):
         with pytest.raises(KeyboardInterrupt):
             calls_until_the_first_result(1 + moment * (total // 2) // 20)

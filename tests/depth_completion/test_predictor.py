@@ -285,3 +285,25 @@ def test_weights_or_a_method_is_chosen_and_never_both(weights):
     assert choose_completer(weights=weights).name == "tiny"
     with pytest.raises(ValueError, match=r"got method linear and weights .*name one of them"):
         choose_completer(method="linear", weights=weights)
+
+
+def test_masked_values_are_no_measurements_and_other_byte_orders_are_numbers(weights):
+    predictor = DepthPredictor.load(weights)
+    sparse, _ = random_frame(16, 24)
+    expected = predictor.complete(sparse).depth_m
+    wild = np.where(sparse.numpy() > 0, sparse.numpy(), -9)
+    for given in (np.ma.masked_less(wild, 0), sparse.numpy().astype(">f4")):
+        assert torch.equal(predictor.complete(given).depth_m, expected)
+
+
+def test_a_cloud_by_columns_or_in_millimetres_is_refused(weights):
+    predictor = DepthPredictor.load(weights)
+    cloud = np.random.default_rng(0).uniform(5, 50, (90, 3))
+    for wrong, said in ((1000 * cloud, "in millimetres"), (cloud.T, "a row for each with x, y, z")):
+        with pytest.raises(ValueError, match=said):
+            predictor.complete_points(wrong, small_calibration(), IMAGE_SIZE)
+
+
+def test_there_is_no_completer_of_a_method_that_there_is_not():
+    with pytest.raises((ValueError, TypeError), match="liner"):
+        DepthCompleter("liner")

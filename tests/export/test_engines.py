@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
@@ -205,3 +206,12 @@ signal.raise_signal(signal.SIGUSR1)
         [sys.executable, "-c", program], check=False, capture_output=True, text=True
     )
     assert (run.returncode, run.stdout) == (0, "it came\n"), run.stderr
+
+
+def test_threads_may_share_an_engine(engine):
+    sizes = [(24, 40), (16, 8), (24, 40)]
+    expected = [engine(toy_inputs(*size))["depth_m"] for size in sizes]
+    with ThreadPoolExecutor(3) as pool:
+        for _ in range(20):
+            found = pool.map(lambda size: engine(toy_inputs(*size))["depth_m"], sizes)
+            assert all(map(torch.equal, found, expected))

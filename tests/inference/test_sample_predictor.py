@@ -1,3 +1,4 @@
+import multiprocessing
 from dataclasses import replace
 
 import numpy as np
@@ -84,3 +85,37 @@ def test_answers_do_not_depend_on_pytorchs_default_type_of_numbers(predictors, s
         assert torch.get_default_dtype() == torch.float64
     finally:
         torch.set_default_dtype(torch.float32)
+
+
+def test_several_arguments_are_told_to_become_a_list(predictors, samples):
+    with pytest.raises(TypeError, match=r"got 2 arguments; put .* predictor\(\[a, b\]\)"):
+        predictors[0](*samples)
+
+
+def test_predictors_answer_alike_where_pytorch_makes_tensors_elsewhere(predictors, samples):
+    torch.set_default_device("meta")
+    try:
+        loaded = load("depth-fast-cpu", engine="torch", threads=1)
+        found = loaded(samples[0])
+    finally:
+        torch.set_default_device(None)
+    assert torch.equal(found.depth_m, predictors[0](samples[0]).depth_m)
+
+
+def test_a_predictor_that_was_used_can_be_used_in_a_forked_process(predictors, samples):
+    torch.zeros(2000, 2000).exp().sum()  # by several threads, which the fork loses
+    expected = predictors[0](samples[0]).depth_m
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+
+    def send():
+        sender.send(bool(torch.equal(predictors[0](samples[0]).depth_m, expected)))
+
+    process = context.Process(target=send, daemon=True)
+    process.start()
+    try:
+        assert receiver.poll(60), "the forked process does not answer"
+        assert receiver.recv()
+    finally:
+        process.kill()
+        process.join()

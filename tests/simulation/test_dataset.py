@@ -14,7 +14,7 @@ def test_a_data_set_without_files_gives_reduced_samples():
     assert dataset.sample_ids == ("000000", "000001")
     assert sample.sample_id == "000001"
     assert (sample.points[:, 0] > 0).all()
-    with pytest.raises(IndexError, match="of 2 samples has no sample 2; numbers begin at 0"):
+    with pytest.raises(IndexError, match="of 2 samples has no sample 2; they are numbered"):
         dataset[2]
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.geometry.calibration import Calibration
+from sightline.geometry.calibration import Calibration, plain_calibration
 from sightline.structures.arrays import image_planes, share_in_image, sweep_points
 from sightline.structures.sample import CameraLidarSample
 from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, IMAGE, POINTS, SAMPLE
@@ -173,3 +173,53 @@ def test_points_that_the_image_does_not_show_are_warned_of():
     behind = POINTS * np.float32([-1, -1, 1, 1])
     with pytest.warns(UserWarning, match=r"^0 % of the \d+ points fall into the image of 375x1242"):
         CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=behind)
+
+
+def test_a_cloud_of_no_points_is_taken_with_a_warning():
+    with pytest.warns(UserWarning, match="the points are none: .* give None where there is no Li"):
+        made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=np.zeros((0, 4)))
+    assert made.points.shape == (0, 4)
+
+
+def test_rows_that_a_masked_array_masks_are_no_echoes():
+    far = POINTS[:, :1] > 20
+    masked = np.ma.masked_array(POINTS, np.broadcast_to(far, POINTS.shape))
+    assert torch.equal(sweep_points(masked), sweep_points(POINTS[~far[:, 0]]))
+    with pytest.raises(ValueError, match=r"the image has .* values masked, .*; fill them"):
+        image_planes(np.ma.masked_array(IMAGE, IMAGE > 200))
+
+
+@pytest.mark.parametrize(
+    ("image", "remedy"),
+    [
+        (IMAGE / 255, r"\(255 \* image\).round\(\).clip\(0, 255\) as uint8"),
+        (IMAGE.astype(np.float32), r"\(image\).round\(\)"),
+        (np.full((4, 5, 3), np.nan), "round its levels"),
+        (IMAGE.transpose(2, 0, 1), "channels first: give image.transpose"),
+        (torch.from_numpy(IMAGE), "channels last: give image.permute"),
+        (np.dstack((IMAGE, IMAGE[..., :1])), "leave its fourth channel out"),
+        (IMAGE.astype(">u2"), "convert it to RGB of 8 bits"),
+        (np.array("a.png"), "read the file first"),
+    ],
+)
+def test_a_picture_of_another_layout_is_told_how_to_convert_it(image, remedy):
+    with pytest.raises(ValueError, match=f"the image is .* expected uint8, .*{remedy}"):
+        image_planes(image)
+
+
+def test_a_sample_has_a_picture_of_its_own():
+    buffer = torch.zeros(3, 4, 5, dtype=torch.uint8)
+    planes = image_planes(buffer)
+    buffer[:] = 9  # the next frame
+    assert not planes.any()
+
+
+def test_true_is_no_height():
+    with pytest.raises(ValueError, match="lidar_height_m is True, expected a number; give one"):
+        CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, lidar_height_m=True)
+
+
+@pytest.mark.parametrize("wrong", [None, "calib.txt", {"P2": 1}, np.eye(3)])
+def test_what_is_no_calibration_is_told_how_to_make_one(wrong):
+    with pytest.raises(TypeError, match=r"calibration is of type .*; make one by Calibration.from"):
+        plain_calibration(wrong)

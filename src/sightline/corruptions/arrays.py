@@ -7,9 +7,12 @@ found = corrupt_arrays("camera_fog", 3, image=image, points=points, image_from_c
 found.image, found.points, found.camera_mask, found.record
 """
 
+import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, SupportsIndex
+from operator import index
+from typing import SupportsIndex
 
 import numpy as np
 import torch
@@ -19,12 +22,15 @@ from sightline.corruptions.combined import find_corruption, needs_calibration
 from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.faults import fault_rng
+from sightline.data.frame_checks import depth_range_doubt
+from sightline.geometry.arguments import plain_size, plain_text, shown, wrong_type
 from sightline.geometry.calibration import Calibration
-from sightline.structures.arrays import cloud_columns, plain_size
+from sightline.geometry.cloud_checks import cloud_fault
+from sightline.geometry.given_arrays import Given, given_array, without_masked
+from sightline.geometry.mount import mount_doubt
+from sightline.structures.arrays import cloud_columns, image_remedy, warn_of_view
+from sightline.structures.mounting import warn_of_axes
 from sightline.structures.sample import CameraLidarSample
-
-Given = np.ndarray | torch.Tensor | Sequence[Any]
-"""Numbers as users have them: an array, a tensor, nested lists."""
 
 # A camera that sees no point: it looks up from far above.
 _FAR_ABOVE = torch.eye(4, dtype=torch.float64)
@@ -88,14 +94,17 @@ def corrupt_arrays(
         name: Of the frame: each has draws of its own, the same for all severities of a kind.
         lidar: The LiDAR's beams and reach.
 
+    Warns where sweep and calibration hardly belong together.
+
     Raises:
-        ValueError: There is no such kind or severity, an array is not as described, or the kind
-            needs a calibration.
+        TypeError: The kind or the name is no text, or the LiDAR is none.
+        ValueError: There is no such kind or severity, an array is not as described, most points
+            lie beyond 300 m, or the kind needs a calibration.
     """
-    corruption = find_corruption(kind, severity, lidar)
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed}")
-    planes = None if image is None else _image(_array(image))
+    corruption = find_corruption(kind, severity, _lidar(lidar))
+    seed = _seed(seed)
+    name = plain_text("name", name)
+    planes = None if image is None else _image(given_array("image", image))
     calibration = _calibration(image_from_camera, camera_from_lidar)
     if calibration is None:
         if needs_calibration(corruption):
@@ -105,13 +114,16 @@ def corrupt_arrays(
         calibration = _NO_VIEW
         image_size = (1, 1) if planes is None and image_size is None else image_size
     size = _image_size(planes, image_size)
+    sweep = None if points is None else _points(given_array("points", points))
+    if sweep is not None and calibration is not _NO_VIEW:
+        _warn_of_doubts(sweep, calibration, size)
     sample = CameraLidarSample(
         sample_id=name,
         calibration=calibration,
         image_size=size,
         image=planes,
-        points=None if points is None else _points(_array(points)),
-        depth=None if depth is None else _depth(_array(depth), size),
+        points=sweep,
+        depth=None if depth is None else _depth(_depth_array(depth), size),
     )
     return _arrays(corruption.corrupt(sample, fault_rng(sample, seed, corruption.kind)))
 
@@ -126,18 +138,42 @@ def _calibration(
             "a calibration is image_from_camera and camera_from_lidar; give both, or none of them"
         )
     return Calibration(
-        image_from_camera=_matrix("image_from_camera", _array(image_from_camera), (3, 4)),
-        camera_from_lidar=_matrix("camera_from_lidar", _array(camera_from_lidar), (4, 4)),
+        image_from_camera=_matrix("image_from_camera", image_from_camera, (3, 4)),
+        camera_from_lidar=_matrix("camera_from_lidar", camera_from_lidar, (4, 4)),
     )
 
 
-def _array(given: Given) -> Shaped[np.ndarray, "..."]:
-    if isinstance(given, torch.Tensor):
-        return given.detach().cpu().numpy()
-    try:
-        return np.asarray(given)
-    except ValueError as error:  # rows of different lengths
-        raise ValueError(f"an array is needed, got something else ({error})") from error
+def _lidar(lidar: object) -> SpinningLidar:
+    if not isinstance(lidar, SpinningLidar):
+        expected = "a SpinningLidar; take HDL_64E of sightline.corruptions.sensor"
+        raise wrong_type("lidar", lidar, expected)
+    return lidar
+
+
+def _seed(seed: object) -> int:
+    if not isinstance(seed, bool | np.bool_):
+        with suppress(TypeError):
+            number = index(seed)  # type: ignore[arg-type]  # TypeError of anything else
+            if number < 0:
+                raise ValueError(f"seed must not be negative, got {number}")
+            return number
+    raise ValueError(f"seed is {shown(seed)}, expected a whole number of 0 or more; give one")
+
+
+def _warn_of_doubts(
+    sweep: Float32[torch.Tensor, "num_points 4"], calibration: Calibration, size: tuple[int, int]
+) -> None:
+    """Warns as `from_arrays` does of a sweep and a calibration that hardly belong together."""
+    doubt = mount_doubt(calibration.camera_from_lidar.numpy())
+    if doubt is not None:
+        warnings.warn(f"camera_from_lidar {doubt}", stacklevel=3)
+    elif not warn_of_axes(sweep, calibration, stacklevel=4):
+        warn_of_view(sweep, calibration, size, camera="image_from_camera", stacklevel=4)
+
+
+def _depth_array(depth: Given) -> Shaped[np.ndarray, "..."]:
+    """The array of a depth map; what is masked is unknown."""
+    return given_array("depth", without_masked(depth, 0.0))
 
 
 def _image_size(
@@ -159,7 +195,9 @@ def _image_size(
 
 def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height width"]:
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
-        raise ValueError(f"image must be uint8, height x width x 3; got {_said(image)}")
+        raise ValueError(
+            f"image must be uint8, height x width x 3; got {_said(image)}: {image_remedy(image)}"
+        )
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
 
 
@@ -175,6 +213,10 @@ def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_poi
             f"{int(np.flatnonzero(~is_plausible)[0])} is not: leave such points out"
         )
     reflectances = columns[:, 3]
+    # of the range alone: here, none may be brighter than 1
+    fault = cloud_fault(columns, np.inf) if len(columns) and reflectances.min() >= 0 else None
+    if fault is not None:
+        raise ValueError(f"points: {fault[0]}; {fault[1]}")
     if len(columns) and not 0 <= reflectances.min() <= reflectances.max() <= 1:
         raise ValueError(
             f"reflectances (column 3 of points) must be from 0 to 1, got {reflectances.min():g} to "
@@ -193,19 +235,25 @@ def _depth(
         )
     if not (depth >= 0).all():
         raise ValueError("depth must not be negative or NaN: metres, 0 where it is unknown")
+    if not np.isfinite(depth).all():
+        raise ValueError("depth must be finite: metres, 0 where it is unknown")
+    doubt = depth_range_doubt(depth)
+    if doubt is not None:
+        warnings.warn(f"depth {doubt}: give metres, not values of a PNG", stacklevel=3)
     return torch.from_numpy(depth.astype(np.float32))
 
 
 def _matrix(
-    name: str, matrix: Shaped[np.ndarray, "..."], shape: tuple[int, int]
+    name: str, given: Given, shape: tuple[int, int]
 ) -> Float64[torch.Tensor, "rows columns"]:
-    if matrix.shape != shape or not np.issubdtype(matrix.dtype, np.number):
+    matrix = given_array(name, given)
+    if matrix.shape != shape or matrix.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be {shape[0]} x {shape[1]} numbers, got {_said(matrix)}")
     return torch.from_numpy(matrix.astype(np.float64))
 
 
 def _said(array: Shaped[np.ndarray, "..."]) -> str:
-    return f"{array.dtype} of shape {' x '.join(map(str, array.shape))}"
+    return f"{array.dtype} of shape {' x '.join(map(str, array.shape)) or '()'}"
 
 
 def _arrays(corrupted: Corrupted) -> CorruptedArrays:

@@ -18,6 +18,7 @@ from sightline.corruptions.corruption import (
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.plain_text import shortened
+from sightline.geometry.arguments import wrong_type
 from sightline.structures.sample import CameraLidarSample
 
 JOINED = "+"
@@ -103,8 +104,11 @@ def find_corruption(names: str, severity: int, lidar: SpinningLidar = HDL_64E) -
         lidar: The LiDAR that it is a fault of, as far as it matters.
 
     Raises:
+        TypeError: The kind is no text.
         ValueError: There is no such kind or severity, or a kind is named twice.
     """
+    if not isinstance(names, str):
+        raise wrong_type("kind", names, "text; give a kind's name, such as camera_fog")
     kinds = [find_kind(name.strip()) for name in names.split(JOINED)]
     twice = sorted({kind.name for kind in kinds if kinds.count(kind) > 1})
     if twice:

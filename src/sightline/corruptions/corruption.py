@@ -9,11 +9,11 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 import torch
-from beartype import beartype
-from jaxtyping import Bool, Float32, Int64, UInt8, jaxtyped
+from jaxtyping import Bool, Float32, Int64, UInt8
 from torch import Tensor
 
 from sightline.data.faults import Fault
+from sightline.geometry.checked import checked
 from sightline.structures.sample import CameraLidarSample
 
 Sensor = Literal["camera", "lidar"]
@@ -43,7 +43,7 @@ class Record:
         }
 
 
-@jaxtyped(typechecker=beartype)
+@checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Corrupted:
     """A sample as faulty sensors took it, with what was done to it.

@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from sightline.corruptions.blank import CameraFramesLost, LidarFramesLost
 from sightline.corruptions.camera_precipitation import CameraRain, CameraSnow
 from sightline.corruptions.corruption import Corruption
@@ -73,9 +75,8 @@ class Kind:
         Raises:
             ValueError: There is no such severity.
         """
-        if severity not in SEVERITIES:
-            raise ValueError(f"{self.name} has severities from 1 to 5, got {severity!r}")
-        return self.make(tuple(map(float, self.levels[int(severity) - 1])), lidar)
+        level = self.levels[plain_severity(self.name, severity) - 1]
+        return self.make(tuple(map(float, level)), lidar)
 
     def said(self, severity: int) -> str:
         """The level of a severity in words."""
@@ -84,6 +85,19 @@ class Kind:
             f"{quantity.split(' [')[0]} {number:g}{_unit(quantity)}"
             for quantity, number in zip(self.quantities, numbers, strict=True)
         )
+
+
+def plain_severity(kind: str, severity: object) -> int:
+    """A severity of any type of number: 3.0 and NumPy's 3 are 3, True is none.
+
+    Raises:
+        ValueError: There is no such severity of the kind.
+    """
+    if isinstance(severity, bool | np.bool_ | Sequence) or severity not in SEVERITIES:
+        raise ValueError(
+            f"{kind} has severities from 1 to 5, got {severity!r}; give a whole number"
+        )
+    return SEVERITIES[SEVERITIES.index(severity)]
 
 
 def find_kind(name: str) -> Kind:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float, Float32, Float64, UInt8
 
 from sightline.data.calibration_checks import check_intrinsics, check_matrices
 from sightline.data.calibration_text import (
@@ -264,13 +264,19 @@ def check_depth_scale(
 
 
 def _check_depth_range(depth_m: Float32[np.ndarray, "height width"], path: Path) -> list[Problem]:
+    doubt = depth_range_doubt(depth_m)
+    return [] if doubt is None else [_wrong_scale(path, doubt)]
+
+
+def depth_range_doubt(depth_m: Float[np.ndarray, "height width"]) -> str | None:
+    """Why depths are hardly those of a LiDAR in metres, as the rest of a sentence; else None."""
     depths = depth_m[depth_m > 0]
     if len(depths) < _FEWEST_COMPARED:
-        return []
+        return None
     nearly_all = float(np.percentile(depths, 99))
     if _MIN_DEPTH_M <= nearly_all <= _MAX_LIDAR_DEPTH_M:
-        return []
-    return [_wrong_scale(path, f"has depths of up to {nearly_all:.4g} m (99 % of them)")]
+        return None
+    return f"has depths of up to {nearly_all:.4g} m (99 % of them)"
 
 
 def _wrong_scale(path: Path, problem: str) -> Problem:

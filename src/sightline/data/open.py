@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol, get_args, runtime_checkable
 
 from torch.utils.data import Dataset
 
@@ -40,12 +40,14 @@ from sightline.data.recording import RecordingDataset
 from sightline.data.recording_tree import is_recording
 from sightline.data.safe_names import unprintable_names
 from sightline.data.sample_list import read_sample_list
+from sightline.data.sample_place import sample_place
 from sightline.data.unread_files import (
     depth_folders,
     drive_folders,
     object_folders,
     recording_folders,
 )
+from sightline.geometry.arguments import plain_names, plain_path
 from sightline.structures.sample import CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
@@ -91,8 +93,12 @@ class NamedSubset(Dataset[CameraLidarSample]):
         return len(self.positions)
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Reads a sample."""
-        return self.dataset[self.positions[index]]
+        """Reads a sample.
+
+        Raises:
+            IndexError: There is no such sample.
+        """
+        return self.dataset[self.positions[sample_place(index, len(self))]]
 
 
 def open_dataset(
@@ -128,10 +134,16 @@ def open_dataset(
     a warning, as are files of other formats beside those that are read.
 
     Raises:
-        ValueError: `path` is none of these, or lacks files; a folder that is used holds files of
-            other formats alone; a sweep is not in metres, or has reflectances outside 0 to 1.
+        TypeError: `path` is no path, or the parts are no names.
+        ValueError: `path` is none of these, or lacks files; there are no such parts; a folder that
+            is used holds files of other formats alone; a sweep is not in metres, or has
+            reflectances outside 0 to 1.
     """
-    path = Path(path)
+    path = plain_path("path", path, "the folder of a data set; give its name")
+    if velodyne is not None:
+        plain_names("velodyne", (velodyne,), get_args(Velodyne))
+    parts = None if parts is None else plain_names("parts", parts, get_args(Part))
+    needs = None if needs is None else plain_names("needs", needs, get_args(Part))
     if not path.is_dir():
         raise _no_data_set(path)
     wanted: Collection[Part] = ("image", "points", "objects") if parts is None else parts

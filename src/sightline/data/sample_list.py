@@ -1,11 +1,12 @@
 """Lists of samples: which frames of a data set are meant."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from sightline.data.plain_text import read_piped_text, read_text, shortened
 from sightline.data.safe_names import relative_parts
+from sightline.geometry.arguments import wrong_type
 
 _PACKAGED = Path(__file__).with_name("sample_lists")
 
@@ -21,6 +22,7 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         root: The data set's folder.
 
     Raises:
+        TypeError: It is nothing of this.
         ValueError: There is no such list, it is empty, it names a frame twice, or something that
             cannot be a file's name.
     """
@@ -30,6 +32,8 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         lines = (line.strip() for line in text.split("\n"))
         frames, source = tuple(line for line in lines if line), str(path)
     else:
+        if not isinstance(sample_list, Iterable):
+            raise wrong_type("sample_list", sample_list, "the frames' names; give a list of text")
         frames, source = tuple(sample_list), "the list of frames"
         other = next((frame for frame in frames if not isinstance(frame, str)), None)
         if other is not None:

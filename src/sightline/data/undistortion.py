@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
+from sightline.geometry.given_arrays import given_array, plain_numbers
+
 LensModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 """As ROS calls them: OpenCV's model of 5 or of 8 coefficients, and its fisheye's of 4."""
 
@@ -59,18 +61,19 @@ def undistort(
         ValueError: The image or the matrix is something else, the model takes another number of
             coefficients, they are not finite, or fold or lose the picture (see `lens_fault`).
     """
+    image = given_array("the image", image)
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(
             f"the image is {image.dtype} of shape {image.shape}, expected uint8 of height, width, "
             "3; convert it to RGB of 8 bits"
         )
-    camera = np.asarray(camera_matrix, dtype=np.float64)
+    camera = plain_numbers("camera_matrix", camera_matrix)
     if camera.shape not in ((3, 3), (3, 4)) or not np.isfinite(camera).all():
         raise ValueError(
             f"camera_matrix is of shape {camera.shape}, expected 3x3 finite numbers; give [[fx, 0, "
             "cx], [0, fy, cy], [0, 0, 1]] in pixels"
         )
-    coefficients = tuple(map(float, np.array(distortion, dtype=np.float64).ravel()))
+    coefficients = tuple(plain_numbers("distortion", distortion).ravel().tolist())
     check_lens(model, coefficients)
     fault = lens_fault(model, coefficients, camera, (image.shape[0], image.shape[1]))
     if fault is not None:

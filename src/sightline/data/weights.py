@@ -5,7 +5,7 @@ import pickle
 import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -149,17 +149,19 @@ def read_checkpoint_weights(path: Path | str) -> Weights:
 
 
 @contextmanager
-def float32_by_default() -> Iterator[None]:
-    """Sets PyTorch's default type of numbers to float32, as networks of weights need, and back."""
+def plain_defaults() -> Iterator[None]:
+    """Sets PyTorch's defaults to float32 on the CPU, as networks of weights need, and back."""
     before = torch.get_default_dtype()
-    if before == torch.float32:
-        yield
-        return
-    torch.set_default_dtype(torch.float32)
+    # entered only where it is needed: it slows down every call of PyTorch
+    is_elsewhere = torch.get_default_device().type != "cpu"
+    if before != torch.float32:
+        torch.set_default_dtype(torch.float32)
     try:
-        yield
+        with torch.device("cpu") if is_elsewhere else nullcontext():
+            yield
     finally:
-        torch.set_default_dtype(before)
+        if before != torch.float32:
+            torch.set_default_dtype(before)
 
 
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from sightline.geometry.arguments import nearest, plain_path
+
 WEIGHTS_FOLDER: Final = Path(__file__).parents[1] / "weights"
 """Weights that come with the package."""
 
@@ -48,11 +50,13 @@ def find_weights(weights: Path | str) -> Path:
     """The file of weights that are told by their file, or by name where the package holds them.
 
     Raises:
+        TypeError: It is neither a name nor a path.
         ValueError: There are no such weights, or the file is an exported network.
     """
+    named = ", ".join(shipped_names()) or "none do"
+    path = plain_path("weights", weights, f"a file or the name of weights; name one of {named}")
     if str(weights) in shipped_names():
         return WEIGHTS_FOLDER / f"{weights}.safetensors"
-    path = Path(weights)
     if path.suffix in (".onnx", ".xml"):
         raise ValueError(
             f"{path} is a network exported for other programs; give the weights that it was "
@@ -60,8 +64,9 @@ def find_weights(weights: Path | str) -> Path:
         )
     if not path.is_file():
         raise ValueError(
-            f"there are no weights {str(weights)!r}; give a file (.safetensors, .ckpt) or the name "
-            f"of weights that come with sightline ({', '.join(shipped_names()) or 'none do'})"
+            f"there are no weights {str(weights)!r}; {nearest(str(weights), shipped_names())}"
+            "give a file (.safetensors, .ckpt) or the name of weights that come with sightline "
+            f"({named})"
         )
     return path
 

@@ -23,6 +23,8 @@ from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hul
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.cloud_checks import cloud_fault, rows_of
+from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.sample_predictor import SamplePredictor
@@ -45,6 +47,14 @@ class DepthCompleter(SamplePredictor[DepthMap]):
     """Completes the depth that a sample's sweep gives its image, by a method without training."""
 
     method: Method
+
+    def __post_init__(self) -> None:
+        """Checks that there is such a method."""
+        if self.method not in get_args(Method):
+            raise ValueError(
+                f"there is no method {self.method} of depth completion; name one of "
+                f"{', '.join(get_args(Method))}"
+            )
 
     parts: ClassVar[tuple[Part, ...]] = ("points",)
     """What it looks at of a sample."""
@@ -289,11 +299,6 @@ def choose_completer(
             f"depth is completed by a method or by weights, got method {method} and weights "
             f"{weights}; name one of them"
         )
-    if method not in get_args(Method):
-        raise ValueError(
-            f"there is no method {method} of depth completion; name one of "
-            f"{', '.join(get_args(Method))}"
-        )
     return DepthCompleter(cast("Method", method))
 
 
@@ -307,7 +312,7 @@ def _sparse_depth_of(sample: CameraLidarSample) -> Float32[Tensor, "height width
 
 
 def _sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
-    sparse = _to_tensor(sparse_depth_m).detach().float().cpu()
+    sparse = _to_tensor("the sparse depth map", without_masked(sparse_depth_m, 0.0)).float()
     if sparse.ndim != 2:
         raise ValueError(
             f"the sparse depth map has the shape {tuple(sparse.shape)}, expected height and width; "
@@ -318,18 +323,28 @@ def _sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
 
 
 def _checked_points(points: Points) -> Float[Tensor, "num_points fields"]:
-    given = _to_tensor(points)
-    if given.ndim != 2 or given.shape[1] < _COORDINATES:
+    given = _to_tensor("the points", without_masked(points))
+    if given.ndim != 2 or rows_of(given.numpy()) is None:
         raise ValueError(
             f"the points have the shape {tuple(given.shape)}, expected a row for each with x, y, z "
             "first; give the sweep as an array of points by fields"
         )
+    places = np.pad(given[:, :_COORDINATES].double().numpy(), ((0, 0), (0, 1)))
+    fault = cloud_fault(places[np.isfinite(places).all(axis=1)], 1.0)
+    if fault is not None:
+        raise ValueError(f"the cloud has {fault[0]}; {fault[1]}")
     return given if given.is_floating_point() else given.float()
 
 
-def _to_tensor(values: Tensor | np.ndarray) -> Tensor:
-    """Arrays are copied: PyTorch takes none that run backwards, and warns of read-only ones."""
-    return values if isinstance(values, Tensor) else torch.from_numpy(np.array(values, order="C"))
+def _to_tensor(name: str, values: object) -> Tensor:
+    """The numbers on the CPU; arrays are copied, as PyTorch takes none that run backwards."""
+    array = given_array(name, values)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(
+            f"{name} is {array.dtype} of shape {array.shape}, expected an array of numbers; give "
+            "metres, or an image of 8 bits"
+        )
+    return torch.from_numpy(np.array(array, dtype=array.dtype.newbyteorder("="), order="C"))
 
 
 def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor, "3 height width"]:
@@ -337,7 +352,7 @@ def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor
     if image is None:
         return torch.zeros(3, *size)
     is_channels_last = isinstance(image, np.ndarray)
-    planes = _to_tensor(image)
+    planes = _to_tensor("the image", image)
     expected = (*size, 3) if is_channels_last else (3, *size)
     if planes.dtype != torch.uint8 or tuple(planes.shape) != expected:
         raise ValueError(

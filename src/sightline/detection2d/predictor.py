@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from beartype import beartype
-from jaxtyping import Float32, jaxtyped
+from jaxtyping import Float32
 from torch import Tensor
 
 from sightline.data.object_tree import Part
@@ -23,6 +22,7 @@ from sightline.detection2d.placement import (
 from sightline.detection2d.postprocess import to_detections
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
+from sightline.geometry.checked import checked
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Detections2D
@@ -30,7 +30,7 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.structures.sweep_checks import check_finite_points
 
 
-@jaxtyped(typechecker=beartype)
+@checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DetectorAnswer:
     """What a detector makes of a frame."""

@@ -1,6 +1,7 @@
 """Runs a network by PyTorch, ONNX Runtime or OpenVINO: the same call, the same names."""
 
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -11,6 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor, nn
 
+from sightline.data.worker import has_lost_threads
 from sightline.export.extra import import_extra
 from sightline.export.metadata import ExportMetadata
 from sightline.export.named_tensors import check_inputs, named_outputs
@@ -194,7 +196,7 @@ class OnnxRuntimeEngine:
 
 
 class OpenVinoEngine:
-    """An ONNX or OpenVINO file run by OpenVINO on the CPU.
+    """An ONNX or OpenVINO file run by OpenVINO on the CPU; threads that call it take turns.
 
     It is compiled anew for each size of the inputs, as it comes up, which takes a moment: a network
     of known size runs up to twice as fast. The last few sizes are kept.
@@ -234,6 +236,7 @@ class OpenVinoEngine:
         self._model = model
         self._compile = partial(core.compile_model, device_name="CPU", config=config)
         self._compiled: dict[tuple[torch.Size, ...], Any] = {}  # by sizes, the latest last
+        self._turn = threading.Lock()  # a compiled network refuses a second call meanwhile
         self.input_names = tuple(entry.get_any_name() for entry in model.inputs)
         self._output_names = tuple(entry.get_any_name() for entry in model.outputs)
 
@@ -241,7 +244,8 @@ class OpenVinoEngine:
         """As `Engine` says."""
         check_inputs(inputs, self.input_names, self.metadata.stride)
         arrays = {name: tensor.numpy(force=True) for name, tensor in inputs.items()}
-        outputs = self._compiled_for(inputs)(arrays, share_inputs=True)
+        with self._turn:
+            outputs = self._compiled_for(inputs)(arrays, share_inputs=True)
         return {name: torch.from_numpy(outputs[name]) for name in self._output_names}
 
     def _compiled_for(self, inputs: Mapping[str, Tensor]) -> Any:  # noqa: ANN401 - an extra's
@@ -264,7 +268,7 @@ def check_threads(threads: int | None) -> None:
         ValueError: It is none.
     """
     with suppress(TypeError):
-        if threads is None or index(threads) >= 1:
+        if threads is None or (not isinstance(threads, bool) and index(threads) >= 1):
             return
     raise ValueError(f"threads must be a whole number of at least 1, got {threads!r}")
 
@@ -273,7 +277,7 @@ def check_threads(threads: int | None) -> None:
 def _torch_threads(threads: int | None) -> Iterator[None]:
     """PyTorch's number of threads belongs to the whole process: it is put back."""
     before = torch.get_num_threads()
-    if threads is None or threads == before:
+    if threads is None or threads == before or has_lost_threads():
         yield
         return
     torch.set_num_threads(threads)

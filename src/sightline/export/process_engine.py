@@ -44,6 +44,7 @@ class ProcessEngine:
                 device or number of threads.
         """
         check_threads(threads)
+        device = str(device)  # of a torch.device, too
         chosen = choose_engine(name, device)
         if chosen != "torch" and device != "cpu":
             raise ValueError(
@@ -102,6 +103,8 @@ def _check_device(device: str) -> None:
         kind = torch.device(device).type
     except RuntimeError as error:
         raise _unusable(device, error) from error
+    if kind not in ("cpu", "cuda"):
+        raise _unusable(device, "neither cpu nor cuda")
     if kind == "cuda" and not torch.cuda.device_count():
         raise _unusable(device, "there is none")
 

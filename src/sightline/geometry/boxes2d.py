@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 import torch
-from beartype import beartype
-from jaxtyping import Bool, Float, Int, jaxtyped
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from sightline.geometry.checked import checked
 
-@jaxtyped(typechecker=beartype)
+
+@checked()
 @dataclass(frozen=True, slots=True)
 class Boxes2D:
     """Boxes in pixels: x_min, y_min, x_max, y_max.

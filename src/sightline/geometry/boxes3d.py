@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 import torch
-from beartype import beartype
-from jaxtyping import Bool, Float, Float64, Int, jaxtyped
+from jaxtyping import Bool, Float, Float64, Int
 from torch import Tensor
 
+from sightline.geometry.checked import checked
 from sightline.geometry.transforms import (
     rigid_inverse,
     transform_points,
@@ -29,7 +29,7 @@ _CORNER_SIGNS = (
 )
 
 
-@jaxtyped(typechecker=beartype)
+@checked()
 @dataclass(frozen=True, slots=True)
 class Boxes3D:
     """Upright boxes: x, y, z of the geometric centre, length, width, height, yaw.

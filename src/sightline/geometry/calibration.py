@@ -7,10 +7,12 @@ from typing import SupportsFloat
 
 import numpy as np
 import torch
-from beartype import beartype
-from jaxtyping import Float64, jaxtyped
+from jaxtyping import Float64
 from torch import Tensor
 
+from sightline.geometry.arguments import shown, wrong_type
+from sightline.geometry.checked import checked
+from sightline.geometry.given_arrays import plain_numbers
 from sightline.geometry.mount import mount_doubt
 from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
 
@@ -20,7 +22,7 @@ Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
 _THIRD_ROW_TOLERANCE = 1e-6  # of a camera matrix that was calculated in float32
 
 
-@jaxtyped(typechecker=beartype)
+@checked(remedy="Calibration.from_matrices converts matrices")
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Calibration:
     """One rectified camera and where the LiDAR sits, in float64.
@@ -175,34 +177,57 @@ class Calibration:
 def _numbers(
     matrix: Matrix, name: str, shapes: Sequence[tuple[int, int]]
 ) -> Float64[np.ndarray, "rows columns"]:
-    plain = matrix.detach().cpu().numpy() if isinstance(matrix, Tensor) else matrix
-    try:
-        numbers = np.array(plain, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
+    numbers = plain_numbers(name, matrix)
     if numbers.shape not in shapes:
         expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
-        got = "x".join(map(str, numbers.shape)) if numbers.ndim > 1 else "something else"
-        raise ValueError(f"{name} is {got}, expected a matrix of {expected} numbers")
+        got = "x".join(map(str, numbers.shape))
+        if numbers.ndim < 2:
+            got = f"something else, {shown(matrix)}"
+        hint = _shape_hint(numbers, shapes)
+        raise ValueError(f"{name} is {got}, expected a matrix of {expected} numbers{hint}")
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} holds NaN or infinite values; calibrate again")
     return numbers
 
 
+def _shape_hint(numbers: Float64[np.ndarray, "..."], shapes: Sequence[tuple[int, int]]) -> str:
+    """What makes a matrix of numbers in another shape, where that is plain."""
+    flat = next((shape for shape in shapes if numbers.shape == (shape[0] * shape[1],)), None)
+    if flat is not None:
+        return f"; give .reshape({flat[0]}, {flat[1]})"
+    if numbers.shape == (4, 3):
+        return "; it is probably transposed"
+    if numbers.shape == (4, 4) and (3, 3) in shapes:
+        return "; give its first three rows, or, if it is camera_from_lidar, swap the arguments"
+    return ""
+
+
 def _refuse_distortion(distortion: Sequence[SupportsFloat] | np.ndarray | Tensor | None) -> None:
     if distortion is None:
         return
-    plain = distortion.detach().cpu().numpy() if isinstance(distortion, Tensor) else distortion
-    try:
-        coefficients = np.ravel(np.asarray(plain, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise ValueError("distortion is no row of numbers; give the lens' coefficients") from error
+    coefficients = plain_numbers("distortion", distortion).ravel()
     if coefficients.any():
         shown = ", ".join(f"{value:.4g}" for value in coefficients)
         raise ValueError(
             f"the lens distorts by {shown}, and a calibration is that of straight pictures; "
             "straighten each by sightline.undistort and leave the distortion out"
         )
+
+
+def plain_calibration(value: object) -> Calibration:
+    """A calibration.
+
+    Raises:
+        TypeError: It is none.
+    """
+    if not isinstance(value, Calibration):
+        raise wrong_type(
+            "calibration",
+            value,
+            "a Calibration; make one by Calibration.from_matrices(camera_matrix, "
+            "camera_from_lidar), or take that of a sample of open_dataset(..)",
+        )
+    return value
 
 
 def centred_image_size(calibration: Calibration) -> tuple[int, int]:

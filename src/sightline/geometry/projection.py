@@ -6,7 +6,8 @@ import torch
 from jaxtyping import Bool, Float, Float32, Int64
 from torch import Tensor
 
-from sightline.geometry.calibration import Calibration
+from sightline.geometry.arguments import plain_size, wrong_type
+from sightline.geometry.calibration import Calibration, plain_calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.transforms import rigid_inverse, transform_points
 
@@ -48,7 +49,12 @@ def project_points(
         >>> projected = sightline.project_points(sample.points[:, :3], sample.calibration)
         >>> float(projected.in_image(sample.image_size).float().mean()) > 0.99  # cut to it
         True
+
+    Raises:
+        TypeError: The points are no tensor, or the calibration is none.
+        ValueError: The points have other columns.
     """
+    _check_given(points, calibration, 3, exactly=True)
     homogeneous = transform_points(calibration.image_from_lidar, points.double())
     depths = homogeneous[..., 2]
     in_front = torch.where(depths > 0, depths, torch.nan)
@@ -88,12 +94,33 @@ def sparse_depth_map(
         >>> sparse = sightline.sparse_depth_map(sample.points, sample.calibration, size)
         >>> sparse.shape == size, 0.01 < float((sparse > 0).float().mean()) < 0.1
         (True, True)
+
+    Raises:
+        TypeError: The points are no tensor, or the calibration is none.
+        ValueError: The points lack coordinates, or no image is of such a size.
     """
-    height, width = image_size
+    _check_given(points, calibration, 3)
+    height, width = image_size = plain_size(image_size)
     flat, depths, _ = _visible(points, calibration, image_size)
     nearest = torch.full((height * width,), torch.inf, device=points.device)
     nearest.scatter_reduce_(0, flat, depths.float(), "amin")
     return torch.where(nearest.isfinite(), nearest, 0.0).reshape(height, width)
+
+
+def _check_given(
+    points: object, calibration: object, columns: int, *, exactly: bool = False
+) -> None:
+    """Refuse what users may give instead of points and a calibration."""
+    plain_calibration(calibration)
+    if not isinstance(points, Tensor):
+        expected = "a tensor; give torch.from_numpy(array), or sample.points"
+        raise wrong_type("points", points, expected)
+    width = points.shape[-1] if points.ndim > 1 else 0
+    if width < columns or (exactly and width != columns):
+        raise ValueError(
+            f"the points are of shape {tuple(points.shape)}, expected num_points, {columns}"
+            f"{'' if exactly else ' or more'}; give a row a point: points[:, :{columns}]"
+        )
 
 
 def dhi_image(

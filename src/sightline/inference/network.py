@@ -10,7 +10,7 @@ from torch import nn
 
 from sightline.data.plain_text import shortened
 from sightline.data.settings import parse_settings
-from sightline.data.weights import Weights, fill_network, float32_by_default, read_weights
+from sightline.data.weights import Weights, fill_network, plain_defaults, read_weights
 from sightline.data.weights_header import find_weights
 from sightline.inference.size_limit import size_limit
 
@@ -78,7 +78,7 @@ def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwo
         )
     try:
         config = parse_settings(task.config_type(), read.config)
-        with size_limit(read.tensors), float32_by_default():
+        with size_limit(read.tensors), plain_defaults():
             network = task.build(config)
         fill_network(network, read.tensors)
     except Exception as error:

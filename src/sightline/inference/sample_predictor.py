@@ -3,7 +3,9 @@
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar, overload
 
-from sightline.data.weights import float32_by_default
+from sightline.data.weights import plain_defaults
+from sightline.data.worker import keep_pytorch_to_one_thread_in_forks
+from sightline.geometry.arguments import type_name
 from sightline.structures.sample import CameraLidarSample
 
 Answer = TypeVar("Answer")
@@ -28,7 +30,7 @@ class SamplePredictor(ABC, Generic[Answer]):
     def __call__(self, sample: CameraLidarSample) -> Answer: ...
     @overload
     def __call__(self, sample: _Samples) -> list[Answer]: ...
-    def __call__(self, sample: object) -> Answer | list[Answer]:
+    def __call__(self, sample: object, *others: object) -> Answer | list[Answer]:
         """Predict for a sample, or for each sample of a list, in its order.
 
         The samples of a list may differ in size and in what they lack: each is predicted by itself,
@@ -36,30 +38,35 @@ class SamplePredictor(ABC, Generic[Answer]):
 
         Args:
             sample: One sample, or a list or tuple of them.
+            others: None: several samples are given as a list.
 
         Returns:
             The answer, or a list with an answer for each sample.
 
         Raises:
-            TypeError: It is neither; names the type, and in a list the place.
+            TypeError: It is neither; names the type, and in a list the place. Or there are others.
             ValueError: A sample lacks what is needed.
         """
+        if others:
+            raise TypeError(
+                f"a predictor takes one sample, or one list of them, got {1 + len(others)} "
+                "arguments; put several samples into a list: predictor([a, b])"
+            )
+        keep_pytorch_to_one_thread_in_forks()
         if isinstance(sample, CameraLidarSample):
-            with float32_by_default():
+            with plain_defaults():
                 return self.predict(sample)
         if not isinstance(sample, list | tuple):
             raise _wrong_type(sample, "")
         for place, each in enumerate(sample):
             if not isinstance(each, CameraLidarSample):
                 raise _wrong_type(each, f" at place {place} of the list")
-        with float32_by_default():
+        with plain_defaults():
             return [self.predict(each) for each in sample]
 
 
 def _wrong_type(given: object, where: str) -> TypeError:
-    kind = type(given)
-    name = kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
     return TypeError(
-        f"a predictor takes a CameraLidarSample or a list of them, got {name}{where}; take a "
-        "sample of open_dataset(..), or make one by CameraLidarSample.from_arrays(..)"
+        f"a predictor takes a CameraLidarSample or a list of them, got {type_name(given)}{where}; "
+        "take a sample of open_dataset(..), or make one by CameraLidarSample.from_arrays(..)"
     )

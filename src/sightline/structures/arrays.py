@@ -1,17 +1,15 @@
 """Pictures and point clouds as users have them, made into what a sample holds."""
 
-import reprlib
 import warnings
-from collections.abc import Sequence
 from contextlib import suppress
-from operator import index
-from typing import SupportsFloat, SupportsIndex
+from typing import SupportsFloat
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float32, Float64, Shaped, UInt8
 from torch import Tensor
 
+from sightline.geometry.arguments import shown
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import (
     cloud_fault,
@@ -22,6 +20,7 @@ from sightline.geometry.cloud_checks import (
     warn_of_losses,
     warn_of_scale,
 )
+from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
 
@@ -32,32 +31,11 @@ def plain_number(name: str, value: SupportsFloat) -> float:
     Raises:
         ValueError: It is none.
     """
-    if not isinstance(value, str | bytes):
+    if not isinstance(value, str | bytes | bool | np.bool_):
         # RuntimeError: PyTorch's of several numbers.
         with suppress(TypeError, ValueError, OverflowError, RuntimeError):
             return float(value)
-    raise ValueError(f"{name} is {_said(value)}, expected a number; give one")
-
-
-def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
-    """Height and width [px] of any whole numbers.
-
-    Raises:
-        ValueError: They are not two, not whole or not positive.
-    """
-    with suppress(TypeError):
-        size = tuple(index(side) for side in image_size)
-        if len(size) == 2 and min(size) > 0:
-            return size[0], size[1]
-    raise ValueError(
-        f"image_size is {_said(image_size)}, expected (height, width), each a whole number of at "
-        "least 1; give pixels"
-    )
-
-
-def _said(value: object) -> str:
-    """A wrong argument, short and in one line."""
-    return " ".join(reprlib.repr(value).split())
+    raise ValueError(f"{name} is {shown(value)}, expected a number; give one")
 
 
 def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
@@ -70,19 +48,38 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
     Raises:
         ValueError: It is something else.
     """
-    plain = image if isinstance(image, Tensor) else np.array(image, order="C")
-    if isinstance(plain, np.ndarray) and plain.dtype == np.uint8 and plain.ndim in (2, 3):
-        channels_last = plain if plain.ndim == 3 else plain[..., None]
-        planes = torch.from_numpy(channels_last).permute(2, 0, 1)
-        planes = planes.expand(3, -1, -1) if len(planes) == 1 else planes
-    else:
-        planes = torch.as_tensor(plain) if isinstance(plain, Tensor) else torch.empty(0)
-    if planes.dtype != torch.uint8 or planes.ndim != 3 or len(planes) != 3 or not planes.numel():
+    plain = given_array("the image", image)
+    planes = plain
+    if not isinstance(image, Tensor) and plain.ndim in (2, 3):
+        planes = plain[None] if plain.ndim == 2 else plain.transpose(2, 0, 1)
+        planes = np.broadcast_to(planes, (3, *planes.shape[1:])) if len(planes) == 1 else planes
+    if planes.dtype != np.uint8 or planes.ndim != 3 or len(planes) != 3 or not planes.size:
         raise ValueError(
-            f"the image is {plain.dtype} of shape {tuple(plain.shape)}, expected uint8, an array "
-            "of height, width, 3 or a tensor of 3, height, width; convert it to RGB of 8 bits"
+            f"the image is {plain.dtype} of shape {plain.shape}, expected uint8, an array of "
+            "height, width, 3 or a tensor of 3, height, width; "
+            f"{image_remedy(plain, is_tensor=isinstance(image, Tensor))}"
         )
-    return planes.cpu().contiguous()
+    return torch.from_numpy(np.array(planes, order="C"))
+
+
+def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -> str:
+    """What makes a picture of what was given, of a tensor with channels first."""
+    height_first = given.ndim == 3 and given.shape[0] in (1, 3, 4) and given.shape[2] > 4
+    if given.ndim < 2:
+        return "read the file first, by PIL or OpenCV, say"
+    if given.dtype != np.uint8 and given.dtype.kind == "f":
+        largest = float(np.nanmax(given)) if given.size and np.isfinite(given).any() else 0.0
+        scale = "255 * image" if largest <= 1 else "image"
+        return f"round its levels: ({scale}).round().clip(0, 255) as uint8"
+    if given.dtype != np.uint8:
+        return "convert it to RGB of 8 bits"
+    if not is_tensor and height_first:
+        return "it has channels first: give image.transpose(1, 2, 0)"
+    if is_tensor and given.ndim == 3 and given.shape[2] in (1, 3, 4):
+        return "it has channels last: give image.permute(2, 0, 1)"
+    if given.shape[0 if is_tensor else -1] == 4:
+        return "leave its fourth channel out"
+    return "convert it to RGB of 8 bits"
 
 
 def sweep_points(
@@ -105,10 +102,16 @@ def sweep_points(
             is negative, more than one in a hundred lies above max_intensity, or they are ring
             numbers.
     """
-    columns = cloud_columns(points)
+    columns = cloud_columns(given_array("the points", without_masked(points)))
     max_intensity = plain_number("max_intensity", max_intensity)
     if not 0 < max_intensity < np.inf:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
+    if not len(columns):
+        warnings.warn(
+            "the points are none: the sample has an empty sweep, in which nothing is found; give "
+            "None where there is no LiDAR",
+            stacklevel=3,
+        )
     warn_of_losses(columns, "the points")
     columns = echoes(columns)
     fault = cloud_fault(columns, max_intensity)
@@ -141,24 +144,37 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
 
 
 def warn_of_view(
-    points: Float32[Tensor, "num_points 4"], calibration: Calibration, image_size: tuple[int, int]
+    points: Float32[Tensor, "num_points 4"],
+    calibration: Calibration,
+    image_size: tuple[int, int],
+    *,
+    camera: str = "camera_matrix",
+    stacklevel: int = 3,
 ) -> None:
-    """Warns, with the likely cause, where hardly a point falls into the image, or it is scaled."""
+    """Warns, with the likely cause, where hardly a point falls into the image, or it is scaled.
+
+    Args:
+        points: In the LiDAR frame.
+        calibration: As it is given for them.
+        image_size: Height, width [px].
+        camera: Name of the argument that the camera's matrix was given by.
+        stacklevel: From here to whoever gave them.
+    """
     scale = resolution_doubt(calibration.image_from_camera.numpy(), image_size)
     if scale is not None:
-        warnings.warn(f"camera_matrix {scale}", stacklevel=3)
+        warnings.warn(f"{camera} {scale}", stacklevel=stacklevel)
     share = share_in_image(points, calibration, image_size)
     if len(points) and share < LEAST_SHARE_IN_IMAGE:
         doubt = mount_doubt(calibration.camera_from_lidar.numpy())
         cause = (
             f"camera_from_lidar {doubt}"
             if doubt is not None
-            else "check camera_matrix against the image's size, and that the sweep is of this LiDAR"
+            else f"check {camera} against the image's size, and that the sweep is of this LiDAR"
         )
         warnings.warn(
             f"{100 * share:.2g} % of the {len(points)} points fall into the image of "
             f"{image_size[0]}x{image_size[1]} (height x width): {cause}",
-            stacklevel=3,
+            stacklevel=stacklevel,
         )
 
 

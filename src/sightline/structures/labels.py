@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 
 import torch
-from beartype import beartype
-from jaxtyping import Bool, Float64, Int64, jaxtyped
+from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.checked import checked
 
 
-@jaxtyped(typechecker=beartype)
+@checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectLabels:
     """The labelled objects of one frame, in the order of the label file.

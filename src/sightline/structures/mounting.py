@@ -88,11 +88,13 @@ def pose_of_sweep(
     return pose
 
 
-def warn_of_axes(sweep: Float32[Tensor, "num_points 4"], calibration: Calibration) -> bool:
+def warn_of_axes(
+    sweep: Float32[Tensor, "num_points 4"], calibration: Calibration, *, stacklevel: int = 3
+) -> bool:
     """Warns of a sweep whose z axis does not point up, with what to convert; whether it does so."""
     doubt = axes_doubt(sweep.numpy(), calibration.camera_from_lidar.numpy())
     if doubt is None:
         return False
     problem, remedy = doubt
-    warnings.warn(f"the cloud {problem}; {remedy}", stacklevel=3)
+    warnings.warn(f"the cloud {problem}; {remedy}", stacklevel=stacklevel)
     return True

@@ -3,15 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from beartype import beartype
-from jaxtyping import Bool, Float, Float32, Int64, jaxtyped
+from jaxtyping import Bool, Float, Float32, Int64
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.checked import checked
 
 
-@jaxtyped(typechecker=beartype)
+@checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthMap:
     """A dense depth map and where it may be believed.
@@ -34,7 +34,7 @@ class DepthMap:
     estimate of it."""
 
 
-@jaxtyped(typechecker=beartype)
+@checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Detections2D:
     """Objects found in one image.
@@ -73,7 +73,7 @@ class Detections2D:
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
 
-@jaxtyped(typechecker=beartype)
+@checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Detections3D:
     """Objects found in one sweep.

@@ -6,20 +6,20 @@ from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 import torch
-from beartype import BeartypeConf, beartype
-from jaxtyping import Float32, Float64, UInt8, jaxtyped
+from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 
-from sightline.geometry.calibration import Calibration
+from sightline.geometry.arguments import plain_size, plain_text
+from sightline.geometry.calibration import Calibration, plain_calibration
+from sightline.geometry.checked import checked
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import level_ahead
-from sightline.structures.arrays import image_planes, plain_size, sweep_points, warn_of_view
+from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.mounting import plain_height, plain_tilt, pose_of_sweep, warn_of_axes
 
 
-# Whole numbers are numbers, too: as Python's own checkers of types have it.
-@jaxtyped(typechecker=beartype(conf=BeartypeConf(is_pep484_tower=True)))
+@checked(wide=True, remedy="CameraLidarSample.from_arrays converts arrays")
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraLidarSample:
     """A camera image and the LiDAR sweep taken with it.
@@ -120,7 +120,8 @@ class CameraLidarSample:
                 camera.
             points: x, y, z [m] and intensity first; numbers of any type. Rows that are not finite
                 or lie at the origin, where no echo came back, are left out. Without an intensity 0
-                is taken, further columns are left out, both with a warning. None: no LiDAR.
+                is taken, further columns are left out, both with a warning. None: no LiDAR. Rows that a masked
+                array masks are no echoes, either.
             image_size: Height, width [px]; needed only where there is no image.
             max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
             lidar_height_m: Of the LiDAR above the road; 0 where the points' origin lies on it.
@@ -132,10 +133,13 @@ class CameraLidarSample:
             sample_id: What errors call it.
 
         Raises:
+            TypeError: The calibration or the name is something else.
             ValueError: An array is of another shape or type, there is neither image nor image_size,
                 the image is of another size, intensities do not lie from 0 to max_intensity, the
                 points are hardly in metres, or no LiDAR sits so high or so tilted.
         """
+        calibration = plain_calibration(calibration)
+        sample_id = plain_text("sample_id", sample_id)
         planes = None if image is None else image_planes(image)
         size = _size_of(planes, image_size)
         height_m = None if lidar_height_m is None else plain_height(lidar_height_m)

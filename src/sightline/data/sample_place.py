@@ -1,0 +1,32 @@
+"""Places of samples in data sets."""
+
+from contextlib import suppress
+from operator import index
+
+import numpy as np
+
+from sightline.geometry.arguments import shown
+
+
+def sample_place(place: object, length: int) -> int:
+    """The place of a sample, from 0 on, by a whole number of any type; negative from the end.
+
+    Args:
+        place: What a data set was asked for.
+        length: Of the data set.
+
+    Raises:
+        IndexError: It has no such sample.
+        TypeError: It is no whole number.
+    """
+    if not isinstance(place, bool | np.bool_):
+        with suppress(TypeError):
+            number = index(place)  # type: ignore[arg-type]  # TypeError of anything else
+            if not -length <= number < length:
+                ends = f"; they are numbered from 0 to {length - 1}" if length else ""
+                raise IndexError(f"a data set of {length} samples has no sample {number}{ends}")
+            return number % length
+    remedy = "take several one by one: [dataset[place] for place in range(start, stop)]"
+    if isinstance(place, str):
+        remedy = f"look its place up: dataset.sample_ids.index({shown(place)})"
+    raise TypeError(f"a data set is asked for a sample by its number, got {shown(place)}; {remedy}")

@@ -1,0 +1,103 @@
+"""What errors say of arguments that are of a wrong type.
+
+Without PyTorch, for checks that start at once.
+"""
+
+import difflib
+import reprlib
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from operator import index
+from pathlib import Path
+from typing import SupportsIndex, TypeVar
+
+Name = TypeVar("Name", bound=str)
+
+
+def shown(value: object) -> str:
+    """A wrong argument, short and in one line."""
+    return " ".join(reprlib.repr(value).split())
+
+
+def type_name(value: object) -> str:
+    """The type of an argument, with its module where it is none of Python's own."""
+    kind = type(value)
+    module = "" if kind.__module__ == "builtins" else f"{kind.__module__}."
+    return f"{module}{kind.__name__}"
+
+
+def wrong_type(name: str, value: object, expected: str) -> TypeError:
+    """The error that an argument is of another type.
+
+    Args:
+        name: Of the argument.
+        value: What was given.
+        expected: What it should be, and what to do, as the rest of a sentence.
+    """
+    return TypeError(f"{name} is of type {type_name(value)}, expected {expected}")
+
+
+def plain_text(name: str, value: object) -> str:
+    """A text.
+
+    Raises:
+        TypeError: It is none.
+    """
+    if not isinstance(value, str):
+        raise wrong_type(name, value, "text; give a name")
+    return value
+
+
+def plain_path(name: str, value: object, expected: str) -> Path:
+    """A path.
+
+    Raises:
+        TypeError: It is none.
+    """
+    if not isinstance(value, str | Path):
+        raise wrong_type(name, value, expected)
+    return Path(value)
+
+
+def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
+    """Height and width [px] of any whole numbers.
+
+    Raises:
+        ValueError: They are not two, not whole or not positive.
+    """
+    with suppress(TypeError):
+        size = tuple(index(side) for side in image_size)
+        if len(size) == 2 and min(size) > 0:
+            return size[0], size[1]
+    raise ValueError(
+        f"image_size is {shown(image_size)}, expected (height, width), each a whole number of at "
+        "least 1; give pixels"
+    )
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """The beginning of a remedy that tells which names a misspelt one resembles; may be empty."""
+    by_word = {each.lower().replace("_", "-"): each for each in known}
+    word = name.lower().replace("_", "-")
+    close = difflib.get_close_matches(word, by_word, n=2)
+    longer = [each for each in by_word if word and each.startswith(word)]
+    if word in by_word or longer:
+        close = [word] if word in by_word else longer[:3]
+    meant = " or ".join(by_word[each] for each in close)
+    return f"perhaps {meant} is meant; " if meant else ""
+
+
+def plain_names(name: str, values: object, known: Sequence[Name]) -> tuple[Name, ...]:
+    """Several names of those that there are.
+
+    Raises:
+        TypeError: It is no collection of texts.
+        ValueError: There is no such name.
+    """
+    if isinstance(values, str) or not isinstance(values, Collection):
+        raise wrong_type(name, values, f"several names, such as ({known[0]!r},); give a tuple")
+    for value in values:
+        if value not in known:
+            hint = nearest(value, known) if isinstance(value, str) else ""
+            raise ValueError(f"{name} holds {shown(value)}; {hint}name some of {', '.join(known)}")
+    return tuple(values)

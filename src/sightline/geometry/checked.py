@@ -1,0 +1,58 @@
+"""Dataclasses that check types and shapes of their fields, and say in one line what is wrong."""
+
+import re
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+from beartype import BeartypeConf, beartype
+from jaxtyping import TypeCheckError, jaxtyped
+
+Class = TypeVar("Class", bound=type[Any])
+
+# Whole numbers are numbers, too: as Python's own checkers of types have it.
+_WIDE = BeartypeConf(is_pep484_tower=True)
+
+_FAULT = re.compile(
+    r"typechecking parameter '(?P<field>\w+)'.*?\nActual value: (?P<value>.*?)"
+    r"\nExpected type: (?P<expected>.*?)\.\n",
+    re.DOTALL,
+)
+_LONGEST = 80  # characters of a wrong value
+
+
+def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Class], Class]:
+    """Have a dataclass refuse fields of other types or shapes, by a TypeError of one line.
+
+    Args:
+        wide: Whether a whole number is taken where a float is expected.
+        remedy: What to do with a wrong field.
+    """
+
+    def decorate(kind: Class) -> Class:
+        typechecker = beartype(conf=_WIDE) if wide else beartype
+        made: Class = jaxtyped(kind, typechecker=typechecker)
+        build = made.__init__
+
+        @wraps(build)
+        def init(self: object, *args: object, **fields: object) -> None:
+            try:
+                build(self, *args, **fields)
+            except TypeCheckError as error:
+                raise TypeCheckError(_in_one_line(kind.__name__, str(error), remedy)) from None
+
+        setattr(made, "__init__", init)  # noqa: B010 - mypy takes no assignment to it
+        return made
+
+    return decorate
+
+
+def _in_one_line(name: str, said: str, remedy: str) -> str:
+    fault = _FAULT.search(said)
+    if fault is None:
+        return " ".join(said.split())
+    value = " ".join(fault["value"].split())
+    value = value if len(value) <= _LONGEST else f"{value[:_LONGEST]}.."
+    expected = re.sub(r"<class '(.*?)'>(?= \||$)", r"\1", fault["expected"])
+    expected = re.sub(r"\b(jaxtyping|sightline|torch)\.([a-z_0-9]+\.)*", "", expected)
+    return f"{name} takes {fault['field']} as {expected}, got {value}; {remedy}"

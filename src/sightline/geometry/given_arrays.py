@@ -1,0 +1,77 @@
+"""Arrays, tensors and nested lists as users have them."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Shaped
+from torch import Tensor, bfloat16, strided
+
+from sightline.geometry.arguments import shown
+
+Given = np.ndarray | Tensor | Sequence[Any]
+"""Numbers as users have them: an array, a tensor, nested lists."""
+
+
+def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
+    """The array that is given, or that of a tensor or of nested lists; memory may be shared.
+
+    Args:
+        name: What errors call it.
+        given: Of any type and shape.
+
+    Raises:
+        ValueError: Values are masked, a tensor has none (those on the device meta), or rows are of
+            several lengths.
+    """
+    if isinstance(given, np.ma.MaskedArray):
+        masked = int(np.ma.getmaskarray(given).sum())
+        if masked:
+            raise ValueError(
+                f"{name} has {masked} of {given.size} values masked, and would show what they "
+                "hide; fill them: array.filled(..)"
+            )
+        return np.asarray(given.data)
+    if isinstance(given, Tensor):
+        return _tensor_array(name, given)
+    try:
+        return np.asarray(given)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(
+            f"{name}: an array is needed, got something else ({shown(given)}); give rows of one "
+            "length"
+        ) from error
+
+
+def plain_numbers(name: str, given: object) -> Float64[np.ndarray, "..."]:
+    """The numbers of an array, a tensor or nested lists, of any shape.
+
+    Raises:
+        ValueError: It holds something else.
+    """
+    array = given_array(name, given)
+    if array.dtype.kind in "fiuOU":
+        with suppress(TypeError, ValueError):
+            return array.astype(np.float64)
+    raise ValueError(f"{name} is {shown(given)}, expected numbers; give rows of them")
+
+
+def without_masked(given: object, fill: float = np.nan) -> object:
+    """Masked numbers filled, so that they become float64; anything else as it is."""
+    if not isinstance(given, np.ma.MaskedArray) or given.dtype.kind not in "fiu":
+        return given
+    is_masked = np.ma.getmaskarray(given)
+    return np.where(is_masked, fill, given.data) if is_masked.any() else given
+
+
+def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:
+    if tensor.is_meta:
+        raise ValueError(
+            f"{name} is a tensor on the device meta, which has a shape but no values; give one on "
+            "the CPU or a GPU"
+        )
+    dense = tensor if tensor.layout == strided else tensor.to_dense()
+    wide = dense.float() if dense.dtype == bfloat16 else dense  # NumPy has no such type
+    array: Shaped[np.ndarray, "..."] = wide.numpy(force=True)
+    return array

@@ -1,0 +1,53 @@
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.calibration import Calibration
+from sightline.structures.predictions import DepthMap
+from sightline.structures.sample import CameraLidarSample
+from tests.data.recordings import SAMPLE
+
+MATRICES = {
+    "image_from_camera": SAMPLE.calibration.image_from_camera,
+    "camera_from_lidar": SAMPLE.calibration.camera_from_lidar,
+}
+FIELDS = {"sample_id": "a", "calibration": SAMPLE.calibration, "image_size": (3, 4)}
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: Calibration(**{**MATRICES, "image_from_camera": np.eye(3)}),
+            r"Calibration takes image_from_camera as Float64\[Tensor, '\*batch 3 4'\], got "
+            r"f64\[3,3\]\(numpy\); Calibration.from_matrices converts matrices",
+        ),
+        (
+            lambda: CameraLidarSample(**{**FIELDS, "sample_id": 42}),
+            "CameraLidarSample takes sample_id as str, got 42; CameraLidarSample.from_arrays conv",
+        ),
+        (
+            lambda: CameraLidarSample(**FIELDS, image=torch.zeros(3, 3, 4)),
+            r"takes image as UInt8\[Tensor, '3 height width'\] . None, got f32\[3,3,4\]",
+        ),
+        (lambda: Boxes3D(torch.zeros(2, 6)), r"Boxes3D takes tensor as Float\[.* 7'\], got f32"),
+        (
+            lambda: DepthMap(depth_m=torch.zeros(3, 4), valid=torch.ones(3, 5).bool()),
+            r"DepthMap takes valid as Bool\[Tensor, 'height width'\], got .*; convert it",
+        ),
+    ],
+)
+def test_a_field_of_another_type_is_named_in_one_line(make, said):
+    with pytest.raises(TypeError, match=said) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_wide_class_takes_whole_numbers_for_floats_and_stays_what_it_is():
+    sample = CameraLidarSample(**FIELDS, timestamp_s=3)
+    assert pickle.loads(pickle.dumps(sample)).timestamp_s == 3
+    with pytest.raises(TypeError, match="'calibration'"):
+        CameraLidarSample(sample_id="a", image_size=(3, 4))

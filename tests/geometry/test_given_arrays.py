@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+import torch
+
+from sightline.geometry.given_arrays import given_array, without_masked
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        [[1, 2], [3, 4]],
+        np.array([[1, 2], [3, 4]], ">f8"),
+        np.ma.masked_array([[1, 2], [3, 4]], mask=False),
+        torch.tensor([[1.0, 2], [3, 4]], requires_grad=True),
+        torch.tensor([[1.0, 2], [3, 4]], dtype=torch.bfloat16),
+        torch.tensor([[1.0, 2], [3, 4]]).to_sparse(),
+    ],
+)
+def test_arrays_tensors_and_lists_give_their_numbers(given):
+    assert given_array("it", given).tolist() == [[1, 2], [3, 4]]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "it has 1 of 3 values masked, .*; fill them"),
+        (torch.empty(3, device="meta"), "it is a tensor on the device meta, .* no values; give"),
+        ([[1], [2, 3]], "it: an array is needed, got something else .*; give rows of one length"),
+    ],
+)
+def test_what_has_no_values_is_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        given_array("it", given)
+
+
+def test_masked_numbers_are_filled_and_nothing_else_changes():
+    masked = np.ma.masked_array([1, 2, 3], [0, 1, 0])
+    assert without_masked(masked, 0.0).tolist() == [1, 0, 3]
+    assert np.isnan(without_masked(masked)[1])
+    assert without_masked("x") == "x"
