@@ -120,8 +120,8 @@ class CameraLidarSample:
                 camera.
             points: x, y, z [m] and intensity first; numbers of any type. Rows that are not finite
                 or lie at the origin, where no echo came back, are left out. Without an intensity 0
-                is taken, further columns are left out, both with a warning. None: no LiDAR. Rows that a masked
-                array masks are no echoes, either.
+                is taken, further columns are left out, both with a warning. Rows that a
+                masked array masks are no echoes, either. None: no LiDAR.
             image_size: Height, width [px]; needed only where there is no image.
             max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
             lidar_height_m: Of the LiDAR above the road; 0 where the points' origin lies on it.
