@@ -3,9 +3,9 @@
 import numpy as np
 
 from depth_maps import bridge_rows, fill_columns, smooth_rows
+from hidden_returns import hidden_by_contrast, hidden_in_window
 from kitti_frame import Array, Steps
-
-windows = np.lib.stride_tricks.sliding_window_view
+from morphology import largest_around, mix_with_morphology, soften
 
 
 def fill(sparse_m: Array, rule: Steps) -> tuple[Array, Array]:
@@ -15,25 +15,21 @@ def fill(sparse_m: Array, rule: Steps) -> tuple[Array, Array]:
     widest = rule["widest_spacing_px"]
     gaps = right_neighbours(inverse, rows, columns, widest, widest, rule)[0]
     step = int(np.median(gaps[gaps > 0])) if gaps.any() else 1  # columns along a ring
-    tops = largest_beside(inverse, step // 2) > 0
+    tops = largest_around(inverse, 0, step // 2) > 0
     tops[1:] &= ~tops[:-1].copy()
     column, row = np.nonzero(tops.T)
     counts = np.bincount(np.diff(row)[np.diff(column) == 0], minlength=2).cumsum()
     between = int(np.searchsorted(counts, counts[-1] / 2)) if counts[-1] else step  # of two rings
-    # Measurements with nearer ones both above and below belong to what the edge in front hides.
-    beside = largest_beside(inverse, round(rule["hidden_columns"] * step))
-    reach = max(round(rule["hidden_rows"] * step), between)
-    padded = np.pad(beside, ((reach, reach), (0, 0)))
-    around = windows(padded, reach + 1, axis=0).max(axis=-1)[:, columns]
-    limit = np.float32(rule["surface_ratio"] * inverse[rows, columns].astype(np.float64))
-    places = np.arange(len(rows))
-    hidden = (around[rows, places] > limit) & (around[rows + reach, places] > limit)
+    if rule["hidden_rule"] == "window":
+        hidden = hidden_in_window(inverse, rows, columns, step, between, rule)
+    else:
+        hidden = hidden_by_contrast(inverse, rows, columns, step, between, rule)
     inverse[rows[hidden], columns[hidden]] = 0
     rows, columns = rows[~hidden], columns[~hidden]
     reaches = round(rule["link_columns"] * step), max(between // 2, 1)
     steps = right_neighbours(inverse, rows, columns, *reaches, rule)
     traced = trace_rings(inverse, rows, columns, *steps, rule["surface_ratio"])
-    filled, distance, trusted = fill_columns(traced, between, rule)
+    filled, distance, trusted = fill_columns(traced, step, between, rule)
     has_ring = np.flatnonzero(filled[0] > 0)
     to_columns = np.abs(has_ring - np.arange(filled.shape[1])[:, None])
     nearest = has_ring[to_columns.argmin(axis=1)]  # the left one at a tie
@@ -43,6 +39,10 @@ def fill(sparse_m: Array, rule: Steps) -> tuple[Array, Array]:
     depth_m = inverted(bridge_rows(filled, to_ring, trusted, least, rule["widest_hole"]))
     for _ in range(rule["smoothing_passes"]):
         depth_m = smooth_rows(depth_m, (rule["smoothing"] * distance.astype(float)).astype(int))
+    if rule["softening"] is not None:
+        depth_m = soften(depth_m, rule)
+    if rule["classical_share"] and between <= rule["classical_rows"]:
+        depth_m = mix_with_morphology(depth_m, sparse_m, rule)
     depth_m[rows, columns] = sparse_m[rows, columns]
     return depth_m, trusted
 
@@ -50,11 +50,6 @@ def fill(sparse_m: Array, rule: Steps) -> tuple[Array, Array]:
 def inverted(values: Array) -> Array:
     """Take 1 / value where there is one."""
     return np.where(values > 0, 1 / np.where(values > 0, values, np.float32(1)), np.float32(0))
-
-
-def largest_beside(inverse: Array, reach: int) -> Array:
-    """Find the largest value of the columns around each pixel."""
-    return windows(np.pad(inverse, ((0, 0), (reach, reach))), 2 * reach + 1, axis=1).max(axis=-1)
 
 
 def right_neighbours(

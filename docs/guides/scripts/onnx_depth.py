@@ -4,13 +4,13 @@ python onnx_depth.py NAME.onnx IMAGE.png VELODYNE.bin CALIB.txt OUT.npz
 """
 
 import sys
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_fill import fill, inverted
-from depth_maps import smooth_planes
 from kitti_frame import Array, Frame, Steps, open_graph, pixels_of, project, read_frame
+from smooth_planes import smooth_planes
 
 
 class DepthMap(NamedTuple):
@@ -37,10 +37,8 @@ def complete(model: str, frame: Frame) -> DepthMap:
     (height, width), stride = sparse.shape, steps["padding"]["multiple_of"]
     margins = ((0, 0), (-height % stride, 0), (0, -width % stride))  # at the top and right
     modes = {"image": "edge", "sparse_depth_m": "constant", "filled_depth_m": "edge"}
-    inputs = {
-        name: np.pad(each, margins, mode=modes[name])[None]  # type: ignore[call-overload]
-        for name, each in planes.items()
-    }
+    pad: Any = np.pad
+    inputs = {name: pad(each, margins, mode=modes[name])[None] for name, each in planes.items()}
     names = ["depth_m", "uncertainty_m"]
     depth, error = session.run(names, inputs)
     if steps["flip_test"]:
@@ -49,6 +47,8 @@ def complete(model: str, frame: Frame) -> DepthMap:
         depth, error = (depth + depth_2[..., ::-1]) / 2, (error + error_2[..., ::-1]) / 2
     depth, error = (each[0, 0, -height % stride :, :width] for each in (depth, error))
     depth = drop_small_corrections(depth, filled, sparse > 0, steps["corrections"])
+    if steps["keep_measured"]:
+        depth = np.where((sparse > 0) & (filled == sparse), sparse, depth)
     depth = depth.clip(*steps["range_m"])
     if steps["smoothing"] is not None:
         inverse = inverted(depth)

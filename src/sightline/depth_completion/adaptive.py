@@ -32,14 +32,14 @@ up to 0.2)."""
 WIDEST_SPACING_PX = 64  # between neighbours of a ring; bounds the search in very sparse maps
 HOLE_COLUMNS = 3  # column spacings; so much farther than valid guesses is where a hole begins
 SMOOTHING_PASSES = 2  # two running means make a triangle
-_SEARCH_COLUMNS = 5  # column spacings to all sides, in which the nearest return is looked up
-_KITTI_COLUMNS = 3  # column spacing of KITTI's sweeps in its images [px]
+SEARCH_COLUMNS = 5  # column spacings to all sides, in which the nearest return is looked up
+KITTI_COLUMNS = 3  # column spacing of KITTI's sweeps in its images [px]
 # Rule "contrast": reach in ring spacings (beside: column spacings), and its growth in column
 # spacings per difference of inverse depths [m]. Wider than the parallax of KITTI's mount, some 20:
 # true depth bleeds at edges, too. Found on the frames of real truth.
-_ABOVE, _BELOW, _BESIDE = (0.6, 50.0), (0.8, 133.0), (4 / 3, 40 / 3)
-_NEAR_PX = 5  # square around a measurement in which morphological completion counts
-_MEDIAN_PX, _GAUSS_PX, _GAUSS_SIGMA_PX = 5, 5, 0.8
+REACH_ABOVE, REACH_BELOW, REACH_BESIDE = (0.6, 50.0), (0.8, 133.0), (4 / 3, 40 / 3)
+NEAR_PX = 5  # square around a measurement in which morphological completion counts
+_MEDIAN_PX, _GAUSS_PX, GAUSS_SIGMA_PX = 5, 5, 0.8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -179,7 +179,7 @@ def _between_rings(
         config.trusted_rings * spacing.rows,
         spacing.rows,
         config.surface_ratio,
-        config.ground_slope * _KITTI_COLUMNS / spacing.columns,
+        config.ground_slope * KITTI_COLUMNS / spacing.columns,
         config.nearer_share if is_dense else -1.0,
     )
     has_rings = filled[0] > 0  # a column is filled from top to bottom or not at all
@@ -201,7 +201,7 @@ def _softened(
     if not np.isfinite(tolerance):
         return depth_m
     median = cv2.medianBlur(depth_m, _MEDIAN_PX)
-    smooth = cv2.GaussianBlur(median, (_GAUSS_PX, _GAUSS_PX), _GAUSS_SIGMA_PX)
+    smooth = cv2.GaussianBlur(median, (_GAUSS_PX, _GAUSS_PX), GAUSS_SIGMA_PX)
     return move_towards(depth_m, smooth, smooth > 0, tolerance, 1.0)
 
 
@@ -212,8 +212,8 @@ def _mixed_with_classical(
 ) -> Float32[np.ndarray, "height width"]:
     """The mean with morphological completion near and above measurements, where both differ."""
     filtered = classical_depth(sparse_depth_m).depth_m.numpy()
-    beside = cv2.dilate((sparse_depth_m > 0).view(np.uint8), np.ones((1, _NEAR_PX), np.uint8))
-    is_near = cv2.dilate(beside, np.ones((_NEAR_PX, 1), np.uint8)) > 0
+    beside = cv2.dilate((sparse_depth_m > 0).view(np.uint8), np.ones((1, NEAR_PX), np.uint8))
+    is_near = cv2.dilate(beside, np.ones((NEAR_PX, 1), np.uint8)) > 0
     is_above = beside.argmax(axis=0) > np.arange(len(beside))[:, None]
     return move_towards(
         depth_m,
@@ -261,13 +261,13 @@ def _find_hidden(
         above, below, columns = (
             (base * unit, growth * spacing.columns)
             for (base, growth), unit in zip(
-                (_ABOVE, _BELOW, _BESIDE),
+                (REACH_ABOVE, REACH_BELOW, REACH_BESIDE),
                 (spacing.rows, spacing.rows, spacing.columns),
                 strict=True,
             )
         )
-    reach = max(_SEARCH_COLUMNS * spacing.columns, spacing.rows)
-    window = np.ones((2 * reach + 1, 2 * _SEARCH_COLUMNS * spacing.columns + 1), np.uint8)
+    reach = max(SEARCH_COLUMNS * spacing.columns, spacing.rows)
+    window = np.ones((2 * reach + 1, 2 * SEARCH_COLUMNS * spacing.columns + 1), np.uint8)
     nearest_around = cv2.dilate(inverse_depth, window)
     return hidden_pixels(
         inverse_depth, nearest_around, pixels, config.hidden_ratio, above, below, columns

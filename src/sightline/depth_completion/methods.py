@@ -41,9 +41,13 @@ def complete_depth(
             assert_never(method)
 
 
+def filling_config(edition: FillingEdition) -> AdaptiveConfig:
+    """Settings of an edition of adaptive completion."""
+    return FIRST_EDITION if edition == "first" else AdaptiveConfig()
+
+
 def starting_depth(
     sparse_depth_m: Float32[Tensor, "height width"], edition: FillingEdition = "first"
 ) -> DepthMap:
     """The completion that networks with a filled input start from, in training as in use."""
-    config = FIRST_EDITION if edition == "first" else AdaptiveConfig()
-    return adaptive_depth(sparse_depth_m.numpy(force=True), config)
+    return adaptive_depth(sparse_depth_m.numpy(force=True), filling_config(edition))

@@ -5,13 +5,22 @@ Every number that a program without Sightline needs stands here under a name.
 
 from dataclasses import asdict
 
+import numpy as np
+
 from sightline.depth_completion.adaptive import (
-    FIRST_EDITION,
+    GAUSS_SIGMA_PX,
     HOLE_COLUMNS,
+    KITTI_COLUMNS,
+    NEAR_PX,
+    REACH_ABOVE,
+    REACH_BELOW,
+    REACH_BESIDE,
+    SEARCH_COLUMNS,
     SMOOTHING_PASSES,
     WIDEST_SPACING_PX,
 )
 from sightline.depth_completion.adaptive_kernels import GROWTH_BELOW, RING_SLOPE, WIDEST_HOLE
+from sightline.depth_completion.classical import ClassicalConfig
 from sightline.depth_completion.config import by_direction
 from sightline.depth_completion.corrections import (
     AWAY_PX,
@@ -20,6 +29,8 @@ from sightline.depth_completion.corrections import (
     FIRST_ROWS_ABOVE,
     LAST_ROWS_ABOVE,
 )
+from sightline.depth_completion.method_names import FillingEdition
+from sightline.depth_completion.methods import filling_config
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M, TRUSTED_SHARE
 
@@ -41,7 +52,8 @@ def processing(network: DepthCompletionNet) -> dict[str, object]:
             "filled_depth_m": "edge",
             "multiple_of": network.stride,
         },
-        "filling": _filling() if network.takes_filled_depth else None,
+        "filling": _filling(config.filling) if network.takes_filled_depth else None,
+        "keep_measured": config.keep_measured,
         "flip_test": config.flip_test,
         "corrections": {
             "rule": (
@@ -61,21 +73,19 @@ def processing(network: DepthCompletionNet) -> dict[str, object]:
     }
 
 
-_FILLING_SETTINGS = (
-    "surface_ratio",
-    "hidden_rows",
-    "hidden_columns",
-    "link_columns",
-    "smoothing",
-    "trusted_rings",
-)
-"""Settings of adaptive completion that its first edition uses, in the order of the metadata."""
-
-
-def _filling() -> dict[str, object]:
+def _filling(edition: FillingEdition) -> dict[str, object]:
+    config = filling_config(edition)
     return {
         "method": "adaptive",
-        **{name: getattr(FIRST_EDITION, name) for name in _FILLING_SETTINGS},
+        "edition": edition,
+        **asdict(config),
+        "softening": config.softening if np.isfinite(config.softening) else None,
+        "contrast": {"above": REACH_ABOVE, "below": REACH_BELOW, "beside": REACH_BESIDE},
+        "search_columns": SEARCH_COLUMNS,
+        "kitti_columns": KITTI_COLUMNS,
+        "gauss_sigma_px": GAUSS_SIGMA_PX,
+        "near_px": NEAR_PX,
+        "classical_largest_m": ClassicalConfig().max_depth_m,
         "widest_spacing_px": WIDEST_SPACING_PX,
         "ring_slope": RING_SLOPE,
         "growth_below": GROWTH_BELOW,
