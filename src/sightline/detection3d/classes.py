@@ -1,4 +1,4 @@
-"""The kinds of road users that are detected."""
+"""Classes of road users for the 3D detectors."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,7 +11,7 @@ class RoadUserClass:
     """A class with what its objects look like on average in KITTI's training split."""
 
     name: str
-    """As in KITTI's labels."""
+    """Name as in KITTI's labels."""
     mean_size_m: tuple[float, float, float]
     """Length, width, height."""
 
