@@ -142,9 +142,7 @@ class CompactDesign:
         )
 
     def auxiliary_head(self, sensor: str) -> AlignedHead | None:
-        """Make a single stream's head; for training alone a small one, to leave the stream the
-        work.
-        """
+        """Make a single stream's head; for training alone a small one: the stream does the work."""
         if self.config.own_heads:
             return self.head(sensor)
         if not self.config.auxiliary:

@@ -44,7 +44,7 @@ class DetectorAnswer:
 
 
 class DetectionPredictor(SamplePredictor[DetectorAnswer]):
-    """Detects cars, pedestrians and cyclists with a trained network.
+    """Detect cars, pedestrians and cyclists with a trained network.
 
     Examples:
         >>> import dataclasses, sightline
@@ -55,9 +55,9 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
         >>> "Car" in answer.detections.class_names, float(answer.camera_gate.max()) < 0.5
         (True, True)
 
-    Takes images of any size and sweeps of any number of beams. Either sensor may be missing, and a
-    black image or an empty sweep is as good as none: a network that was trained with faults knows
-    what to make of it. May be pickled, and called in a forked process.
+    Takes images of any size and sweeps with any number of beams. Either sensor may be missing; a
+    black image or an empty sweep counts as missing. A network trained with faults can handle this.
+    May be pickled, and called in a forked process.
     """
 
     def __init__(

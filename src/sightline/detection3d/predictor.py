@@ -31,7 +31,7 @@ _MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # smallest share in range with correct 
 
 
 class Detection3DPredictor(SamplePredictor[Detections3D]):
-    """Detects road users in LiDAR sweeps with a trained network.
+    """Detect road users in LiDAR sweeps with a trained network.
 
     Examples:
         >>> import sightline
@@ -41,10 +41,9 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
         >>> found.class_names[:2], found.boxes.tensor.shape[1]  # by descending score; see Boxes3D
         (('Car', 'Car'), 7)
 
-    Takes sweeps of any number of points and beams, of LiDARs that are mounted at any height above
-    the road, tilted or turned, as far as the sample says how; boxes are in the LiDAR's own frame. A
-    sweep of which nothing is seen has no objects.
-    May be pickled, and called in a forked process.
+    Takes sweeps with any number of points and beams, from LiDARs mounted at any height above the
+    road, tilted or turned, if the sample contains the mount. Boxes are in the LiDAR's own frame. A
+    sweep without points in range has no objects. May be pickled, and called in a forked process.
     """
 
     parts: tuple[Part, ...] = ("points",)

@@ -36,7 +36,7 @@ def suppress_boxes(
 ) -> Int64[Tensor, " kept"]:
     """Select the boxes that stay: indices by descending score; equal scores in their order.
 
-    The IoU is taken from above: two road users do not stand over each other, and a wrong height
+    The IoU is computed from above: two road users do not stand over each other, and a wrong height
     must not save a duplicate.
 
     Args:
