@@ -18,7 +18,7 @@ from torch import Tensor
 
 from sightline.geometry.transforms import wrap_angle
 
-_LEAST_SIZE = 0.01  # of the mean
+_LEAST_SIZE = 0.01  # share of the mean size
 
 
 @dataclass(frozen=True, kw_only=True)

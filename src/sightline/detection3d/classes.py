@@ -8,7 +8,7 @@ _SMALLEST_M, _LARGEST_M = 0.01, 100.0
 
 @dataclass(frozen=True, kw_only=True)
 class RoadUserClass:
-    """A class with what its objects look like on average in KITTI's training split."""
+    """Class of road users, with mean box size in KITTI's training split."""
 
     name: str
     """Name as in KITTI's labels."""

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from sightline.detection3d.center_coding import CENTER_VALUES
 from sightline.detection3d.pillar_config import PillarNetworkConfig
 
-_INITIAL_HEAT = 0.03  # of every cell before training
+_INITIAL_HEAT = 0.03  # heat of every cell before training
 _NORM_MOMENTUM = 0.05  # batches are of a few sweeps
 
 

@@ -86,7 +86,7 @@ class Detection3D(TrainingModule):
         self.loose_metric = KittiObjectMetric(LOOSE)
         self.recall_metric = ProposalRecallMetric()
         self._has_first_stage = initial_weights is not None
-        self._identity: str | None = None  # of a frozen first stage
+        self._identity: str | None = None  # the frozen first stage's
         for stage in self._still:
             stage.requires_grad_(requires_grad=False)
 

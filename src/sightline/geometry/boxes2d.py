@@ -38,7 +38,7 @@ class Boxes2D:
         return Boxes2D(self.tensor[index])
 
     def to(self, device: torch.device | str) -> "Boxes2D":
-        """Move the boxes to another device."""
+        """Return the boxes on another device."""
         return Boxes2D(self.tensor.to(device))
 
     def sizes(self) -> Float[Tensor, "*batch num_boxes 2"]:

@@ -65,7 +65,7 @@ class Boxes3D:
         return Boxes3D(self.tensor[index])
 
     def to(self, device: torch.device | str) -> "Boxes3D":
-        """Move the boxes to another device."""
+        """Return the boxes on another device."""
         return Boxes3D(self.tensor.to(device))
 
     @property

@@ -141,7 +141,7 @@ class Calibration:
         return self.image_from_camera @ self.camera_from_lidar
 
     def to(self, device: torch.device | str) -> "Calibration":
-        """Move the calibration to another device."""
+        """Return the calibration on another device."""
         return Calibration(
             image_from_camera=self.image_from_camera.to(device),
             camera_from_lidar=self.camera_from_lidar.to(device),

@@ -40,7 +40,7 @@ class ProjectedPoints(NamedTuple):
 def project_points(
     points: Float[Tensor, "*batch num_points 3"], calibration: Calibration
 ) -> ProjectedPoints:
-    """Pixels and depths of LiDAR points [m]; calculated in float64, returned in their dtype.
+    """Project LiDAR points [m] to pixels and depths, in float64; results have the points' dtype.
 
     Examples:
         >>> import sightline
@@ -130,16 +130,16 @@ def dhi_image(
     *,
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M,
 ) -> Float32[Tensor, "3 height width"]:
-    """The sweep as an image of depth, height and intensity in [0, 255]: Kim et al. 2018, Eq. 1-4.
+    """Image of a sweep's depth, height and intensity in [0, 255]: Kim et al. 2018, Eq. 1-4.
 
     Channels fall from 255 to 0 with the distance x over 80 m, the height over 6 m and the
     reflectance over 0.7. Pixels without a point are 0 in all channels; the nearest of several
     points on a pixel stays, the first in the sweep at equal depth. The 2D detectors' input `lidar`
     is this image divided by 255, in [0, 1].
 
-    Departure: the paper takes z as it comes, which is negative for nearly all road users; here
-    `height_offset_m` (the LiDAR's height above the road; 0 for the paper's letter) is added first
-    and the sum is kept in [0, 6] m.
+    Departure: the paper uses z directly, which is negative for nearly all road users; here
+    `height_offset_m` (the LiDAR's height above the road; 0 as in the paper) is added first and the
+    sum is clipped to [0, 6] m.
     """
     height, width = image_size
     flat, depths, kept = _visible(points, calibration, image_size)
