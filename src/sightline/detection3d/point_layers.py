@@ -86,7 +86,7 @@ class Neighbourhood(nn.Module):
         centers: Float[Tensor, "batch num_centers 3"],
         neighbours: Int64[Tensor, "batch num_centers num_neighbours"] | None = None,
     ) -> Float[Tensor, "batch num_centers out_channels"]:
-        """Compute the features of the centres; each must have a neighbour.
+        """Compute the features of the centres; each needs a neighbour, as points of the cloud have.
 
         Args:
             points: Points of the finer level [m].

@@ -27,7 +27,7 @@ from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
 _SEED: Final = 0  # for drawing points: results are reproducible
-_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # smallest share in range with correct axes
+_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # of many points, the least share in range
 
 
 class Detection3DPredictor(SamplePredictor[Detections3D]):
