@@ -1,4 +1,4 @@
-"""Assigns cells to objects: task-aligned assignment (Feng et al. 2021, TOOD)."""
+"""Task-aligned assignment of cells to objects (Feng et al. 2021, TOOD)."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,20 +12,20 @@ from sightline.detection2d.targets import DetectionTargets
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 
 _NOTHING = -1
-_LEAST_IOU = 0.05  # added, so that objects whose boxes nothing overlaps yet are assigned, too
-_LEAST_QUALITY = 0.1  # of an object's best cell, so that it is trained from the first step
+_LEAST_IOU = 0.05  # added to the IoU, to assign also objects without overlapping boxes
+_LEAST_QUALITY = 0.1  # for an object's best cell, so that it is trained from the first step
 
 
 @dataclass(frozen=True, kw_only=True)
 class AssignmentConfig:
-    """How well a cell suits an object: score to the power alpha times IoU to the power beta."""
+    """Alignment of a cell with an object: score to the power alpha times IoU to the power beta."""
 
     alpha: float = 1.0
     """Exponent of the score."""
     beta: float = 6.0
     """Exponent of the IoU."""
     cells: int = 10
-    """Number of best cells that are to find an object."""
+    """Number of best-aligned cells assigned to an object."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -35,10 +35,10 @@ class AssignmentConfig:
 
 
 class Assignment(NamedTuple):
-    """The target of each place."""
+    """Target of each place."""
 
     objects: Int64[Tensor, " places"]
-    """Index of the object; -1 for none."""
+    """Index of the assigned object; -1 for none."""
     qualities: Float[Tensor, " places"]
     """Target score of the object's class; 0 for none."""
 
@@ -50,19 +50,19 @@ def assign_places(
     truth: DetectionTargets,
     config: AssignmentConfig,
 ) -> Assignment:
-    """Each object gets the places that suit it best, among those in its box: section 3.2.
+    """Assign each object the best-aligned places among those in its box: section 3.2.
 
-    An object that contains no place's centre gets the place nearest to its own centre. A place that
-    several objects want goes to the one that its box overlaps most. Qualities are the alignments,
-    scaled so that an object's best place has the highest IoU of its places: eq. 8. Departures: 0.05
-    is added to the IoU, and a best place's quality is at least 0.1.
+    An object that contains no place's centre gets the place nearest to its own centre. If several
+    objects want a place, it goes to the object that its box overlaps most. Qualities are the
+    alignments, scaled so that an object's best place has the highest IoU of its places: eq. 8.
+    Departures: 0.05 is added to the IoU, and a best place's quality is at least 0.1.
 
     Args:
-        scores: The network's, in [0, 1].
-        boxes: The network's, in corners [px].
-        places: Cells: middles and sizes [px].
-        truth: Of one image.
-        config: What is best.
+        scores: Predicted scores, in [0, 1].
+        boxes: Predicted boxes, corners [px].
+        places: Middles and sizes of cells [px].
+        truth: Ground truth of one image.
+        config: Definition of the alignment.
     """
     count = len(places)
     if not len(truth.boxes):

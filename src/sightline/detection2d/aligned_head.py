@@ -1,4 +1,4 @@
-"""The compact detector's head: for each cell its classes, and distances to the box's sides."""
+"""Head of the compact detector: for each cell class scores, and distances to the box's sides."""
 
 import math
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from sightline.detection2d.config import CLASSES
 from sightline.detection2d.readings import HeadReading
 from sightline.detection2d.residual_stream import MAP_STRIDES, ConvNorm
 
-_INITIAL_SCORE = 0.01  # of every class everywhere: Lin et al. 2017 (focal loss), section 3.3
-_INITIAL_SLOPE = 0.3  # by which log-likelihoods of distances fall at first: boxes start small
+_INITIAL_SCORE = 0.01  # for every class and cell: Lin et al. 2017 (focal loss), section 3.3
+_INITIAL_SLOPE = 0.3  # initial slope of the distances' log-likelihoods: boxes start small
 
 
 class PyramidNeck(nn.Module):
-    """Exchanges features between maps of three scales: from coarse to fine, then back.
+    """Exchange of features between maps of three scales: from coarse to fine, then back.
 
-    PANet's two ways (Liu et al. 2018), with sums and few convolutions.
+    The two paths of PANet (Liu et al. 2018), with sums and few convolutions.
     """
 
     def __init__(self, channels: int) -> None:
@@ -31,7 +31,7 @@ class PyramidNeck(nn.Module):
     def forward(
         self, maps: Sequence[Float[Tensor, "batch channels _rows _columns"]]
     ) -> list[Float[Tensor, "batch channels _rows _columns"]]:
-        """Maps of strides 8, 16 and 32; their sizes halve exactly."""
+        """Exchange features between maps of strides 8, 16 and 32; their sizes halve exactly."""
         fine, middle, coarse = maps
         middle = self.down_16(middle + F.interpolate(coarse, scale_factor=2.0))
         fine = self.down_8(fine + F.interpolate(middle, scale_factor=2.0))
@@ -40,16 +40,16 @@ class PyramidNeck(nn.Module):
 
 
 class AlignedHead(nn.Module):
-    """Scores and boxes of every cell, without anchors; one set of weights for all scales.
+    """Anchor-free head: scores and boxes of every cell, with the same weights for all scales.
 
     A box is given by four distances from the cell's centre, each as a distribution over whole
     multiples of the stride (Li et al. 2020, generalized focal loss, section 3.2).
 
     Args:
-        in_channels: Of the maps that it gets.
-        channels: Inside.
-        convs: 3x3 convolutions before the prediction.
-        bins: The farthest distance, in strides.
+        in_channels: Channels of the input maps.
+        channels: Channels inside.
+        convs: Number of 3x3 convolutions before the prediction.
+        bins: Largest distance, in strides.
         neck: Whether scales exchange features first.
     """
 
@@ -75,7 +75,7 @@ class AlignedHead(nn.Module):
             self.measure.bias.copy_(-_INITIAL_SLOPE * torch.arange(bins + 1).repeat(4))
 
     def start_at_nothing(self) -> None:
-        """Makes all it says 0, which added to other heads' answers leaves them as they are."""
+        """Set the output to 0, so that adding it to other heads' outputs changes nothing."""
         for last in (self.classify, self.measure):
             for parameter in last.parameters():
                 nn.init.zeros_(parameter)
@@ -85,8 +85,8 @@ class AlignedHead(nn.Module):
         maps: Sequence[Float[Tensor, "batch _channels _rows _columns"]],
         image_size: tuple[int, int],
     ) -> HeadReading:
-        """Reads maps of strides 8, 16 and 32 of an image of (height, width) [px]."""
-        del image_size  # the strides tell
+        """Run the head on maps of strides 8, 16 and 32 of an image of (height, width) [px]."""
+        del image_size  # given by the strides
         features = [lateral(each) for lateral, each in zip(self.laterals, maps, strict=True)]
         if self.neck is not None:
             features = self.neck(features)
@@ -105,12 +105,12 @@ class AlignedHead(nn.Module):
     def decode(
         self, reading: HeadReading
     ) -> tuple[Float[Tensor, "batch places classes"], Float[Tensor, "batch places 4"]]:
-        """Probabilities of the classes, and boxes (corners, px)."""
+        """Compute class probabilities and boxes (corners, px)."""
         return reading.class_logits.sigmoid(), decode_distances(reading)
 
 
 def cells(rows: int, columns: int, stride: int, like: Tensor) -> Float[Tensor, "cells 4"]:
-    """Middle x, y, width and height [px] of a map's cells, row by row."""
+    """Compute middle x, y, width and height [px] of a map's cells, row by row."""
     y = (torch.arange(rows, device=like.device) + 0.5) * stride - 0.5
     x = (torch.arange(columns, device=like.device) + 0.5) * stride - 0.5
     middles = torch.stack((x.expand(rows, -1), y[:, None].expand(-1, columns)), dim=2)
@@ -119,7 +119,7 @@ def cells(rows: int, columns: int, stride: int, like: Tensor) -> Float[Tensor, "
 
 
 def decode_distances(reading: HeadReading) -> Float[Tensor, "batch places 4"]:
-    """Corners [px] of the boxes whose sides are at the distributions' means."""
+    """Compute box corners [px] from the means of the distance distributions."""
     batch, number, values = reading.box_logits.shape
     shares = reading.box_logits.reshape(batch, number, 4, values // 4).softmax(dim=3)
     steps = torch.arange(values // 4, device=shares.device, dtype=shares.dtype)

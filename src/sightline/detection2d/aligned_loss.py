@@ -1,4 +1,4 @@
-"""The compact detector's losses: scores that predict the IoU, boxes by IoU and distribution."""
+"""Losses of the compact detector: scores that predict the IoU, boxes by IoU and distribution."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,29 +16,28 @@ from sightline.detection2d.readings import HeadReading
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 
 Classification = Literal["quality_focal", "varifocal"]
-"""Which loss teaches scores to predict the IoU."""
+"""Loss for scores that predict the IoU."""
 
-_FOCUS = 2.0  # the exponents of both focal losses, as published
+_FOCUS = 2.0  # exponents of both focal losses, as published
 _VARIFOCAL_NEGATIVES = 0.75
 
 
 @dataclass(frozen=True, kw_only=True)
 class AlignedLossConfig:
-    """The targets of cells, and the weights of their errors."""
+    """Assignment of cells, and weights of the losses."""
 
     assignment: AssignmentConfig = AssignmentConfig()  # noqa: RUF009 - frozen
-    """How cells are assigned to objects."""
+    """Assignment of cells to objects."""
     classification: Classification = "quality_focal"
     """quality_focal: Li et al. 2020, eq. 2; varifocal: Zhang et al. 2021, eq. 2."""
     ignored_share: float = 0.5
-    """A cell whose box has at least this share of its area in an ignored region costs nothing
-    there."""
+    """Share of a box's area in an ignored region from which its cell has no loss there."""
     class_weight: float = 1.0
-    """Of the scores' error."""
+    """Weight of the score loss."""
     box_weight: float = 2.5
-    """Of 1 less the generalized IoU (Rezatofighi et al. 2019)."""
+    """Weight of 1 - generalized IoU (Rezatofighi et al. 2019)."""
     distribution_weight: float = 0.5
-    """Of the cross entropy of the distances' distributions (Li et al. 2020, eq. 6)."""
+    """Weight of the cross entropy of the distance distributions (Li et al. 2020, eq. 6)."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -49,7 +48,7 @@ class AlignedLossConfig:
 
 
 class AlignedLosses(NamedTuple):
-    """Terms of the loss, each already weighted."""
+    """Weighted terms of the loss."""
 
     classification: Float[Tensor, ""]
     boxes: Float[Tensor, ""]
@@ -59,7 +58,7 @@ class AlignedLosses(NamedTuple):
 def assign_batch(
     reading: HeadReading, targets: Sequence[DetectionTargets], config: AssignmentConfig
 ) -> list[Assignment]:
-    """The target of each place of each image, given the network's current output."""
+    """Assign targets to each place of each image, given the network's current output."""
     with torch.no_grad():
         scores, boxes = reading.class_logits.sigmoid(), decode_distances(reading)
         return [
@@ -76,14 +75,14 @@ def aligned_loss(
     *,
     image_weights: Float[Tensor, " batch"] | None = None,
 ) -> AlignedLosses:
-    """The losses of a head's reading, divided by the sum of the qualities that are asked for.
+    """Compute the losses of a head, divided by the sum of the target qualities.
 
     Args:
-        reading: A head's.
-        targets: Of each image.
-        assignments: Of each image, this head's or another's over the same places.
+        reading: Output of the head.
+        targets: Ground truth of each image.
+        assignments: Assignment of each image, by this head or another one with the same places.
         config: Weights.
-        image_weights: Factor on the errors of each image; None: 1.
+        image_weights: Factor on the losses of each image; None: 1.
     """
     found = decode_distances(reading)
     weights = (
@@ -91,7 +90,7 @@ def aligned_loss(
     )
     wanted = torch.zeros_like(reading.class_logits)
     counts = torch.ones_like(reading.class_logits)
-    box_loss = distribution_loss = reading.box_logits.sum() * 0  # a gradient where nothing is found
+    box_loss = distribution_loss = reading.box_logits.sum() * 0  # for a gradient without objects
     for index, (truth, assignment) in enumerate(zip(targets, assignments, strict=True)):
         places = (assignment.objects >= 0).nonzero()[:, 0]
         objects = assignment.objects[places]
@@ -117,7 +116,7 @@ def class_costs(
     wanted: Float[Tensor, "*shape"],
     kind: Classification,
 ) -> Float[Tensor, "*shape"]:
-    """Loss of each score against its target quality `wanted`, 0 where there is nothing."""
+    """Loss of each score against its target quality `wanted`, which is 0 for background."""
     entropy = F.binary_cross_entropy_with_logits(logits, wanted, reduction="none")
     scores = logits.sigmoid()
     if kind == "quality_focal":
@@ -132,7 +131,7 @@ def ignored_places(
     truth: DetectionTargets,
     config: AlignedLossConfig,
 ) -> Bool[Tensor, "places classes"]:
-    """For which classes a place lies in an ignored region, or its box mostly does."""
+    """Mask of places inside an ignored region, or with a box mostly inside one, by class."""
     if not len(truth.ignored_boxes):
         return torch.zeros(len(places), len(CLASSES), dtype=torch.bool, device=places.device)
     after = places[:, None, :2] >= truth.ignored_boxes[:, :2]
@@ -143,7 +142,7 @@ def ignored_places(
 
 
 def generalized_iou(a: Float[Tensor, "num 4"], b: Float[Tensor, "num 4"]) -> Float[Tensor, " num"]:
-    """Of boxes in pairs; from -1 to 1: Rezatofighi et al. 2019, algorithm 1."""
+    """Generalized IoU of paired boxes, from -1 to 1: Rezatofighi et al. 2019, algorithm 1."""
     shared = torch.minimum(a[:, 2:], b[:, 2:]) - torch.maximum(a[:, :2], b[:, :2])
     around = torch.maximum(a[:, 2:], b[:, 2:]) - torch.minimum(a[:, :2], b[:, :2])
     intersection = shared.clamp(min=0).prod(dim=1)
@@ -160,8 +159,8 @@ def distribution_costs(
 ) -> Float[Tensor, " num"]:
     """Cross entropy of the two steps around each true distance, the mean of the four sides.
 
-    Li et al. 2020, eq. 6. A side that is farther than the last step, or on the wrong side of the
-    place's middle, is asked for at the end of the scale.
+    Li et al. 2020, eq. 6. The target of a side beyond the last step, or on the wrong side of the
+    place's middle, is the end of the scale.
     """
     steps = logits.shape[1] // 4
     middles = places[:, :2]

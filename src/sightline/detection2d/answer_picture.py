@@ -1,4 +1,4 @@
-"""A frame with what a detector makes of it, in one row: detections, camera gate, LiDAR gate."""
+"""Row of pictures of a detector's output for a frame: detections, camera gate, LiDAR gate."""
 
 from typing import Final, NamedTuple
 
@@ -16,13 +16,13 @@ from sightline.visualization.image import camera_picture, draw_boxes2d, sweep_pi
 from sightline.visualization.shares import lay_shares, put_share_legend
 
 DRAWN_SCORE: Final = 0.3
-"""What is less sure is not drawn."""
+"""Score from which detections are drawn."""
 LABELLED: Final[RGB] = (245, 245, 245)
 CAMERA_COLOR: Final[RGB] = class_color("Cyclist")
 LIDAR_COLOR: Final[RGB] = class_color("Pedestrian")
 
 Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
-"""Which pixels of the camera and of the LiDAR a corruption may have changed."""
+"""Masks of the camera and LiDAR pixels that a corruption may have changed."""
 
 _OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
 
@@ -35,17 +35,18 @@ def answer_row(
     masks: Masks | None = None,
     width_px: int = 600,
 ) -> UInt8[np.ndarray, "row_height row_width 3"]:
-    """One row of pictures under a title line.
+    """Draw one row of pictures under a title line.
 
-    From the left: the image with detections from a score of 0.3 on, labels in white; the camera's
-    gate over the image and the LiDAR's over the sweep's points, where there are gates.
+    From the left: the image with detections of score 0.3 or more, labels in white; the camera's
+    gate over the image and the LiDAR's gate over the sweep's points, if there are gates.
 
     Args:
-        title: What is special about the frame.
-        sample: As the detector got it.
-        answer: The detector's.
-        masks: What a corruption may have changed is outlined, where it is one part of the image.
-        width_px: Of each picture.
+        title: Title of the row.
+        sample: The detector's input.
+        answer: The detector's output.
+        masks: Pixels that a corruption may have changed; outlined if they form one part of the
+            image.
+        width_px: Width of each picture.
     """
     cells = []
     for panel in answer_panels(sample, answer, masks=masks, width_px=width_px):
@@ -58,11 +59,11 @@ def answer_row(
 
 
 class AnswerPanel(NamedTuple):
-    """One of the pictures of an answer."""
+    """Picture of an answer."""
 
     name: str
     note: str
-    """What a gate is on average; empty for detections."""
+    """Mean value of a gate; empty for detections."""
     picture: UInt8[np.ndarray, "height width 3"]
 
 
@@ -73,7 +74,7 @@ def answer_panels(
     masks: Masks | None = None,
     width_px: int = 600,
 ) -> list[AnswerPanel]:
-    """The pictures of `answer_row`, one by one."""
+    """Draw the single pictures of `answer_row`."""
     camera_mask, lidar_mask = masks or (None, None)
     image, sweep = (
         scaled_to_width(each, width_px) for each in (camera_picture(sample), sweep_picture(sample))
@@ -93,7 +94,7 @@ def answer_panels(
 def _with_boxes(
     image: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample, answer: DetectorAnswer
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Boxes are drawn at the size at which they are seen, so that their tags can be read."""
+    """Draw boxes at the picture's final size, so that their tags can be read."""
     scale_y, scale_x = (
         new / old for new, old in zip(image.shape[:2], sample.image_size, strict=True)
     )
@@ -110,7 +111,7 @@ def _outlined(
     picture: UInt8[np.ndarray, "height width 3"],
     mask: Bool[Tensor, "full_height full_width"] | None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The picture with the border of what the mask marks, where that is one part of it."""
+    """Draw the border of a mask if it forms one part of the picture."""
     if mask is None or bool(mask.all()):
         return picture
     marked = cv2.resize(

@@ -1,4 +1,4 @@
-"""Views of a sample to train on: crops, scales, mirror images."""
+"""Training views of a sample: crops, scales, mirror images."""
 
 import math
 from dataclasses import dataclass
@@ -15,23 +15,23 @@ from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
 
-_MIN_OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.0)  # the last: any patch
-_SMALLEST_SIDE, _ASPECT = 0.3, 2.0  # of a patch, as shares of the image's
+_MIN_OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.0)  # the last one: any patch
+_SMALLEST_SIDE, _ASPECT = 0.3, 2.0  # of a patch, relative to the image
 _TRIES = 50
-_NEAR_OBJECT = (0.15, 0.85)  # where in a crop the centre of the object to be shown may lie
+_NEAR_OBJECT = (0.15, 0.85)  # place in a crop of a chosen object's centre
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewConfig:
-    """How the view of an example is drawn."""
+    """Sampling of training views."""
 
     min_iou_crop: bool = False
-    """Whether a patch is cut out as SSD does, and stretched to the network's input."""
+    """Whether to cut out a patch as SSD does, and stretch it to the network's input."""
     scales: tuple[float, float] = (1.0, 1.0)
-    """Smallest and largest factor on the sides of the image, where crops have one size."""
+    """Smallest and largest factor on the sides of the image, for crops of a fixed size."""
     object_share: float = 0.75
-    """Share of the crops of one size that are placed so as to show an object: one of any class that
-    the frame has, each class as likely, or rare ones would hardly be seen."""
+    """Share of fixed-size crops that are placed to show an object. Its class is drawn evenly from
+    the frame's classes, since rare ones would hardly appear otherwise."""
     mirror: bool = True
     """Whether every second example is mirrored."""
 
@@ -46,17 +46,17 @@ class ViewConfig:
 def draw_mirror(
     sample: CameraLidarSample, config: ViewConfig, rng: np.random.Generator
 ) -> CameraLidarSample:
-    """The sample or its mirror image."""
+    """Mirror the sample at random."""
     return mirror(sample) if config.mirror and rng.random() < 0.5 else sample
 
 
 def min_iou_crop(sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-    """A patch of the image or all of it: Liu et al. 2016 (SSD), section 2.2, data augmentation.
+    """Cut out a random patch: Liu et al. 2016 (SSD), section 2.2, data augmentation.
 
-    Either the whole image, or a patch that overlaps an object by at least a drawn IoU, or any.
-    Patches have 0.3 to 1 of each side of the image and at most twice its proportions. Departure:
-    objects whose centre lies outside are not dropped; what a crop leaves of them has a truncation,
-    by which `TargetConfig` ignores them.
+    The result is the whole image, a patch that overlaps an object by at least a drawn IoU, or any
+    patch. Patches have 0.3 to 1 of each side of the image, and change its aspect ratio by at most a
+    factor of 2. Departure: objects with their centre outside are not dropped; their truncation
+    grows, and `TargetConfig` ignores them by it.
     """
     choice = int(rng.integers(len(_MIN_OVERLAPS) + 1))
     if choice == len(_MIN_OVERLAPS) or sample.objects is None or not len(sample.objects):
@@ -85,14 +85,14 @@ def scaled_crop(
     config: ViewConfig,
     rng: np.random.Generator,
 ) -> CameraLidarSample:
-    """A part of the image at a drawn scale, of `size` or less where the image ends before.
+    """Cut out a part of the image at a random scale, of `size`, or smaller at the image's border.
 
     Args:
-        sample: At its own size.
+        sample: The sample at its own size.
         size: Height, width [px] of the crop.
-        scale: Factor on the scale that is drawn.
-        config: How it is drawn.
-        rng: Where from.
+        scale: Factor on the random scale.
+        config: Sampling of the view.
+        rng: Source of all randomness.
     """
     scale *= math.exp(rng.uniform(math.log(config.scales[0]), math.log(config.scales[1])))
     height, width = (
@@ -115,7 +115,7 @@ def _corner(
     config: ViewConfig,
     rng: np.random.Generator,
 ) -> tuple[int, int]:
-    """Top and left of a crop."""
+    """Draw top and left of a crop."""
     spare = np.subtract(sample.image_size, (height, width))
     anywhere = rng.integers(spare + 1)
     is_aimed = rng.random() < config.object_share
@@ -130,7 +130,7 @@ def _corner(
 
 
 def _picked_box(objects: ObjectLabels, pick: float) -> Float64[Tensor, "4"]:
-    """The box of an object: `pick`, in [0, 1), tells its class first, then which of that class."""
+    """Pick an object's box: `pick`, in [0, 1), selects its class, then the object in the class."""
     names = objects.class_names
     classes = sorted({name for name in names if name in CLASSES}) or sorted(set(names))
     place = pick * len(classes)

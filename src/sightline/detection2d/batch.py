@@ -1,4 +1,4 @@
-"""Several samples as the detectors take them."""
+"""Batches of samples for the 2D detectors."""
 
 from dataclasses import dataclass
 
@@ -14,29 +14,29 @@ from sightline.structures.batch import FieldwiseBatch
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameTruth:
-    """The truth that a frame is scored by."""
+    """Ground truth for scoring a frame."""
 
     placement: Placement
     objects: KittiObjects
-    """In the frame's own pixels."""
+    """Objects in the frame's own pixels."""
 
 
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DetectionBatch(FieldwiseBatch):
-    """Samples at one size. A sensor that delivered nothing is an image of zeros."""
+    """Samples of one size. A missing sensor is an image of zeros."""
 
     sample_ids: tuple[str, ...]
     image: Float32[Tensor, "batch 3 height width"]
     """RGB in [0, 1]."""
     lidar: Float32[Tensor, "batch 3 height width"]
-    """Depth, height and intensity in [0, 1] where a point falls, else 0."""
+    """Depth, height and intensity in [0, 1] at points, else 0."""
     targets: tuple[DetectionTargets, ...]
     camera_health: Float32[Tensor, "batch 1 rows columns"] | None = None
-    """Share of each cell's pixels that the camera still delivers: 1 but where it was broken for
-    training. NaN: unknown. To teach gates."""
+    """Share of each cell's pixels with a working camera, to train gates: 1 except for simulated
+    faults. NaN: unknown."""
     lidar_health: Float32[Tensor, "batch 1 rows columns"] | None = None
-    """Share of each cell's points that the LiDAR still delivers; NaN where even a sound sweep has
-    none."""
+    """Share of each cell's points with a working LiDAR; NaN in cells without points in the intact
+    sweep."""
     frames: tuple[FrameTruth, ...] | None = None
-    """For scoring."""
+    """Ground truth for scoring."""

@@ -1,4 +1,4 @@
-"""Settings of the 2D detectors. The defaults are the system of Kim et al. 2018 as we read it."""
+"""Settings of the 2D detectors; defaults as in Kim et al. 2018, by our reading."""
 
 import math
 from collections.abc import Sequence
@@ -9,19 +9,19 @@ from sightline.data.settings import IN_TRAINING_ALONE
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
-"""What is detected, in the order of the networks' outputs."""
+"""Detected classes, in the order of the networks' outputs."""
 
 Fusion = Literal["gated", "ones", "early", "late", "camera", "lidar"]
-"""How the sensors meet. `gated`: feature maps weighted by learned gates; `ones`: the same network
-with all weights 1; `early`: one network on the channels of both; `late`: one detector a sensor,
-their boxes suppressed together; `camera`, `lidar`: one sensor alone."""
+"""Fusion of the sensors. `gated`: feature maps weighted by learned gates; `ones`: the same network
+with all weights 1; `early`: one network on the channels of both; `late`: one detector for each
+sensor, their boxes suppressed together; `camera`, `lidar`: one sensor alone."""
 
 LidarPooling = Literal[1, 2, 4]
-"""Side [px] of the blocks that a LiDAR's image may be reduced to the maxima of."""
+"""Side [px] of the blocks for max pooling of a LiDAR's image."""
 
 _LARGEST_WIDTH = 8.0
 _LARGEST_PX = 8192
-_MOST_PX = 2**23  # as many as a picture of 4K has
+_MOST_PX = 2**23  # about a 4K picture
 _SMALLEST_PRIOR_PX = 0.1
 _LARGEST_RATIO = 100.0
 _MOST_DETECTIONS = 10_000
@@ -30,44 +30,44 @@ _MOST_DETECTIONS = 10_000
 def check_range(
     name: str, value: SupportsFloat, lowest: SupportsFloat, highest: SupportsFloat
 ) -> None:
-    """Refuses a number of a setting that is out of range.
+    """Check that a setting's number is in range.
 
     Raises:
-        ValueError: It is, or it is NaN.
+        ValueError: The number is out of range or NaN.
     """
     if not float(lowest) <= float(value) <= float(highest):
         raise ValueError(f"{name} must be from {lowest} to {highest}, got {value}")
 
 
 def check_choice(name: str, value: object, choices: Sequence[object]) -> None:
-    """Refuses a setting that is none of its choices.
+    """Check that a setting is one of its choices.
 
     Raises:
-        ValueError: It is none.
+        ValueError: It is none of them.
     """
     if value not in choices:
         raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {value!r}")
 
 
 def scaled(channels: int, width: float) -> int:
-    """Channels of a layer in a network of another width: at least one."""
+    """Scale a layer's channels to another network width; at least one channel remains."""
     return max(round(channels * width), 1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class InputConfig:
-    """What a network sees of a frame: for training, scoring and use alike."""
+    """Preparation of frames for a network: the same for training, scoring and use."""
 
     size: tuple[int, int] | None = (375, 1242)
     """Height, width [px] that frames are resized to. None: they keep their proportions."""
     scale: float = 1.0
     """Factor on the sides of frames that keep their proportions."""
     longest_focal_px: float = 750.0
-    """Frames that keep their proportions are shrunk first where the camera's focal length is longer
-    than this: a car is as many pixels wide as at the same distance from KITTI's cameras, whose
-    focal lengths are up to 722 px."""
+    """Longest focal length of frames that keep their proportions; others are shrunk first. A car
+    then has the same width in pixels as at the same distance from KITTI's cameras, whose focal
+    lengths are up to 722 px."""
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M
-    """Added to the height of LiDAR points; 0 is the letter of Kim et al. 2018, eq. 3."""
+    """Height added to LiDAR points; 0 follows Kim et al. 2018, eq. 3, exactly."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -88,8 +88,8 @@ class DgfnConfig:
     """
 
     prior_sizes_px: tuple[float, ...] = (30.0, 60.0, 111.0, 162.0, 213.0, 264.0, 315.0)
-    """Sides of the square priors of each of the six maps, and one more: the second square of each
-    map is the geometric mean of its size and the next. Pixels of the network's input."""
+    """Side of the square prior of each of the six maps, and one more: the second square of each map
+    is the geometric mean of its size and the next. Pixels of the network's input."""
     prior_ratios: tuple[tuple[float, ...], ...] = (
         (2.0,),
         (2.0, 3.0),
@@ -98,12 +98,12 @@ class DgfnConfig:
         (2.0,),
         (2.0,),
     )
-    """Width over height of each map's other priors; each comes upright and lying."""
+    """Aspect ratios (width / height) of each map's other priors, each used upright and lying."""
     l2_norm_scale: float = 20.0
-    """To which the features of conv4_3 are scaled at first (Liu et al. 2016, section 3.1)."""
+    """Initial scale of the features of conv4_3 (Liu et al. 2016, section 3.1)."""
     batch_norm: bool = False
-    """Whether the convolutions of the streams are normalised. Without VGG16's weights, a short
-    training of the paper's own layers hardly leaves its start."""
+    """Whether the streams' convolutions have batch normalisation. Without VGG16's weights, the
+    paper's own layers hardly improve in a short training."""
 
     def __post_init__(self) -> None:
         """Checks the numbers of the priors."""
@@ -124,9 +124,9 @@ class StreamConfig:
     """One sensor's stream of the compact detector."""
 
     channels: tuple[int, int, int, int, int]
-    """Of the maps of strides 2, 4, 8, 16 and 32."""
+    """Channels of the maps of strides 2, 4, 8, 16 and 32."""
     blocks: tuple[int, int, int, int]
-    """Residual blocks at strides 4, 8, 16 and 32."""
+    """Number of residual blocks at strides 4, 8, 16 and 32."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -141,26 +141,26 @@ class CompactConfig:
     """Two light residual streams, fused at strides 8, 16 and 32, and an anchor-free head."""
 
     camera: StreamConfig = StreamConfig(channels=(16, 24, 48, 96, 160), blocks=(1, 1, 2, 2))
-    """Also the one stream of early fusion."""
+    """Camera stream; also the one stream of early fusion."""
     lidar: StreamConfig = StreamConfig(channels=(16, 24, 32, 64, 96), blocks=(0, 1, 1, 1))
-    """Smaller, as it has less to distinguish."""
+    """LiDAR stream; smaller, as it has less to distinguish."""
     lidar_pooling: LidarPooling = 2
-    """The LiDAR's image, most of which is empty, is reduced to the maxima of so many pixels
-    squared first. Not in early fusion."""
+    """Side in pixels of the blocks for max pooling of the LiDAR's image, which is mostly empty. Not
+    used in early fusion."""
     gate_groups: int = 1
-    """Groups of channels of each sensor that have a gate of their own."""
+    """Number of channel groups of each sensor with a gate of their own."""
     head_channels: int = 48
-    """Of the fused maps, the neck and the head."""
+    """Channels of the fused maps, the neck and the head."""
     head_convs: int = 2
-    """3x3 convolutions of the head before its prediction."""
+    """Number of 3x3 convolutions of the head before its prediction."""
     bins: int = 16
     """Largest distance of a side from the centre of its cell, in strides."""
     auxiliary: bool = field(default=True, metadata=IN_TRAINING_ALONE)
-    """Whether each stream has a head of its own in training, so that one sensor does not starve the
-    other. It costs nothing afterwards."""
+    """Whether each stream has a head of its own in training, so that no sensor is neglected. It has
+    no cost at inference."""
     own_heads: bool = False
-    """Whether each stream has a whole head of its own, in use too: its answers are mixed with the
-    joint head's as the gates say."""
+    """Whether each stream also has a full head of its own at inference; the gates mix its output
+    with the joint head's."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -172,14 +172,14 @@ class CompactConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class PostprocessConfig:
-    """How boxes become detections."""
+    """Settings that turn boxes into detections."""
 
     min_score: float = 0.01
-    """Boxes of this score or a lower one are left out."""
+    """Score up to which boxes are removed."""
     nms_iou: float = 0.45
-    """Of two boxes of a class that overlap more, the one of the higher score stays."""
+    """IoU of two boxes of a class beyond which the one with the lower score is removed."""
     max_detections: int = 200
-    """Of an image; those of the highest scores."""
+    """Largest number of detections in an image, by score."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -190,23 +190,23 @@ class PostprocessConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class Detection2DConfig:
-    """A 2D detector."""
+    """Settings of a 2D detector."""
 
     fusion: Fusion = "gated"
-    """How the sensors meet."""
+    """Fusion of the sensors."""
     width: float = 1.0
     """Factor on the channels of all layers."""
     input: InputConfig = InputConfig()
-    """What it sees of a frame."""
+    """Preparation of frames."""
     dgfn: DgfnConfig | None = DgfnConfig()
-    """The network of the paper; None: another."""
+    """Network of the paper; None: another network."""
     compact: CompactConfig | None = None
-    """A light network; set dgfn to null with it."""
+    """Light network; set dgfn to null with it."""
     postprocess: PostprocessConfig = PostprocessConfig()
-    """How its boxes become detections."""
+    """Settings that turn boxes into detections."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and that one design is named."""
+        """Checks the ranges, and that exactly one design is set."""
         check_choice("fusion", self.fusion, get_args(Fusion))
         if not 0 < self.width <= _LARGEST_WIDTH:
             raise ValueError(f"width must be in (0, {_LARGEST_WIDTH}], got {self.width}")

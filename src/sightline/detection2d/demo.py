@@ -1,4 +1,4 @@
-"""2D detection's part of the demo: a frame with both sensors, and with each of them dead."""
+"""2D detection part of the demo: a frame with both sensors, and with either of them dead."""
 
 import html
 from pathlib import Path
@@ -16,7 +16,7 @@ from sightline.inference.predictor import AnsweringTask
 from sightline.robustness.page import plain_table
 from sightline.robustness.texts import TextTable
 
-_SHOWN = {  # cases of the suite, in the words of the report
+_SHOWN = {  # cases of the suite, with their names in the report
     CLEAN: "both sensors",
     "camera_blank": "the camera dead",
     "lidar_blank": "the LiDAR dead",
@@ -31,13 +31,13 @@ deliver.</p>
 def run_detection_demo(
     task: AnsweringTask, predictor: DetectionPredictor, frames: Path, out: Path
 ) -> DemoPart:
-    """Detects in frames, and in the first of them with a dead camera and with a dead LiDAR.
+    """Detect in frames, and in the first one also with a dead camera and with a dead LiDAR.
 
     Args:
-        task: 2D detection, whose files are written.
-        predictor: What detects.
+        task: The 2D detection task, which writes the result files.
+        predictor: The detector.
         frames: An object tree.
-        out: Folder for all of it; a second run makes only what is missing of the result files.
+        out: Folder for all outputs; a second run makes only missing result files.
 
     Raises:
         ValueError: `out` cannot be written to.

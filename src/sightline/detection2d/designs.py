@@ -1,4 +1,4 @@
-"""The parts that the two designs of detectors are made of."""
+"""Parts of the two detector designs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,46 +18,46 @@ from sightline.detection2d.vgg_stream import MAP_CHANNELS, VggStream
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Design(Protocol):
-    """The parts of a `Detector`."""
+    """Interface for the parts of a `Detector`."""
 
     @property
     def stride(self) -> int:
-        """Height and width of images must be multiples of it."""
+        """Divisor of image heights and widths."""
         ...
 
     @property
     def smallest_px(self) -> int:
-        """Height and width of images must be at least that."""
+        """Smallest height and width of images."""
         ...
 
     def prepare(self) -> CompactInput | VggInput:
-        """What makes planes of images."""
+        """Make the module that prepares images."""
         ...
 
     def stream(self, sensor: str, planes: int) -> nn.Module:
-        """Of the camera, the LiDAR or both."""
+        """Make the stream of the camera, the LiDAR or both."""
         ...
 
     def channels(self, sensor: str) -> tuple[int, ...]:
-        """Of the maps that such a stream gives."""
+        """Channels of the maps from such a stream."""
         ...
 
     def fusions(self, *, gated: bool) -> list[GatedFusion]:
-        """One for each map."""
+        """Make one fusion for each map."""
         ...
 
     def head(self, seen: str) -> SsdHead | AlignedHead:
-        """For a sensor's maps, those of both, or the joint ones."""
+        """Make the head for one sensor's maps, for those of both, or for the joint maps."""
         ...
 
     def auxiliary_head(self, sensor: str) -> AlignedHead | None:
-        """For a stream's own maps."""
+        """Make the head for a stream's own maps."""
         ...
 
 
 @dataclass(frozen=True)
 class DgfnDesign:
-    """The paper's: VGG16's layers, and SSD's heads."""
+    """Design of the paper: VGG16's layers, and SSD's heads."""
 
     config: DgfnConfig
     width: float
@@ -65,22 +65,22 @@ class DgfnDesign:
     smallest_px: int = VggStream.smallest_px
 
     def prepare(self) -> VggInput:
-        """See `VggInput`."""
+        """Make a `VggInput`."""
         return VggInput()
 
     def stream(self, sensor: str, planes: int) -> VggStream:
-        """All streams are alike."""
+        """Make a stream; all are alike."""
         del sensor
         config = self.config
         return VggStream(planes, self.width, config.l2_norm_scale, batch_norm=config.batch_norm)
 
     def channels(self, sensor: str) -> tuple[int, ...]:
-        """Of the six maps."""
+        """Channels of the six maps."""
         del sensor
         return tuple(scaled(count, self.width) for count in MAP_CHANNELS)
 
     def fusions(self, *, gated: bool) -> list[GatedFusion]:
-        """Joint maps have as many channels as each sensor's: eq. 9."""
+        """Make fusions; joint maps have as many channels as each sensor's: eq. 9."""
         return [
             GatedFusion(
                 (count, count),
@@ -91,17 +91,17 @@ class DgfnDesign:
         ]
 
     def head(self, seen: str) -> SsdHead:
-        """All heads are alike."""
+        """Make a head; all are alike."""
         return SsdHead(self.channels(seen), self.config)
 
     def auxiliary_head(self, sensor: str) -> None:
-        """The paper has none."""
+        """None: the paper has no auxiliary heads."""
         del sensor
 
 
 @dataclass(frozen=True)
 class CompactDesign:
-    """The light one: residual streams, and heads without anchors."""
+    """Light design: residual streams, and anchor-free heads."""
 
     config: CompactConfig
     width: float
@@ -109,22 +109,22 @@ class CompactDesign:
     smallest_px: int = 32
 
     def prepare(self) -> CompactInput:
-        """See `CompactInput`."""
+        """Make a `CompactInput`."""
         return CompactInput()
 
     def stream(self, sensor: str, planes: int) -> ResidualStream:
-        """The LiDAR's own pools its image."""
+        """Make a stream; the LiDAR's own stream pools its image."""
         config = self.config
         settings = config.lidar if sensor == "lidar" else config.camera
         pooling = config.lidar_pooling if sensor == "lidar" else 1
         return ResidualStream(planes, self._all_channels(sensor), settings.blocks, pooling)
 
     def channels(self, sensor: str) -> tuple[int, ...]:
-        """Of strides 8, 16 and 32."""
+        """Channels of the maps of strides 8, 16 and 32."""
         return self._all_channels(sensor)[2:]
 
     def fusions(self, *, gated: bool) -> list[GatedFusion]:
-        """Joint maps have the head's channels."""
+        """Make fusions; joint maps have the head's channels."""
         joint = scaled(self.config.head_channels, self.width)
         return [
             GatedFusion(
@@ -134,7 +134,7 @@ class CompactDesign:
         ]
 
     def head(self, seen: str) -> AlignedHead:
-        """With a neck."""
+        """Make a head with a neck."""
         channels = scaled(self.config.head_channels, self.width)
         given: Sequence[int] = (channels,) * 3 if seen == "joint" else self.channels(seen)
         return AlignedHead(
@@ -142,7 +142,7 @@ class CompactDesign:
         )
 
     def auxiliary_head(self, sensor: str) -> AlignedHead | None:
-        """For training alone as small as possible: the stream is to do the work."""
+        """Make a single stream's head; for training alone a small one: the stream does the work."""
         if self.config.own_heads:
             return self.head(sensor)
         if not self.config.auxiliary:
@@ -157,7 +157,7 @@ class CompactDesign:
 
 
 def design_of(config: Detection2DConfig) -> Design:
-    """The design that the settings name."""
+    """Select the design by the settings."""
     if config.compact is not None:
         return CompactDesign(config.compact, config.width)
     assert config.dgfn is not None, "settings name one of them"

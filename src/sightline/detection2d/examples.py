@@ -1,4 +1,4 @@
-"""Makes what the detectors train on and are scored on from samples."""
+"""Preparation of samples for training and scoring the 2D detectors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -39,38 +39,39 @@ from sightline.structures.sweep_checks import check_finite_points
 from sightline.training.data import SamplePreparation
 
 _SOUND = CaseDrawing(probabilities={CLEAN: 1.0})
-_HALF_LEVEL = 127  # of a painted mask
+_HALF_LEVEL = 127  # threshold of a mask painted as an image
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExampleConfig:
-    """What an example holds, for training and for scoring alike, and what training does to it."""
+    """Settings of examples for training and scoring, and of the training augmentations."""
 
     input: InputConfig = InputConfig()  # noqa: RUF009 - frozen
-    """What the network sees of a frame: as in its own settings."""
+    """Preparation of frames: as in the network's own settings."""
     pad_to: int = 1
-    """Height and width are padded to multiples of it: the network's stride."""
+    """Divisor of the padded height and width: the network's stride."""
     crop_size: tuple[int, int] | None = None
-    """Height, width [px] of the crops to train on. None: whole frames, or patches of them, at the
+    """Height, width [px] of training crops. None: whole frames, or patches of them, at the
     network's input size."""
     view: ViewConfig = ViewConfig()  # noqa: RUF009
-    """How training draws its views of a frame."""
+    """Sampling of training views."""
     color_jitter: ColorJitterConfig | None = None
-    """How far training changes the image's colours. None: not at all."""
+    """Colour changes in training. None: none."""
     camera: CameraChainConfig | None = None
     """Variation of the camera in training. None: none."""
     cases: CaseDrawing | None = None
     """Corruptions in training. None: none."""
     health: bool = False
-    """Whether training examples say which parts of the sensors' images their case has broken."""
+    """Whether training examples have health maps: the parts of the sensors' images that their case
+    has not broken."""
     fault_share: float = 0.5
-    """Share of the training examples that get one of the further faults as well. Of these faults,
-    health tells only of a camera that is gone."""
+    """Share of training examples with an additional fault. Of these faults, health contains only a
+    missing camera."""
     targets: TargetConfig = TargetConfig()  # noqa: RUF009
-    """What training asks the network to find."""
+    """Ground-truth objects that training uses as targets."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and what belongs together."""
+        """Checks the ranges, and that related settings match."""
         check_range("fault_share", self.fault_share, 0, 1)
         check_range("pad_to", self.pad_to, 1, 1024)
         if self.crop_size is None and self.input.size is None:
@@ -91,17 +92,17 @@ class DetectionExamples(SamplePreparation):
         settings: ExampleConfig = ExampleConfig(),
         faults: Sequence[Fault] = (),
     ) -> None:
-        """Takes the settings.
+        """Take the settings.
 
         Args:
-            settings: What examples hold.
-            faults: What else may be wrong with the sensors in training; each is as likely.
+            settings: Contents of the examples.
+            faults: Additional sensor faults in training, equally likely.
         """
         self.settings = settings
         self.faults = tuple(faults)
 
     def for_update(self, rng: np.random.Generator) -> "DetectionExamples":
-        """With the one case that all samples of a batch meet, if the settings say so."""
+        """Draw one case for all samples of a batch, if the settings ask for it."""
         cases = self.settings.cases
         if cases is None or cases.per == "image":
             return self
@@ -112,7 +113,7 @@ class DetectionExamples(SamplePreparation):
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DetectionBatch:
-        """See `training_example` and `scoring_example`.
+        """Prepare a `training_example` or a `scoring_example`.
 
         Raises:
             ValueError: The sample has no labels, or points that are not finite.
@@ -134,11 +135,11 @@ def training_example(
     faults: Sequence[Fault],
     rng: np.random.Generator,
 ) -> DetectionBatch:
-    """A batch of one: a view of the frame, maybe by a faulty sensor, and its truth.
+    """Prepare a batch of one: a view of the frame, maybe with a sensor fault, and its ground truth.
 
-    Colours are changed first, so that what a corruption makes black stays black; then the sensors
-    are broken, on the frame as it was taken: some faults go by the order of its points, which a
-    mirror undoes. Lens and image sensor come last, where the camera is not broken.
+    Colours are changed first, so that pixels blackened by a corruption stay black. Sensors are
+    broken next, on the original frame: some faults depend on the order of its points, which
+    mirroring destroys. Lens and image sensor effects come last, where the camera is not broken.
     """
     if config.color_jitter is not None:
         sample = jitter_color(sample, rng, config.color_jitter)
@@ -146,7 +147,7 @@ def training_example(
         sample = faults[int(rng.integers(len(faults)))](sample, rng)
     (case,) = (config.cases or _SOUND).draw(rng)
     corrupted = case.corruption.corrupt(sample, rng)
-    seed = int(rng.integers(2**63))  # sample, masks and the sound sweep are seen the same way
+    seed = int(rng.integers(2**63))  # the same view for sample, masks and intact sweep
     view = _view(corrupted.sample, config, np.random.default_rng(seed))
     assert view.objects is not None, "checked when it was prepared"
     targets = make_targets(view.objects, config.targets)
@@ -165,7 +166,7 @@ def training_example(
             sound_view = _view(replace(sample, image=None), config, np.random.default_rng(seed))
             sound = padded(lidar_image(sound_view, config.input), size)
         camera_health = health(camera_mask, size, nothing_left=nothing_left)[None]
-        if view.image is None:  # absent from the start, which no case tells of
+        if view.image is None:  # missing in the data, not by a case
             camera_health = torch.zeros_like(camera_health)
         lidar_health = health(lidar_mask, size, nothing_left=nothing_left)
         lidar_health = known_by_points(lidar_health, sound)[None]
@@ -180,7 +181,7 @@ def training_example(
 
 
 def scoring_example(sample: CameraLidarSample, config: ExampleConfig) -> DetectionBatch:
-    """A batch of one: the whole frame as it is, with all of its labels."""
+    """Prepare a batch of one: the whole frame without changes, with all of its labels."""
     assert sample.objects is not None, "checked when it was prepared"
     given, placement = place(sample, config.input)
     assert given.objects is not None, "as before"
@@ -216,7 +217,7 @@ def _view(
 def _seen_masks(
     corrupted: Corrupted, config: ExampleConfig, rng: np.random.Generator
 ) -> tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]:
-    """The masks of camera and LiDAR in a view: resized and turned as an image is."""
+    """Transform the masks of camera and LiDAR to a view, like an image."""
     masks = torch.stack(
         (corrupted.camera_mask, corrupted.lidar_mask, torch.zeros_like(corrupted.camera_mask))
     )
@@ -241,7 +242,7 @@ def _through_camera(
 def _maps(
     sample: CameraLidarSample, config: InputConfig, size: tuple[int, int]
 ) -> dict[str, Tensor]:
-    """The sensors' images, padded to a size."""
+    """Make the sensors' images, padded to a size."""
     return {
         "image": padded(camera_image(sample), size),
         "lidar": padded(lidar_image(sample, config), size),

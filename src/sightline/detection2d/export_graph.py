@@ -1,4 +1,4 @@
-"""The 2D detectors as what other engines run: boxes come out decoded, not yet suppressed."""
+"""Export graph of the 2D detectors for other engines: boxes are decoded, not yet suppressed."""
 
 from functools import partial
 
@@ -12,20 +12,20 @@ from sightline.export.metadata import ExportMetadata
 from sightline.inference.network import LoadedNetwork
 
 MAX_DIFFERENCE = 0.02
-"""An exported network may differ by so much from PyTorch's: boxes in pixels, and scores and gates,
-whose differences are a thousand times smaller.
+"""Largest difference of an exported network from PyTorch: boxes in pixels; scores and gates differ
+a thousand times less.
 
 Both compute in float32, whose step is 0.0001 px at the right border; the order of sums differs."""
 
-_EXAMPLE_SIZE = (288, 416)  # stands for any
+_EXAMPLE_SIZE = (288, 416)  # any size would do
 _CASE_SIZES = ((320, 448), (288, 640))  # other than the example's
-_DENSITY = 0.05  # share of pixels with a point, about as a 64-beam sweep gives
+_DENSITY = 0.05  # share of pixels with a point, about that of a 64-beam sweep
 
 
 def export_graph(loaded: LoadedNetwork[Detector]) -> ExportGraph:
-    """The whole network; its outputs must agree within `MAX_DIFFERENCE`.
+    """Make the graph of the whole network, whose outputs must agree within `MAX_DIFFERENCE`.
 
-    The cases are random inputs of two sizes, with and without camera and LiDAR.
+    The test cases are random inputs of two sizes, with and without camera and LiDAR.
     """
     network = loaded.network
     return ExportGraph(

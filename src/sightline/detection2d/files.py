@@ -1,4 +1,4 @@
-"""What the detectors find, as files."""
+"""Files of 2D detections."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +15,12 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def write_results(path: Path, sample: CameraLidarSample, answer: DetectorAnswer) -> None:
-    """Writes KITTI's result file."""
+    """Write KITTI's result file."""
     kitti_labels.write_objects(path, kitti_from_detections2d(answer.detections, sample.image_size))
 
 
 def read_results(path: Path, told: Perception) -> Perception:
-    """Adds the 2D boxes of KITTI's result file.
+    """Add the 2D boxes of KITTI's result file.
 
     Raises:
         FileError: The file is damaged.
@@ -29,7 +29,7 @@ def read_results(path: Path, told: Perception) -> Perception:
 
 
 def read_answer(path: Path, sample: CameraLidarSample) -> DetectorAnswer:
-    """The 2D boxes of KITTI's result file as a detector's answer, without gates.
+    """Read the 2D boxes of KITTI's result file as a detector's answer, without gates.
 
     Raises:
         FileError: The file is damaged.
@@ -43,7 +43,7 @@ def _read_detections(path: Path) -> Detections2D:
 
 
 def write_gates(path: Path, sample: CameraLidarSample, answer: DetectorAnswer) -> None:
-    """Writes the gates as a PNG of the image's size: the camera's in red, the LiDAR's in green.
+    """Write the gates as a PNG of the image's size: the camera's in red, the LiDAR's in green.
 
     Raises:
         ValueError: The network has no gates.

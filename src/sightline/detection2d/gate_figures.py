@@ -1,4 +1,4 @@
-"""What gates do, to look at: Fig. 4 and 5 of Kim et al. 2018, for every case of a suite."""
+"""Figures of gates for every case of a suite: Fig. 4 and 5 of Kim et al. 2018."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,9 +17,9 @@ from sightline.visualization.cells import PAGE
 from sightline.visualization.shares import ShareSeries, draw_histogram
 
 GATE_MEANS: Final = "gate_means.png"
-"""Name of the picture of `write_gate_means`."""
+"""File name of the picture of `write_gate_means`."""
 GATE_MAPS: Final = "gate_maps.png"
-"""Of `write_gate_maps`."""
+"""File name of the picture of `write_gate_maps`."""
 
 _CHART_SIZE = (190, 470)  # height, width [px]
 _COLUMNS = 2
@@ -27,7 +27,7 @@ _GAP_PX = 10
 
 
 def write_gate_means(path: Path, gates: Sequence[CaseGates], suite: Suite) -> None:
-    """Draws histograms of the frames' mean gates, one for each case: Fig. 4."""
+    """Draw a histogram of the frames' mean gates for each case: Fig. 4."""
     titles = {case.name: case.title for case in suite.cases}
     charts = [
         draw_histogram(
@@ -56,7 +56,7 @@ def write_gate_maps(
     suite: Suite,
     seed: int = 0,
 ) -> None:
-    """Draws a frame's detections and gates in each case, one below the other: Fig. 5."""
+    """Draw a frame's detections and gates in each case, one below the other: Fig. 5."""
     write_rgb(path, np.concatenate([_row(case, sample, predictor, seed) for case in suite.cases]))
 
 
@@ -72,7 +72,7 @@ def _row(
 def _framed(
     picture: UInt8[np.ndarray, "height width 3"],
 ) -> UInt8[np.ndarray, "new_height new_width 3"]:
-    """With the page's margin around it."""
+    """Add the page's margin."""
     height, width = picture.shape[:2]
     page = np.full((height + _GAP_PX, width + _GAP_PX, 3), PAGE, np.uint8)
     page[_GAP_PX // 2 :, _GAP_PX // 2 :][:height, :width] = picture

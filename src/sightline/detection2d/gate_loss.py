@@ -1,4 +1,4 @@
-"""The loss that teaches gates which parts of the sensors' images are missing."""
+"""Loss that trains gates to close on missing parts of the sensors' images."""
 
 from collections.abc import Sequence
 
@@ -16,9 +16,9 @@ def gate_loss(
     camera_health: Float[Tensor, "batch 1 rows columns"],
     lidar_health: Float[Tensor, "batch 1 rows columns"],
 ) -> Float[Tensor, ""]:
-    """Cross entropy of each gate with what its sensor still delivers, the mean over all maps.
+    """Cross entropy of each gate with its sensor's health, the mean over all maps.
 
-    Where health is unknown (NaN), gates are free.
+    Cells with unknown health (NaN) have no loss.
     """
     costs = [
         _cost(logits, health)

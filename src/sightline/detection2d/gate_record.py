@@ -1,4 +1,4 @@
-"""What a frame's gates say where its sensors are broken, and where they are not."""
+"""Record of a frame's gates over corrupted and intact parts of the sensors' images."""
 
 import json
 from collections.abc import Mapping
@@ -21,8 +21,8 @@ from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample
 
 NUM_LEVELS = 1024
-_LEVELS_A_LOGIT = 32  # from log odds of -16 to those of 16
-_MOST_CELLS = 2**31  # of a map
+_LEVELS_A_LOGIT = 32  # for log odds from -16 to 16
+_MOST_CELLS = 2**31  # in a map
 _REMEDY = "remove it and run the same command again"
 
 
@@ -31,19 +31,19 @@ class GateCells:
     """One sensor's gate over some cells of its map."""
 
     total: float
-    """Sum of the gate."""
+    """Sum of the gate values."""
     counts: Int64[np.ndarray, "1024"]
-    """Cells by the level of their gate, the most closed first: equal steps of log odds, so that
-    gates next to 0 and next to 1 are told apart, too."""
+    """Number of cells for each gate level, the most closed first. Levels are equal steps of log
+    odds, which separate gates near 0 and near 1, too."""
 
     @property
     def num_cells(self) -> int:
-        """How many."""
+        """Number of cells."""
         return int(self.counts.sum())
 
     @property
     def mean(self) -> float | None:
-        """Of the gate; None where there is no cell."""
+        """Mean gate value; None if there are no cells."""
         return self.total / self.num_cells if self.num_cells else None
 
 
@@ -52,11 +52,11 @@ class SensorGate:
     """One sensor's gate in one frame, or in several."""
 
     mean: float
-    """Over the whole map."""
+    """Mean over the whole map."""
     masked: GateCells
-    """More than half of which a corruption has changed."""
+    """Cells of which a corruption has changed more than half."""
     clear: GateCells
-    """Which it has left alone."""
+    """Unchanged cells."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,15 +70,15 @@ class GateRecord:
 def measure_gates(
     answer: DetectorAnswer, sound: CameraLidarSample, corrupted: Corrupted
 ) -> GateRecord:
-    """The gates of a frame beside what is known to be wrong with it.
+    """Measure a frame's gates over changed and unchanged cells.
 
-    Cells where the sound sweep has no point are left out of the LiDAR's masked and clear ones:
-    nothing was lost there, and nobody could see it.
+    Cells where the intact sweep has no point are left out of the LiDAR's masked and clear cells:
+    they lost nothing.
 
     Args:
-        answer: To the corrupted sample.
-        sound: The sample before.
-        corrupted: And after.
+        answer: Output for the corrupted sample.
+        sound: The sample before the corruption.
+        corrupted: The sample after the corruption.
 
     Raises:
         ValueError: The answer has no gates.
@@ -123,16 +123,16 @@ def _cells(gates: Float32[Tensor, " num_cells"]) -> GateCells:
 
 
 def write_gate_record(path: Path, record: GateRecord) -> None:
-    """Writes a JSON file, whole or not at all."""
+    """Write a JSON file atomically."""
     plain = {"camera": _to_plain(record.camera), "lidar": _to_plain(record.lidar)}
     atomic_write_text(path, json.dumps(plain) + "\n")
 
 
 def read_gate_record(path: Path) -> GateRecord:
-    """Reads what `write_gate_record` wrote.
+    """Read a file of `write_gate_record`.
 
     Raises:
-        FileError: The file is none of these.
+        FileError: The file is not such a record.
     """
     text = read_text(path)
     try:

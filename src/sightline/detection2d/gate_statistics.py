@@ -1,4 +1,4 @@
-"""How well gates tell broken sensors from sound ones, over the frames of a case."""
+"""Statistics of gates over the frames of a case: detection of corrupted sensors."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -15,26 +15,26 @@ _NO_CELLS = np.zeros(NUM_LEVELS, dtype=np.int64)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorGateScore:
-    """One sensor's gate in one case. AUROC is that of 1 less the gate: 1 is perfect, 0.5 chance."""
+    """One sensor's gate in one case. AUROC is that of 1 - gate: 1 is perfect, 0.5 is chance."""
 
     mean: float
-    """Of the frames' mean gates."""
+    """Mean of the frames' mean gates."""
     masked_mean: float | None
-    """Over the cells that the corruption has changed; None where there are none."""
+    """Mean over the cells that the corruption has changed; None if there are none."""
     clear_mean: float | None
-    """Over the others."""
+    """Mean over the unchanged cells."""
     auroc_cells: float | None
-    """Changed cells against the others of the same frames; None where there are none of either."""
+    """AUROC of changed against unchanged cells of the same frames; None if one group is empty."""
     auroc_clean_cells: float | None
-    """Changed cells against all cells of the clean frames."""
+    """AUROC of changed cells against all cells of the clean frames."""
     auroc_frames: float | None
-    """Mean gates of the case's frames against those of the clean ones; None where the case leaves
-    the sensor alone."""
+    """AUROC of mean gates of the case's frames against those of clean frames; None if the case does
+    not change the sensor."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CaseGates:
-    """What the gates say in one case."""
+    """Gates of all frames in one case."""
 
     case: str
     camera: SensorGateScore
@@ -44,7 +44,7 @@ class CaseGates:
     lidar_means: Float64[np.ndarray, " num_frames"]
 
     def to_json(self) -> dict[str, object]:
-        """What a report file holds."""
+        """Convert to the contents of a report file."""
         return {"case": self.case, "camera": asdict(self.camera), "lidar": asdict(self.lidar)}
 
 
@@ -59,7 +59,7 @@ class PooledGate:
 
 
 def pool_gates(records: Iterable[GateRecord]) -> dict[Sensor, PooledGate]:
-    """The gates of a case's frames, one or more, added up as they come."""
+    """Pool the gates of a case's frames, one or more, one at a time."""
     means: dict[Sensor, list[float]] = {"camera": [], "lidar": []}
     masked = {sensor: GateCells(total=0.0, counts=_NO_CELLS) for sensor in means}
     clear = dict(masked)
@@ -84,7 +84,7 @@ def _sum(first: GateCells, second: GateCells) -> GateCells:
 def score_gates(
     case: str, pooled: Mapping[Sensor, PooledGate], clean: Mapping[Sensor, PooledGate]
 ) -> CaseGates:
-    """Compares the gates of a case with its masks, and with those of the same frames when clean."""
+    """Compare the gates of a case with its masks, and with those of the same frames when clean."""
     camera, lidar = pooled["camera"], pooled["lidar"]
     return CaseGates(
         case=case,
@@ -101,7 +101,7 @@ def _score(pooled: PooledGate, clean: PooledGate) -> SensorGateScore:
         mean=float(pooled.means.mean()),
         masked_mean=masked.mean,
         clear_mean=pooled.clear.mean,
-        # Counts from the most open level on: what is closed is what is sought.
+        # Counts start at the most open level: closed gates are the positives.
         auroc_cells=auroc(masked.counts[::-1], pooled.clear.counts[::-1]),
         auroc_clean_cells=auroc(masked.counts[::-1], clean.clear.counts[::-1]),
         auroc_frames=auroc_of_values(-pooled.means, -clean.means) if is_changed else None,

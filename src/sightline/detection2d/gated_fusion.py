@@ -11,18 +11,18 @@ _KERNEL_PX = 3
 
 
 class GatedFusion(nn.Module):
-    """Weighs the feature maps of two sensors pixel by pixel, then mixes them: eq. 5 to 9.
+    """Weighting of two sensors' feature maps pixel by pixel, and their mixing: eq. 5 to 9.
 
-    Both gates see the maps of both sensors. Without gates the weights are 1, which is the paper's
+    Both gates take the maps of both sensors. Without gates the weights are 1, which is the paper's
     "without GFU"; concatenation and mixing stay.
 
     Args:
-        channels: Of the camera's and of the LiDAR's map.
-        mix: Makes the joint map of the weighted ones, the LiDAR's first: the paper's is a 1x1
+        channels: Channels of the camera's and of the LiDAR's map.
+        mix: Makes the joint map from the weighted maps, the LiDAR's first: the paper's is a 1x1
             convolution and a ReLU.
         gated: Whether there are gates.
-        groups: Groups of channels that have a gate of their own; the paper has one. They must
-            divide the channels.
+        groups: Number of channel groups with a gate of their own; the paper has one. It must divide
+            the channels.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class GatedFusion(nn.Module):
 
     @staticmethod
     def _gate(in_channels: int, groups: int) -> nn.Conv2d:
-        # With a bias of 0 both sensors start at a half.
+        # With a bias of 0, both gates start at one half.
         return start_small(nn.Conv2d(in_channels, groups, _KERNEL_PX, padding=_KERNEL_PX // 2))
 
     def forward(
@@ -48,7 +48,7 @@ class GatedFusion(nn.Module):
         camera: Float[Tensor, "batch camera_channels rows columns"],
         lidar: Float[Tensor, "batch lidar_channels rows columns"],
     ) -> tuple[Float[Tensor, "batch out_channels rows columns"], GateReading | None]:
-        """The joint map, and what the gates say."""
+        """Compute the joint map and the gates."""
         both = torch.cat((lidar, camera), dim=1)
         if self.camera_gate is None or self.lidar_gate is None:
             return self.mix(both), None
@@ -61,6 +61,6 @@ def _weighted(
     maps: Float[Tensor, "batch channels rows columns"],
     logits: Float[Tensor, "batch groups rows columns"],
 ) -> Float[Tensor, "batch channels rows columns"]:
-    """Each group of channels, which lie side by side, times its gate."""
+    """Multiply each group of adjacent channels by its gate."""
     each = maps.shape[1] // logits.shape[1]
     return maps * logits.sigmoid().repeat_interleave(each, dim=1)

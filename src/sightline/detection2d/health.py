@@ -1,4 +1,4 @@
-"""Which parts of the sensors' images are left: what gates are taught."""
+"""Health maps: the working parts of the sensors' images, as targets of gates."""
 
 from typing import Final
 
@@ -10,7 +10,7 @@ from torch import Tensor
 from sightline.detection2d.placement import padded
 
 CELL_PX: Final = 8
-"""Side of the cells that health is told for: the finest maps' stride."""
+"""Side of the health map's cells: the stride of the finest maps."""
 
 
 def health(
@@ -18,13 +18,13 @@ def health(
 ) -> Float32[Tensor, "1 rows columns"]:
     """Share of each cell's pixels within the image that a sensor still delivers.
 
-    NaN, which is unknown, beyond the image, and where all of a cell is broken but not gone: how
-    much is left of it, a gate must find out by itself.
+    The share is NaN (unknown) beyond the image, and in cells that are fully broken but not gone:
+    the gate has to learn by itself how much is left.
 
     Args:
-        broken: Where the sensor's image is.
-        size: Height, width [px] that the image is padded to.
-        nothing_left: Whether nothing of the scene is left where it is broken.
+        broken: Mask of the broken pixels of the sensor's image.
+        size: Height, width [px] of the padded image.
+        nothing_left: Whether broken pixels contain nothing of the scene.
     """
     is_sound = ~broken
     is_known = torch.ones_like(broken) if nothing_left else is_sound
@@ -38,11 +38,11 @@ def health(
 def known_by_points(
     of_cells: Float32[Tensor, "1 rows columns"], lidar: Float32[Tensor, "3 height width"]
 ) -> Float32[Tensor, "1 rows columns"]:
-    """Health of a LiDAR, unknown where a cell has no point: nothing tells it from one that is gone.
+    """Set a LiDAR's health to unknown in cells without points, which look the same if it fails.
 
     Args:
         of_cells: Health.
-        lidar: The sound LiDAR's image.
+        lidar: The intact LiDAR's image.
     """
     has_point = F.max_pool2d((lidar > 0).float(), CELL_PX, ceil_mode=True).amax(0, keepdim=True)
     return of_cells.where(has_point > 0, torch.nan)
@@ -51,7 +51,7 @@ def known_by_points(
 def pooled_health(
     health: Float[Tensor, "batch 1 rows columns"], rows: int, columns: int
 ) -> Float[Tensor, "batch 1 new_rows new_columns"]:
-    """Health at a coarser map: the mean of what is known, NaN where nothing is."""
+    """Pool health to a coarser map: the mean of known cells, NaN if there are none."""
     is_known = (~health.isnan()).to(health.dtype)
     size = (rows, columns)
     share = F.adaptive_avg_pool2d(health.nan_to_num(), size)

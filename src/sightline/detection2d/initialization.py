@@ -1,10 +1,10 @@
-"""How SSD draws the weights of its own layers."""
+"""Initialisation of SSD's own layers."""
 
 from torch import nn
 
 
 def start_small(conv: nn.Conv2d) -> nn.Conv2d:
-    """Gives a convolution weights by Glorot and Bengio 2010 (Xavier) and biases of 0."""
+    """Initialise weights by Glorot and Bengio 2010 (Xavier), and biases by 0."""
     nn.init.xavier_uniform_(conv.weight)
     if conv.bias is not None:
         nn.init.zeros_(conv.bias)

@@ -1,43 +1,43 @@
-"""Images of the sensors as the streams take them."""
+"""Preparation of the sensors' images for the streams."""
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-_RGB_MEANS = (0.48235, 0.45882, 0.40784)  # ImageNet's, about which VGG16 was trained
+_RGB_MEANS = (0.48235, 0.45882, 0.40784)  # ImageNet's, subtracted in VGG16's training
 
 
 class CompactInput(nn.Module):
-    """Both sensors' images about zero, and zero throughout where a sensor delivered nothing."""
+    """Images of both sensors, centred at zero; all zero if a sensor is missing."""
 
     camera_planes, lidar_planes = 3, 4
 
     def camera(
         self, image: Float[Tensor, "batch 3 height width"]
     ) -> Float[Tensor, "batch 3 height width"]:
-        """RGB in [0, 1] to planes."""
+        """Convert RGB in [0, 1] to planes."""
         is_there = (image.amax(dim=(1, 2, 3), keepdim=True) > 0).to(image.dtype)
         return 4 * (image - 0.5) * is_there
 
     def lidar(
         self, image: Float[Tensor, "batch 3 height width"]
     ) -> Float[Tensor, "batch 4 height width"]:
-        """Depth, height and intensity in [0, 1] to planes, and whether there is a point.
+        """Convert depth, height and intensity in [0, 1] to planes, and add a mask of points.
 
-        All are largest for what is near, low and dark, so that of several pixels the maximum is a
-        sensible summary.
+        All values are largest for near, low and dark points, so that the maximum is a useful
+        summary of several pixels.
         """
         has_point = (image.amax(dim=1, keepdim=True) > 0).to(image.dtype)
         return torch.cat((2 * image, has_point), dim=1)
 
 
 class VggInput(nn.Module):
-    """Both sensors' images, given in [0, 1], in the range of VGG16's first training.
+    """Images of both sensors, given in [0, 1], scaled to the range of VGG16's pretraining.
 
-    Planes are 255 times as large, RGB about its means.
+    Planes are 255 times as large, RGB minus its means.
 
-    Kim et al. 2018 say nothing of it; the LiDAR's image stays as it is, so that pixels without a
-    point are 0, and a black camera image is -mean, as a dead camera would deliver it.
+    Kim et al. 2018 do not specify this. The LiDAR's image is not shifted, so that pixels without a
+    point are 0; a black camera image is -mean, as from a dead camera.
     """
 
     camera_planes, lidar_planes = 3, 3
@@ -51,11 +51,11 @@ class VggInput(nn.Module):
     def camera(
         self, image: Float[Tensor, "batch 3 height width"]
     ) -> Float[Tensor, "batch 3 height width"]:
-        """RGB in [0, 1] to planes."""
+        """Convert RGB in [0, 1] to planes."""
         return 255 * (image - self.means)
 
     def lidar(
         self, image: Float[Tensor, "batch 3 height width"]
     ) -> Float[Tensor, "batch 3 height width"]:
-        """Depth, height and intensity in [0, 1] to planes."""
+        """Convert depth, height and intensity in [0, 1] to planes."""
         return 255 * image

@@ -1,4 +1,4 @@
-"""The training loss of a detector's readings."""
+"""Training loss of a 2D detector."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,17 +22,16 @@ from sightline.detection2d.ssd_loss import SsdLossConfig, multibox_loss
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionLossConfig:
-    """The training loss."""
+    """Settings of the training loss."""
 
     ssd: SsdLossConfig = SsdLossConfig()  # noqa: RUF009 - frozen
-    """Of networks with SSD's heads."""
+    """Loss of networks with SSD's heads."""
     aligned: AlignedLossConfig = AlignedLossConfig()  # noqa: RUF009
-    """Of compact networks."""
+    """Loss of compact networks."""
     auxiliary_weight: float = 0.5
-    """Of the losses of the streams' own heads, where there are such heads."""
+    """Weight of the losses of the streams' own heads, if there are any."""
     gate_weight: float = 0.0
-    """Of telling gates which parts of the sensors' images are missing; the examples must hold
-    health for it."""
+    """Weight of the gate loss, which needs health maps in the examples."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -41,7 +40,7 @@ class DetectionLossConfig:
 
 
 class DetectionLosses(NamedTuple):
-    """The loss and the terms that add up to it."""
+    """Total loss and its terms."""
 
     total: Float[Tensor, ""]
     classification: Float[Tensor, ""]
@@ -54,13 +53,13 @@ class DetectionLosses(NamedTuple):
 def detection_loss(
     readings: Readings, batch: DetectionBatch, config: DetectionLossConfig, *, compact: bool
 ) -> DetectionLosses:
-    """The loss of all heads: of late fusion, each detector has to find everything.
+    """Compute the loss of all heads; in late fusion, each detector has to find all objects.
 
-    A stream's own head shall find what the joint head is told to find, at the same places. Where
-    its sensor delivered nothing, it is told nothing.
+    A stream's own head has the joint head's targets at the same places, and no loss if its sensor
+    is missing.
 
     Raises:
-        ValueError: Gates are to be told what the examples do not hold.
+        ValueError: The gate loss needs health maps that the examples lack.
     """
     nothing = readings.heads[0].class_logits.new_zeros(())
     auxiliary = nothing
@@ -87,7 +86,7 @@ def detection_loss(
 def _compact_terms(
     readings: Readings, batch: DetectionBatch, config: DetectionLossConfig
 ) -> tuple[list[AlignedLosses], Float[Tensor, ""]]:
-    """The losses of each head, and of all auxiliary heads together."""
+    """Compute the losses of each head, and of all auxiliary heads together."""
     aligned = config.aligned
     assigned = [
         assign_batch(reading, batch.targets, aligned.assignment) for reading in readings.heads

@@ -1,4 +1,4 @@
-"""Answers of the sensors' own heads, mixed as the gates say."""
+"""Mixture of the sensors' own heads by the gates."""
 
 from collections.abc import Sequence
 
@@ -7,23 +7,23 @@ from torch import Tensor
 
 from sightline.detection2d.readings import GateReading, HeadReading
 
-_LEAST_GATE = 1e-3  # so that two closed gates count alike, and not as their last digits say
+_LEAST_GATE = 1e-3  # so that two closed gates have equal weights, free of rounding errors
 
 
 def mix_heads(
     joint: HeadReading, camera: HeadReading, lidar: HeadReading, gates: Sequence[GateReading]
 ) -> HeadReading:
-    """The mean of what the sensors' own heads say, weighted by their gates, plus the joint head's.
+    """Average the sensors' own heads, weighted by their gates, and add the joint head.
 
-    Where one gate is closed, its sensor says nothing, and the other's head is heard in full: a
-    detector that has lost a sensor answers as one that never had it. The joint head says what both
-    sensors together know beyond that.
+    If one gate is closed, the other sensor's head has the full weight: a detector that has lost a
+    sensor behaves like one that never had it. The joint head adds the information of both sensors
+    together.
 
     Args:
-        joint: What the head on the fused maps says, before the sigmoid.
-        camera: What the camera stream's own head says of the same places.
-        lidar: What the LiDAR stream's own head says.
-        gates: Of each map, the finest first; none: both sensors count alike.
+        joint: Output of the head on the fused maps, before the sigmoid.
+        camera: Output of the camera stream's own head for the same places.
+        lidar: Output of the LiDAR stream's own head.
+        gates: Gates of each map, the finest first; none: both sensors have equal weights.
     """
     if gates:
         weights = [
@@ -42,5 +42,5 @@ def mix_heads(
 
 
 def _per_place(logits: Tensor) -> Tensor:
-    """The mean gate of each of a map's places, row by row."""
+    """Compute the mean gate of each of a map's places, row by row."""
     return logits.float().sigmoid().mean(dim=1).flatten(1)

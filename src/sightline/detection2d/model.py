@@ -1,4 +1,4 @@
-"""The detectors' networks: streams of the sensors, their fusion, heads."""
+"""Networks of the 2D detectors: streams of the sensors, their fusion, heads."""
 
 from collections.abc import Sequence
 from typing import Protocol, cast
@@ -21,10 +21,10 @@ class _Head(Protocol):
 
 
 class Detector(nn.Module):
-    """A camera-LiDAR detector in the image, by one of the ways of `Fusion`.
+    """Camera-LiDAR detector in the image, with one of the types of `Fusion`.
 
-    Kim et al. 2018, Fig. 1, with the settings' defaults; the other ways of fusion are the systems
-    that it is compared with, and the compact design is put together in the same ways.
+    The default settings give Kim et al. 2018, Fig. 1; the other types of fusion are its baselines.
+    The compact design has the same types.
     """
 
     def __init__(self, config: Detection2DConfig) -> None:
@@ -58,25 +58,25 @@ class Detector(nn.Module):
 
     @property
     def training_parts(self) -> tuple[str, ...]:
-        """Modules that only a training runs: weights for use come without them."""
+        """Names of modules for training only; weights for inference omit them."""
         return () if self.mixes_heads else ("auxiliary",)
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Which images `forward` takes."""
+        """Names of the images that `forward` takes."""
         fusion = self.config.fusion
         return {"camera": ("image",), "lidar": ("lidar",)}.get(fusion, ("image", "lidar"))
 
     def forward(self, image: Image | None = None, lidar: Image | None = None) -> DetectorOutput:
-        """Detects in images whose sides are multiples of `stride`.
+        """Detect in images whose sides are multiples of `stride`.
 
         Args:
-            image: RGB in [0, 1], black where the camera delivered nothing.
-            lidar: Depth, height and intensity in [0, 1], as `lidar_image` makes them.
+            image: RGB in [0, 1], black if the camera is missing.
+            lidar: Depth, height and intensity in [0, 1]; see `lidar_image`.
 
         Raises:
-            ValueError: An image that the network needs is not given, the images are of different
-                sizes, or their size does not suit the network.
+            ValueError: A required image is missing, the images have different sizes, or their size
+                does not suit the network.
         """
         readings = self.read(image, lidar)
         decoded = [
@@ -94,12 +94,12 @@ class Detector(nn.Module):
     def read(
         self, image: Image | None = None, lidar: Image | None = None, *, auxiliary: bool = False
     ) -> Readings:
-        """What the heads and gates say, as losses take it.
+        """Compute the outputs of heads and gates for the losses.
 
         Args:
             image: As for `forward`.
-            lidar: As for `forward`; one that the network does not take is passed over.
-            auxiliary: Whether to read the streams' own heads too, where only training needs them.
+            lidar: As for `forward`; an image that the network does not take is ignored.
+            auxiliary: Whether to run the streams' own heads also if only training needs them.
 
         Raises:
             ValueError: As for `forward`.
@@ -134,7 +134,7 @@ class Detector(nn.Module):
                 f"{', '.join(given)}; {', '.join(missing)} is missing"
             )
         sizes = [planes.shape[-2:] for planes in given.values() if planes is not None]
-        if not torch.compiler.is_compiling():  # of which sizes may be symbols
+        if not torch.compiler.is_compiling():  # whose sizes may be symbols
             self._check_sizes(sizes)
         height, width = sizes[0]
         return height, width
@@ -159,7 +159,7 @@ class Detector(nn.Module):
             )
 
     def _planes(self, given: dict[str, Image | None]) -> dict[str, Tensor]:
-        """What each stream sees."""
+        """Select the input planes of each stream."""
         image, lidar = given["image"], given["lidar"]
         planes = {}
         if image is not None:

@@ -1,4 +1,4 @@
-"""What loading a 2D detection network requires to know."""
+"""Loader of 2D detection networks."""
 
 from typing import TYPE_CHECKING, Final
 
@@ -8,18 +8,18 @@ if TYPE_CHECKING:
 
 
 class DetectionNetworkTask:
-    """`sightline.inference.network.NetworkTask`; what it builds is imported when it is built."""
+    """`sightline.inference.network.NetworkTask` that imports the network when it builds it."""
 
     name: Final = "detection2d"
 
     def config_type(self) -> "type[Detection2DConfig]":
-        """The network's settings."""
+        """Return the type of the network's settings."""
         from sightline.detection2d.config import Detection2DConfig
 
         return Detection2DConfig
 
     def build(self, config: "Detection2DConfig") -> "Detector":
-        """The network."""
+        """Build the network."""
         from sightline.detection2d.model import Detector
 
         return Detector(config)

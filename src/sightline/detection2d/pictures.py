@@ -1,4 +1,4 @@
-"""Detections, gates and inputs to look at."""
+"""Pictures of detections, gates and inputs."""
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from sightline.visualization.lettering import with_title
 def gate_picture(
     gate: Float[Tensor, "groups rows columns"], size: tuple[int, int]
 ) -> UInt8[np.ndarray, "height width"]:
-    """A gate as grey levels at a size of (height, width): 0 is closed, 255 open; mean of groups."""
+    """Draw a gate in grey at (height, width): 0 is closed, 255 open; mean of groups."""
     levels = (255 * gate.detach().float().mean(dim=0)).round().byte().cpu().numpy()
     stretched = cv2.resize(levels, size[::-1], interpolation=cv2.INTER_LINEAR)
     return np.asarray(stretched, dtype=np.uint8)
@@ -29,10 +29,10 @@ def gate_picture(
 def training_picture(
     batch: DetectionBatch, output: DetectorOutput, config: PostprocessConfig
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The first sample of a batch, one picture below the other, each with a title.
+    """Draw the first sample of a batch, one picture below the other, each with a title.
 
     From the top: the image with detections, and labels in white; the LiDAR's image (depth, height,
-    intensity as red, green, blue); the camera's and the LiDAR's gate where there are gates.
+    intensity as red, green, blue); the camera's and the LiDAR's gate, if there are gates.
     """
     size = (batch.image.shape[-2], batch.image.shape[-1])
     seen = Placement(image_size=size, scale_x=1.0, scale_y=1.0)

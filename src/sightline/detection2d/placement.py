@@ -1,4 +1,4 @@
-"""Frames as networks see them, and the way back into the frame's own pixels."""
+"""Resizing of frames for networks, and the way back to the frame's pixels."""
 
 from dataclasses import dataclass
 
@@ -16,22 +16,22 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Placement:
-    """Where a frame lies in a network's input: at its top left, resized."""
+    """Placement of a resized frame at the top left of a network's input."""
 
     image_size: tuple[int, int]
     """Height, width [px] of the frame."""
     scale_x: float
     scale_y: float
-    """Pixels of the input for each of the frame."""
+    """Pixels of the input per pixel of the frame."""
 
     def to_image(self, boxes: Float[Tensor, "num_boxes 4"]) -> Float[Tensor, "num_boxes 4"]:
-        """Boxes in the frame, of boxes in the input; pixels are squares around their centres."""
+        """Convert boxes from the input to the frame; pixels are squares around their centres."""
         scales = boxes.new_tensor([self.scale_x, self.scale_y] * 2)
         return (boxes + 0.5) / scales - 0.5
 
 
 def place(sample: CameraLidarSample, config: InputConfig) -> tuple[CameraLidarSample, Placement]:
-    """The sample at the size at which a network sees it, before it is padded."""
+    """Resize a sample to the network's size, before padding."""
     old_height, old_width = sample.image_size
     scale = scale_of(sample, config)
     height, width = config.size or (max(round(side * scale), 1) for side in sample.image_size)
@@ -44,13 +44,13 @@ def place(sample: CameraLidarSample, config: InputConfig) -> tuple[CameraLidarSa
 
 
 def scale_of(sample: CameraLidarSample, config: InputConfig) -> float:
-    """Pixels of the input along a side for each of a frame that keeps its proportions."""
+    """Compute the resize factor of a frame that keeps its proportions."""
     focal_px = float(sample.calibration.image_from_camera[1, 1])
     return config.scale * min(config.longest_focal_px / max(focal_px, 1.0), 1.0)
 
 
 def camera_image(sample: CameraLidarSample) -> Float32[Tensor, "3 height width"]:
-    """RGB in [0, 1]; black where the camera delivered nothing."""
+    """Make the RGB image in [0, 1]; black if the camera is missing."""
     if sample.image is None:
         return torch.zeros(3, *sample.image_size)
     return sample.image.float() / 255
@@ -59,7 +59,7 @@ def camera_image(sample: CameraLidarSample) -> Float32[Tensor, "3 height width"]
 def lidar_image(
     sample: CameraLidarSample, config: InputConfig
 ) -> Float32[Tensor, "3 height width"]:
-    """Depth, height and intensity of the sweep in [0, 1], by `dhi_image`; zeros without a sweep."""
+    """Make the sweep's `dhi_image` in [0, 1]: depth, height, intensity; zeros without a sweep."""
     if sample.points is None:
         return torch.zeros(3, *sample.image_size)
     level = level_sample(sample)
@@ -72,12 +72,12 @@ def lidar_image(
 def padded(
     planes: Float32[Tensor, "channels height width"], size: tuple[int, int]
 ) -> Float32[Tensor, "channels new_height new_width"]:
-    """Widened by zeros at the right and bottom, so that pixels keep their coordinates."""
+    """Pad with zeros at the right and bottom, so that pixels keep their coordinates."""
     height, width = planes.shape[-2:]
     return F.pad(planes, (0, size[1] - width, 0, size[0] - height))
 
 
 def whole_strides(size: tuple[int, int], stride: int) -> tuple[int, int]:
-    """The next larger height and width that the stride divides."""
+    """Round height and width up to multiples of the stride."""
     height, width = (-(-side // stride) * stride for side in size)
     return height, width

@@ -1,4 +1,4 @@
-"""From a network's boxes to detections in the frame."""
+"""Conversion of a network's boxes to detections in the frame."""
 
 from jaxtyping import Float
 from torch import Tensor
@@ -9,7 +9,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.ops.nms import nms2d
 from sightline.structures.predictions import Detections2D
 
-MOST_CANDIDATES = 2000  # of a frame, the surest: what suppression is asked to look at
+MOST_CANDIDATES = 2000  # best-scored boxes of a frame that enter suppression
 
 
 def to_detections(
@@ -18,16 +18,16 @@ def to_detections(
     placement: Placement,
     config: PostprocessConfig,
 ) -> Detections2D:
-    """Detections in the frame's pixels, the surest first, cut at its border.
+    """Make detections in the frame's pixels, by descending score, clipped to the frame.
 
-    Boxes of a class suppress each other (greedy, by IoU); those that show nothing are left out.
-    Boxes of several detectors count alike, which is how late fusion joins them.
+    Boxes of a class suppress each other (greedy, by IoU); empty boxes are removed. Boxes of several
+    detectors are treated alike, which is how late fusion joins them.
 
     Args:
-        scores: Of each class at each place.
+        scores: Scores of each class at each place.
         boxes: x_min, y_min, x_max, y_max in pixels of the network's input.
-        placement: Of the frame in it.
-        config: What is kept.
+        placement: Placement of the frame in the input.
+        config: Thresholds.
     """
     rows, columns = (scores > config.min_score).nonzero().unbind(dim=1)
     sure = scores[rows, columns]

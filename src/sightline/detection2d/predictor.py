@@ -1,4 +1,4 @@
-"""Detection in samples by a trained network."""
+"""Predictor for 2D detection."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,18 +33,18 @@ from sightline.structures.sweep_checks import check_finite_points
 @checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DetectorAnswer:
-    """What a detector makes of a frame."""
+    """Detections and gates of a frame."""
 
     detections: Detections2D
-    """In the frame's pixels, the surest first."""
+    """Detections in the frame's pixels, by descending score."""
     camera_gate: Float32[Tensor, "rows columns"] | None = None
-    """Over the frame, from 0 (the camera's features are not used) to 1, at the resolution of the
-    network's finest map; None of a network without gates."""
+    """Camera gate over the frame, from 0 (the camera's features are not used) to 1, at the
+    resolution of the network's finest map; None for a network without gates."""
     lidar_gate: Float32[Tensor, "rows columns"] | None = None
 
 
 class DetectionPredictor(SamplePredictor[DetectorAnswer]):
-    """Detects cars, pedestrians and cyclists with a trained network.
+    """Detect cars, pedestrians and cyclists with a trained network.
 
     Examples:
         >>> import dataclasses, sightline
@@ -55,9 +55,9 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
         >>> "Car" in answer.detections.class_names, float(answer.camera_gate.max()) < 0.5
         (True, True)
 
-    Takes images of any size and sweeps of any number of beams. Either sensor may be missing, and a
-    black image or an empty sweep is as good as none: a network that was trained with faults knows
-    what to make of it. May be pickled, and called in a forked process.
+    Takes images of any size and sweeps with any number of beams. Either sensor may be missing; a
+    black image or an empty sweep counts as missing. A network trained with faults can handle this.
+    May be pickled, and called in a forked process.
     """
 
     def __init__(
@@ -68,13 +68,13 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Takes a network; `load` takes the name of its weights.
+        """Take a network; `load` takes the name of its weights.
 
         Args:
             loaded: The network.
-            engine: What runs it.
+            engine: Inference engine.
             device: cpu or cuda.
-            threads: Of the CPU; None: the engine's own choice.
+            threads: CPU threads; None: the engine's own choice.
 
         Raises:
             ValueError: The engine is not installed or cannot run on the device.
@@ -96,10 +96,10 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "DetectionPredictor":
-        """Loads weights by name or from a file, and makes a predictor of them.
+        """Load weights by name or from a file, and make a predictor.
 
         Raises:
-            ValueError: As `load_network` and the constructor do.
+            ValueError: See `load_network` and the constructor.
         """
         return cls(
             load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
@@ -107,37 +107,37 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
 
     @property
     def fusion(self) -> Fusion:
-        """How its network brings the sensors together."""
+        """Fusion type of the network."""
         return self._config.fusion
 
     _PARTS: ClassVar[dict[str, Part]] = {"image": "image", "lidar": "points"}
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """What it looks at of a sample."""
+        """Parts of a sample that the network takes."""
         return tuple(self._PARTS[name] for name in self._input_names)
 
     @property
     def needs(self) -> tuple[Part, ...]:
-        """Of a network that looks at one sensor, that one; either may be missing for the others."""
+        """Required parts: the sensor of a one-sensor network; networks of both need neither."""
         return self.parts if len(self.parts) == 1 else ()
 
     @property
     def gives(self) -> tuple[str, ...]:
-        """Which of the task's outputs its answers have."""
+        """Names of the task's outputs that the answers contain."""
         return ("results", "gates") if self._config.fusion == "gated" else ("results",)
 
     @property
     def made_by(self) -> dict[str, str]:
-        """What a manifest says beside the name."""
+        """Entries of a manifest besides the name."""
         return {"weights_sha256": self.sha256, "engine": self.engine}
 
     def predict(self, sample: CameraLidarSample) -> DetectorAnswer:
-        """Detects in a sample.
+        """Detect in a sample.
 
         Raises:
-            ValueError: The sample has nothing of what the network looks at, or points that are not
-                finite.
+            ValueError: The sample lacks all parts that the network takes, or has points that are
+                not finite.
         """
         if all(getattr(sample, part) is None for part in self.parts):
             needed = " nor ".join(
@@ -169,7 +169,7 @@ def _over_frame(
     padded_size: tuple[int, int],
     size: tuple[int, int],
 ) -> Float32[Tensor, "new_rows new_columns"]:
-    """The mean gate of a map without what lies over the padding."""
+    """Average a gate's groups, and remove the padding."""
     rows, columns = (
         max(round(count * side / whole), 1)
         for count, side, whole in zip(gate.shape[1:], size, padded_size, strict=True)

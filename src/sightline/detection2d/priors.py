@@ -1,4 +1,4 @@
-"""SSD's prior boxes in pixels, and boxes as offsets from them."""
+"""SSD's prior boxes in pixels, and box offsets from priors."""
 
 import math
 from collections.abc import Sequence
@@ -7,19 +7,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-_CENTER_VARIANCE, _SIZE_VARIANCE = 0.1, 0.2  # SSD's: offsets are divided by them
+_CENTER_VARIANCE, _SIZE_VARIANCE = 0.1, 0.2  # SSD's divisors of the offsets
 _LARGEST_LOG_SIZE = math.log(1000.0)  # keeps boxes of untrained networks finite
 
 
 def prior_shapes(
     sizes_px: Sequence[float], ratios: Sequence[Sequence[float]]
 ) -> list[list[tuple[float, float]]]:
-    """Width and height [px] of each prior of each map: Liu et al. 2016, section 2.2.
+    """Compute width and height [px] of each prior of each map: Liu et al. 2016, section 2.2.
 
-    In the order of SSD's own program: the square of the map's size, the square of the geometric
-    mean with the next size, then each ratio lying and upright. Sizes stay those of SSD300, in
-    pixels: scaled with the sides of an image that is three times as wide as high, upright priors
-    would be lost, and pedestrians with them.
+    The order is that of SSD's own program: the square of the map's size, the square of the
+    geometric mean with the next size, then each ratio lying and upright. Sizes stay those of
+    SSD300, in pixels: scaled to an image three times as wide as high, upright priors would be lost,
+    and pedestrians with them.
     """
     shapes = []
     for size, following, map_ratios in zip(sizes_px, sizes_px[1:], ratios, strict=False):
@@ -39,17 +39,17 @@ def make_priors(
     image_size: tuple[int, int],
     like: Tensor,
 ) -> Float[Tensor, "places 4"]:
-    """Centre x, y, width, height [px] of the priors of a map: row by row, then by shape.
+    """Make centre x, y, width, height [px] of the priors of a map: row by row, then by shape.
 
-    The map's cells divide the image evenly, and priors are cut at its border (at the centres of
-    its outermost pixels, as labels are).
+    The map's cells divide the image evenly. Priors are clipped to it (at the centres of its
+    outermost pixels, as labels are).
 
     Args:
         shapes: Width, height [px] of the priors of each cell.
-        rows: Of the map.
-        columns: Of the map.
+        rows: Number of rows of the map.
+        columns: Number of columns of the map.
         image_size: Height, width [px] of the network's input.
-        like: Gives device and type.
+        like: Tensor with the result's device and type.
     """
     height, width = image_size
     y = (torch.arange(rows, device=like.device) + 0.5) * (height / rows) - 0.5
@@ -66,7 +66,7 @@ def make_priors(
 
 
 def corners_of(places: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-    """x_min, y_min, x_max, y_max of centres and sizes."""
+    """Convert centres and sizes to x_min, y_min, x_max, y_max."""
     centers, sizes = places[..., :2], places[..., 2:]
     return torch.cat((centers - sizes / 2, centers + sizes / 2), dim=-1)
 
@@ -74,7 +74,7 @@ def corners_of(places: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
 def encode_boxes(
     boxes: Float[Tensor, "num 4"], places: Float[Tensor, "num 4"]
 ) -> Float[Tensor, "num 4"]:
-    """Offsets of boxes (corners) from priors (centres and sizes), which a network learns.
+    """Encode boxes (corners) as offsets from priors (centres and sizes), the network's targets.
 
     Liu et al. 2016, eq. 2, divided by SSD's variances 0.1 and 0.2.
     """
@@ -87,7 +87,7 @@ def encode_boxes(
 def decode_boxes(
     offsets: Float[Tensor, "batch places 4"], places: Float[Tensor, "places 4"]
 ) -> Float[Tensor, "batch places 4"]:
-    """The inverse: corners [px] of boxes. No side gets longer than 1000 times its prior's."""
+    """Decode offsets to corners [px]. Sides are at most 1000 times the prior's."""
     centers = places[:, :2] + offsets[..., :2] * _CENTER_VARIANCE * places[:, 2:]
     sizes = (offsets[..., 2:] * _SIZE_VARIANCE).clamp(max=_LARGEST_LOG_SIZE).exp() * places[:, 2:]
     return torch.cat((centers - sizes / 2, centers + sizes / 2), dim=-1)

@@ -1,6 +1,6 @@
-"""Steps before and after an exported 2D detector, as data for the file: see docs/guides/export.md.
+"""Machine-readable pre- and postprocessing of an exported 2D detector: docs/guides/export.md.
 
-Every number that a program without Sightline needs stands here under a name.
+It names every number that a program without Sightline needs.
 """
 
 from sightline.detection2d.config import CLASSES
@@ -10,7 +10,7 @@ from sightline.geometry.projection import DHI_HEIGHT_M, DHI_RANGE_M, DHI_REFLECT
 
 
 def processing(network: Detector) -> dict[str, object]:
-    """Inputs, outputs, resizing, padding, classes and suppression of a 2D detector."""
+    """Describe inputs, outputs, resizing, padding, classes and suppression of a 2D detector."""
     config = network.config
     inputs = {"image": _image(), "lidar": _lidar(config.input.height_offset_m)}
     size = config.input.size

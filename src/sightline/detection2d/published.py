@@ -1,7 +1,7 @@
-"""Figures that others have published on KITTI's val split: cars, IoU 0.7, 11-point AP.
+"""Published results on KITTI's val split: cars, IoU 0.7, 11-point AP.
 
 Kim et al. 2018, "Robust Camera Lidar Sensor Fusion Via Deep Gated Information Fusion Network",
-Tables I and II; those of early and late fusion are from the same group's "Robust Deep Multi-modal
+Tables I and II; results of early and late fusion are from the same group's "Robust Deep Multi-modal
 Learning Based on Gated Information Fusion Network" (arXiv:1807.06233), which repeats Table I.
 """
 
@@ -11,10 +11,10 @@ from sightline.corruptions.suites import CLEAN
 from sightline.detection2d.config import Fusion
 
 Levels = tuple[float, float, float]
-"""At the difficulties easy, moderate and hard, percent."""
+"""Results for the difficulties easy, moderate and hard, percent."""
 
 FULL: Final = "full"
-"""The row of all cases: the mean of their figures."""
+"""Row with the mean over all cases."""
 
 TABLE_1: Final[dict[Fusion, dict[str, Levels]]] = {
     "gated": {
@@ -58,14 +58,14 @@ TABLE_1: Final[dict[Fusion, dict[str, Levels]]] = {
         "camera_illumination": (89.69, 79.96, 70.82),
     },
 }
-"""By way of fusion, then by case."""
+"""Results by fusion type, then by case."""
 
 TABLE_2: Final[dict[Fusion, tuple[str, str, Levels]]] = {
     "camera": ("SSD", "camera", (90.27, 87.87, 79.29)),
     "lidar": ("SSD", "LiDAR", (89.11, 77.92, 68.87)),
     "gated": ("DGFN", "LiDAR and camera", (98.69, 90.31, 82.16)),
 }
-"""Method, what it looks at, figures: those that we have networks of."""
+"""Method, sensors and results of the methods that we have networks for."""
 
 TABLE_2_PEERS: Final[tuple[tuple[str, str, Levels], ...]] = (
     ("3DOP", "stereo", (94.49, 89.65, 80.97)),
@@ -73,4 +73,4 @@ TABLE_2_PEERS: Final[tuple[tuple[str, str, Levels], ...]] = (
     ("Deep MANTA", "camera", (97.58, 90.89, 82.72)),
     ("MV3D", "LiDAR and camera", (95.01, 87.59, 79.90)),
 )
-"""Those that we have none of."""
+"""Method, sensors and results of the other methods."""

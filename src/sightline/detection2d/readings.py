@@ -1,4 +1,4 @@
-"""What the detectors' networks give, on the way and in the end."""
+"""Outputs of the detectors' networks, intermediate and final."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from torch import Tensor
 
 
 class HeadReading(NamedTuple):
-    """What one head says of every place of the image that it looks at, over all its maps."""
+    """Output of one head for all places of all its maps."""
 
     class_logits: Float[Tensor, "batch places values"]
     box_logits: Float[Tensor, "batch places box_values"]
@@ -16,30 +16,30 @@ class HeadReading(NamedTuple):
 
 
 class GateReading(NamedTuple):
-    """How far the features of each sensor are let through at one map, before the sigmoid."""
+    """Logits of the gates for each sensor's features at one map."""
 
     camera_logits: Float[Tensor, "batch groups rows columns"]
     lidar_logits: Float[Tensor, "batch groups rows columns"]
 
 
 class Readings(NamedTuple):
-    """All that a detector reads off its inputs."""
+    """Outputs of a detector's heads and gates."""
 
     heads: tuple[HeadReading, ...]
-    """One; of late fusion one for the camera and one for the LiDAR."""
+    """One head; in late fusion one for the camera and one for the LiDAR."""
     gates: tuple[GateReading, ...]
-    """Of each map, the finest first; none where nothing is gated."""
+    """Gates of each map, the finest first; empty without gates."""
     auxiliary: dict[str, HeadReading]
-    """Of the heads that single streams have, by sensor."""
+    """Outputs of the single streams' heads, by sensor."""
 
 
 class DetectorOutput(NamedTuple):
-    """Every place's box, and the gates of the finest map."""
+    """Box of every place, and the gates of the finest map."""
 
     scores: Float[Tensor, "batch places classes"]
-    """Probability of each class."""
+    """Probabilities of the classes."""
     boxes: Float[Tensor, "batch places 4"]
     """x_min, y_min, x_max, y_max in pixels of the input; may reach beyond it."""
     camera_gate: Float[Tensor, "batch groups rows columns"] | None
-    """From 0, where the camera's features are not used, to 1; None where nothing is gated."""
+    """Camera gate, from 0 (its features are not used) to 1; None without gates."""
     lidar_gate: Float[Tensor, "batch groups rows columns"] | None

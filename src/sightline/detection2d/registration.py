@@ -1,6 +1,6 @@
-"""2D detection as a task: what `sightline.tasks` knows of it.
+"""Registration of 2D detection as a task of `sightline.tasks`.
 
-Light: the command line reads it to answer `--help`, so that all else is imported where it is used.
+The command line imports it for `--help`, so heavy modules are imported where they are used.
 """
 
 from pathlib import Path
@@ -42,7 +42,7 @@ def _write_gates(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswe
 
 
 class Detection2DTask(DetectionNetworkTask):
-    """`sightline.tasks.Task`, by networks that look at the camera, the LiDAR or both."""
+    """`sightline.tasks.Task` by networks that use the camera, the LiDAR or both."""
 
     summary: Final = (
         "Detects cars, pedestrians and cyclists in the image and writes KITTI's result files."
@@ -76,7 +76,7 @@ class Detection2DTask(DetectionNetworkTask):
     switches: tuple[Switch, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector]") -> "tuple[ExportGraph, ...]":
-        """One, the whole network with decoded boxes."""
+        """Export one graph: the whole network with decoded boxes."""
         from sightline.detection2d.export_graph import export_graph
 
         return (export_graph(loaded),)
@@ -90,7 +90,7 @@ class Detection2DTask(DetectionNetworkTask):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "DetectionPredictor":
-        """A network with its weights: those that are named, else the default ones.
+        """Load a predictor with the named or default weights.
 
         Raises:
             ValueError: A method is named, or as `DetectionPredictor.load`.
@@ -110,19 +110,19 @@ class Detection2DTask(DetectionNetworkTask):
         )
 
     def scoring(self) -> "ObjectScoring":
-        """By KITTI's evaluation of 2D boxes."""
+        """Scoring by KITTI's evaluation of 2D boxes."""
         from sightline.detection2d.robustness import SCORING
 
         return SCORING
 
     def perception(self, answer: "DetectorAnswer") -> "Perception":
-        """The detections, without the gates."""
+        """Wrap the detections, without the gates."""
         from sightline.structures.predictions import Perception
 
         return Perception(detections2d=answer.detections)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
-        """See `run_detection_demo`."""
+        """Run `run_detection_demo`."""
         from sightline.detection2d.demo import run_detection_demo
 
         return run_detection_demo(self, self.predictor(threads=1), frames, out)

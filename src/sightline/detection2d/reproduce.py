@@ -1,9 +1,9 @@
-"""The tables of the paper on gated fusion, its own figures beside ours.
+"""Reproduction of the tables of the paper on gated fusion, next to the published results.
 
 Kim et al. 2018, "Robust Camera Lidar Sensor Fusion Via Deep Gated Information Fusion Network":
-Table I (sensors that fail), Table II (peers); Fig. 4 and 5 are drawn by `gate_figures`. Published
-figures are quoted, ours are measured on the data given; a cell for which nothing was measured says
-what it needs.
+Table I (sensor faults), Table II (other methods); `gate_figures` draws Fig. 4 and 5. Published
+results are quoted, ours are measured on the given data; a cell without a measurement names what it
+needs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +42,7 @@ from sightline.export.names import EngineChoice
 from sightline.simulation.generate import MANIFEST_NAME as SIMULATION_MANIFEST
 
 ONE_SENSOR: Final[tuple[Fusion, ...]] = ("camera", "lidar")
-"""Scored in the clean case only: Table II."""
+"""Fusion types scored in the clean case only: Table II."""
 
 _PUBLISHED_SPLIT = "kitti-object-val"
 
@@ -65,33 +65,33 @@ def reproduce_dgfn(
     velodyne: Velodyne | None = None,
     workers: int = 2,
 ) -> DgfnReport:
-    """Measures what the paper's tables need on the data given.
+    """Measure the results for the paper's tables on the given data.
 
-    Every detector answers to every frame in every case of the suite; those of one sensor in the
-    clean case only. What they find is kept, so that a second call goes on where one was stopped,
-    and other figures of it take seconds.
+    Every detector runs on every frame in every case of the suite; one-sensor detectors only in the
+    clean case. The detections are kept, so that a second call continues an interrupted one, and
+    computes other measures of them in seconds.
 
     Args:
         data: KITTI's object tree, with labels.
-        weights: Networks by their way of fusion; see `load_network`. The others' cells stay open.
-        out: Folder for what the detectors find; see `detect_in_cases`.
+        weights: Networks by their fusion type; see `load_network`. Cells of other types stay open.
+        out: Folder for the detections; see `detect_in_cases`.
         suite: Name of the suite of corruptions.
-        seed: Another one draws other boxes, discs and noise.
-        class_name: Whose figures the tables show.
-        iou: What a match must exceed; None: the benchmark's own, 0.7 for cars and 0.5 else.
+        seed: Seed of the corruptions' boxes, discs and noise.
+        class_name: Class in the tables.
+        iou: IoU that a match must exceed; None: the benchmark's own, 0.7 for cars and 0.5
+            otherwise.
         bootstrap: Resamples of the frames for AP over all scores; 0 leaves it out.
         figures: Folder for the pictures of the gates. None: none are drawn.
         figure_frame: Name of the frame whose gates are drawn. None: the first.
-        engine: What runs the networks.
-        device: Where they run.
+        engine: Inference engine.
+        device: Device of the networks.
         sample_list: Which frames; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
-        workers: Processes that work; 1 is this process alone.
+        workers: Number of processes; 1 is this process alone.
 
     Raises:
-        ValueError: The data cannot be read or have no labels, a file of weights is not of the
-            fusion that it is given for, `out` holds what something else made, or as
-            `evaluate_objects`.
+        ValueError: The data cannot be read or have no labels, a file of weights is for another
+            fusion type, `out` holds other results, or as `evaluate_objects`.
     """
     chosen = find_suite(suite)
     overlaps = _overlaps(class_name, iou)
@@ -145,14 +145,14 @@ def _cases(suite: Suite, fusion: Fusion) -> tuple[Case, ...]:
 def _load(
     weights: Mapping[Fusion, str | Path], engine: EngineChoice, device: str
 ) -> dict[Fusion, DetectionPredictor]:
-    """The detectors, in the order of the tables."""
+    """Load the detectors, in the order of the tables."""
     if not weights:
         raise ValueError(
             "reproduce dgfn measures networks; give the weights of one or more (--gated WEIGHTS)"
         )
     loaded = {}
     for fusion in (each for each in get_args(Fusion) if each in weights):
-        # Of several threads PyTorch gives other last digits: the workers are what is parallel.
+        # With several threads PyTorch's last digits vary, so the workers provide the parallelism.
         predictor = DetectionPredictor.load(
             weights[fusion], engine=engine, device=device, threads=1
         )
@@ -197,7 +197,7 @@ def _score(
     overlaps: MinimumOverlaps,
     bootstrap: int,
 ) -> dict[Fusion, SystemScores]:
-    """Every detector's figures in each of its cases."""
+    """Score every detector in each of its cases."""
     labels = dataset.root / dataset.split / part_folder("objects")
     pairs = [(system, case) for system in systems for case in system.cases]
     found: dict[Fusion, dict[str, CaseScore]] = {system.fusion: {} for system in systems}
@@ -217,7 +217,7 @@ def _score(
 
 
 def _case_score(report: ObjectReport, class_name: ClassName) -> CaseScore:
-    """All 0 where nothing of the class was found, which the report leaves out."""
+    """Select the class's results; all 0 if it has no entry, because nothing was found."""
     entries = {
         entry.difficulty: entry
         for entry in report.entries
@@ -257,7 +257,7 @@ def _gates(dataset: KittiObjectDataset, suite: Suite, out: Path) -> tuple[CaseGa
 
 
 def _is_published_split(dataset: KittiObjectDataset) -> bool:
-    """Whether these are the frames of the papers, and not simulated ones of the same names."""
+    """Check that these are the papers' frames, and not simulated ones of the same names."""
     if (dataset.root / SIMULATION_MANIFEST).exists():
         return False
     return set(dataset.sample_ids) == set(read_sample_list(_PUBLISHED_SPLIT, dataset.root))

@@ -1,4 +1,4 @@
-"""Runs detectors over the cases of a suite and keeps what they find, frame by frame."""
+"""Job that runs detectors over the cases of a suite and saves their output by frame."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _GATES = "gates"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class System:
-    """A detector, and the cases in which it is wanted."""
+    """Detector, and its cases."""
 
     fusion: Fusion
     predictor: DetectionPredictor
@@ -36,20 +36,20 @@ class System:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaseFolder:
-    """What a detector has found in one case.
+    """Folder with a detector's output in one case.
 
-    `NAME.txt` is a frame's KITTI result file; `gates/NAME.json`, of a detector with gates, what
-    they say. The latter is written first: a frame with a result file is done.
+    `NAME.txt` is a frame's KITTI result file; `gates/NAME.json` contains the gates of a gated
+    detector. The latter is written first: a frame with a result file is complete.
     """
 
     path: Path
 
     def gates_file(self, name: str) -> Path:
-        """Of a frame."""
+        """Path of a frame's gates."""
         return self.path / _GATES / f"{name}.json"
 
     def gate_records(self, names: Iterable[str]) -> Iterator[GateRecord]:
-        """Of these frames, in their order, read one after the other.
+        """Read the gate records of frames, in their order, one at a time.
 
         Raises:
             ValueError: A file is missing or damaged.
@@ -58,7 +58,7 @@ class CaseFolder:
 
 
 def case_folder(out: Path, fusion: Fusion, case: Case) -> CaseFolder:
-    """Where `detect_in_cases` keeps what a detector finds in a case."""
+    """Folder where `detect_in_cases` saves a detector's output in a case."""
     return CaseFolder(path=out / fusion / case.name)
 
 
@@ -71,24 +71,24 @@ def detect_in_cases(
     seed: int = 0,
     workers: int = 2,
 ) -> JobResult:
-    """Lets every detector answer to every frame as each of its cases has it.
+    """Run every detector on every frame in each of its cases.
 
-    Each detector's folder says what made it, see `claim_folder`; otherwise as `answer_in_cases`.
+    Each detector's folder records its origin, see `claim_folder`; otherwise as `answer_in_cases`.
 
     Args:
         dataset: Frames with image, sweep and labels; these are only read.
-        systems: The detectors, one of each way of fusion.
-        out: Folder for what they find, see `case_folder`.
-        suite: Of which the cases are.
-        seed: Another one draws other boxes, discs and noise.
-        workers: Processes that work; 1 is this process alone.
+        systems: The detectors, one of each fusion type.
+        out: Output folder, see `case_folder`.
+        suite: Suite of the cases.
+        seed: Seed of the corruptions' boxes, discs and noise.
+        workers: Number of processes; 1 is this process alone.
 
     Returns:
         Answers written and skipped.
 
     Raises:
-        ValueError: A frame cannot be read, or a folder holds what something else made or cannot be
-            written to. Errors about a frame name it; frames done before stay done.
+        ValueError: A frame cannot be read, or a folder holds other results or cannot be written to.
+            Errors about a frame name it; frames done before stay done.
     """
     check_numbers(seed, workers)
     check_links(out)
@@ -109,16 +109,16 @@ def detect_in_cases(
 
 
 class _ResultsAndGates:
-    """Keeps KITTI's result files, and what gates say beside them: a `Keeper`."""
+    """`Keeper` that saves KITTI's result files with the gates beside them."""
 
     suffix = ".txt"
 
     def pose(self, sample: CameraLidarSample) -> PosedFrame:
-        """As it is."""
+        """Return the sample unchanged."""
         return PosedFrame(sample, None)
 
     def keep(self, path: Path, answered: Answered) -> None:
-        """Writes the gates first: a frame with a result file is done."""
+        """Write the gates first: a frame with a result file is complete."""
         sample, answer = answered.posed.sample, answered.answer
         if answer.camera_gate is not None:
             record = measure_gates(answer, sample, answered.corrupted)

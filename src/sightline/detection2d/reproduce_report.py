@@ -1,4 +1,4 @@
-"""What `reproduce_dgfn` finds: the paper's tables with our figures beside the published ones."""
+"""Report of `reproduce_dgfn`: the paper's tables with our results next to the published ones."""
 
 import statistics
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ NAMES: Final[dict[Fusion, str]] = {
     "camera": "camera only",
     "lidar": "LiDAR only",
 }
-"""What tables call the ways of fusion."""
+"""Names of the fusion types in tables."""
 
 _HOW_TO_TRAIN = (
     "Networks to give: sightline fit --config detection2d-dgfn-kitti, and the same with "
@@ -33,31 +33,32 @@ _HOW_TO_TRAIN = (
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaseScore:
-    """Figures of one detector in one case, percent."""
+    """Results of one detector in one case, percent."""
 
     ap_r11: Levels
-    """The published measure: 11 recall positions. It jumps by 9 where recall passes one of them."""
+    """AP at 11 recall positions, the published measure. It jumps by 9 where recall passes a
+    position."""
     ap_r40: Levels
     max_recall: Levels
-    """Largest share of the objects that are found at any threshold."""
+    """Recall at the lowest threshold."""
     ap_all_points: Levels | None = None
-    """Over all scores; None where it was not asked for."""
+    """AP over all scores; None if not requested."""
     ap_all_points_95: tuple[tuple[float, float], ...] | None = None
-    """Its 95 % interval at each difficulty."""
+    """95 % interval of that AP at each difficulty."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SystemScores:
-    """Figures of one detector."""
+    """Results of one detector."""
 
     name: str
-    """Of its weights."""
+    """Name of its weights."""
     cases: Mapping[str, CaseScore]
-    """By case."""
+    """Results by case."""
 
     @property
     def full(self) -> CaseScore:
-        """The mean of the cases, which are of equally many frames."""
+        """Mean over the cases, which have equally many frames."""
         return CaseScore(
             ap_r11=self._mean(lambda case: case.ap_r11),
             ap_r40=self._mean(lambda case: case.ap_r40),
@@ -77,24 +78,24 @@ class SystemScores:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DgfnReport:
-    """The tables of Kim et al. 2018 with our measurements."""
+    """Tables of Kim et al. 2018 with our measurements."""
 
     data: str
     frames: int
     is_published_split: bool
-    """Whether the frames are those of KITTI's val split, which the published figures are of."""
+    """Whether the frames are KITTI's val split, as for the published results."""
     suite: Suite
     seed: int
     class_name: ClassName
     iou: float
     systems: Mapping[Fusion, SystemScores]
-    """Those for which weights were given; camera and LiDAR alone in the clean case only."""
+    """Detectors with given weights; camera and LiDAR alone in the clean case only."""
     gates: tuple[CaseGates, ...]
-    """Of the network with gates, by case; none without it."""
+    """Gates of the gated network, by case; empty without it."""
 
     @property
     def is_comparable(self) -> bool:
-        """Whether our figures are of what the published ones are of."""
+        """Whether our results are comparable with the published ones."""
         return self.is_published_split and self._is_published_measure
 
     @property
@@ -102,7 +103,7 @@ class DgfnReport:
         return (self.class_name, self.iou) == ("Car", 0.7)
 
     def to_json(self) -> dict[str, object]:
-        """What the report file holds; what was not measured is None."""
+        """Convert to the contents of the report file; None where nothing was measured."""
         peers = [
             {"method": method, "data": data, "ap_r11": list(levels)}
             for method, data, levels in (*TABLE_2.values(), *TABLE_2_PEERS)
@@ -142,7 +143,7 @@ class DgfnReport:
         return {"name": system.name, **{name: asdict(score) for name, score in cases.items()}}
 
     def table(self) -> "Group":
-        """The tables, one below the other."""
+        """Make the tables, one below the other."""
         from rich.console import Group
 
         parts: list[RenderableType] = [self._cases_table(), self._peers_table()]

@@ -1,4 +1,4 @@
-"""One sensor's stream of the compact detector: dense convolutions in residual blocks."""
+"""Sensor stream of the compact detector: dense convolutions in residual blocks."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 MAP_STRIDES: Final = (8, 16, 32)
-"""Of the maps that a stream gives."""
+"""Strides of a stream's maps."""
 
 
 class ConvNorm(nn.Sequential):
@@ -39,20 +39,20 @@ class ResidualBlock(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch channels rows columns"]
     ) -> Float[Tensor, "batch channels rows columns"]:
-        """Same size and channels."""
+        """Compute maps of the same size and channels."""
         changed: Tensor = self.activate(maps + self.second(self.first(maps)))
         return changed
 
 
 class ResidualStream(nn.Module):
-    """A stem and four stages, each of which halves the maps, down to a stride of 32.
+    """Stem and four stages, each of which halves the maps, down to a stride of 32.
 
     Args:
-        in_channels: Of the sensor's image.
-        channels: After the stem (stride 2) and the stages (4, 8, 16, 32).
-        blocks: Residual blocks of each stage.
-        pooling: Blocks of so many pixels squared are reduced to their maxima first; the first
-            convolutions then keep the size. For images that are empty but for single pixels.
+        in_channels: Channels of the sensor's image.
+        channels: Channels after the stem (stride 2) and the stages (4, 8, 16, 32).
+        blocks: Number of residual blocks in each stage.
+        pooling: Side in pixels of blocks for max pooling before the stem, whose first convolutions
+            then keep the size. For images with few non-empty pixels.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class ResidualStream(nn.Module):
     def forward(
         self, planes: Float[Tensor, "batch in_channels height width"]
     ) -> list[Float[Tensor, "batch _channels _rows _columns"]]:
-        """Maps of strides 8, 16 and 32."""
+        """Compute maps of strides 8, 16 and 32."""
         features = self.stem(self.pool(planes))
         maps = []
         for stage in self.stages:

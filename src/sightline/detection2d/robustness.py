@@ -1,4 +1,4 @@
-"""How 2D detection is scored where sensors are broken: by KITTI's evaluation of 2D boxes."""
+"""Robustness scoring of 2D detection: KITTI's evaluation of 2D boxes under sensor faults."""
 
 from typing import Final
 

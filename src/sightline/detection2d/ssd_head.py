@@ -1,4 +1,4 @@
-"""SSD's head: a convolution on each map that says what each prior holds."""
+"""SSD's head: a convolution on each map that predicts the content of each prior."""
 
 from collections.abc import Sequence
 
@@ -13,19 +13,19 @@ from sightline.detection2d.readings import HeadReading
 
 
 class SsdHead(nn.Module):
-    """A 3x3 convolution a map for classes and offsets of its priors: Liu et al. 2016, section 2.1.
+    """3x3 convolution on each map for its priors' classes and offsets: Liu et al. 2016, sec. 2.1.
 
     Class 0 is the background.
 
     Args:
-        channels: Of each map, the finest first.
-        config: Which priors there are.
+        channels: Channels of each map, the finest first.
+        config: Shapes of the priors.
     """
 
     def __init__(self, channels: Sequence[int], config: DgfnConfig) -> None:
         super().__init__()
         self.shapes = prior_shapes(config.prior_sizes_px, config.prior_ratios)
-        self.values = len(CLASSES) + 1 + 4  # of each prior
+        self.values = len(CLASSES) + 1 + 4  # values of each prior
         self.convs = nn.ModuleList(
             start_small(nn.Conv2d(count, len(shapes) * self.values, 3, padding=1))
             for count, shapes in zip(channels, self.shapes, strict=True)
@@ -36,7 +36,7 @@ class SsdHead(nn.Module):
         maps: Sequence[Float[Tensor, "batch _channels _rows _columns"]],
         image_size: tuple[int, int],
     ) -> HeadReading:
-        """Reads the maps of an image of (height, width) [px]."""
+        """Compute the outputs for the maps of an image of (height, width) [px]."""
         values, places = [], []
         for conv, shapes, features in zip(self.convs, self.shapes, maps, strict=True):
             rows, columns = features.shape[-2:]
@@ -51,6 +51,6 @@ class SsdHead(nn.Module):
     def decode(
         self, reading: HeadReading
     ) -> tuple[Float[Tensor, "batch places classes"], Float[Tensor, "batch places 4"]]:
-        """Probabilities of the classes without the background, and boxes (corners, px)."""
+        """Compute class probabilities without the background, and boxes (corners, px)."""
         scores = reading.class_logits.softmax(dim=2)[..., 1:]
         return scores, decode_boxes(reading.box_logits, reading.places)

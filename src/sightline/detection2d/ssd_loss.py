@@ -20,16 +20,16 @@ _NOTHING = -1
 
 @dataclass(frozen=True, kw_only=True)
 class SsdLossConfig:
-    """How priors are matched, and what their errors cost."""
+    """Matching of priors, and weights of the losses."""
 
     match_iou: float = 0.5
-    """A prior that overlaps an object so much is to find it."""
+    """IoU with an object from which a prior is matched to it."""
     negatives_per_positive: float = 3.0
-    """For each matched prior so many count that hold nothing: the most mistaken ones."""
+    """Number of negatives per matched prior: those with the highest loss."""
     ignored_share: float = 0.5
-    """A prior with so much of its area in an ignored region is no negative."""
+    """Share of a prior's area in an ignored region from which it is no negative."""
     box_weight: float = 1.0
-    """Of the boxes' error beside the classes'."""
+    """Weight of the box loss relative to the class loss."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -40,7 +40,7 @@ class SsdLossConfig:
 
 
 class SsdLosses(NamedTuple):
-    """Terms of the loss, each already weighted."""
+    """Weighted terms of the loss."""
 
     classification: Float[Tensor, ""]
     boxes: Float[Tensor, ""]
@@ -49,10 +49,11 @@ class SsdLosses(NamedTuple):
 def match_priors(
     places: Float[Tensor, "places 4"], boxes: Float[Tensor, "num_objects 4"], match_iou: float
 ) -> Int64[Tensor, " places"]:
-    """The object that each prior shall find, -1 for none.
+    """Match priors to objects; -1 for none.
 
-    That is the object that it overlaps most, if the IoU is at least `match_iou`. The prior that an
-    object overlaps most is that object's in any case; where several claim it, the last one's.
+    A prior is matched to the object that it overlaps most, if the IoU is at least `match_iou`. The
+    prior that an object overlaps most is matched to it in any case; if several objects share it, to
+    the last.
     """
     if not len(boxes):
         return torch.full((len(places),), _NOTHING, device=places.device)
@@ -69,9 +70,9 @@ def multibox_loss(
 ) -> SsdLosses:
     """Cross entropy of the classes, and smooth L1 of the offsets of matched priors.
 
-    Both are summed over the batch and divided by the number of matched priors in it. Negatives are
-    mined in each image: those with the highest loss, so many for each positive. An image without
-    objects teaches nothing.
+    Both are summed over the batch and divided by the number of matched priors in it. In each image,
+    negatives are the priors with the highest loss, a fixed number for each positive. An image
+    without objects has no loss.
     """
     matches = torch.stack(
         [match_priors(reading.places, truth.boxes, config.match_iou) for truth in targets]
@@ -105,7 +106,7 @@ def hardest_negatives(
     is_ignored: Bool[Tensor, "batch places"],
     per_positive: float,
 ) -> Bool[Tensor, "batch places"]:
-    """Of each image's places that are neither matched nor ignored, those that cost most."""
+    """Select each image's hardest places among those neither matched nor ignored."""
     candidates = torch.where(is_matched | is_ignored, -torch.inf, costs)
     ranks = candidates.argsort(dim=1, descending=True).argsort(dim=1)
     number = (per_positive * is_matched.sum(dim=1, keepdim=True)).floor()
@@ -115,7 +116,7 @@ def hardest_negatives(
 def _is_ignored(
     places: Float[Tensor, "places 4"], truth: DetectionTargets, share: float
 ) -> Bool[Tensor, " places"]:
-    """Priors whose mistakes cost nothing, whatever the class: one softmax tells all of them."""
+    """Mask of priors in ignored regions of any class, since one softmax predicts all classes."""
     if not len(truth.ignored_boxes):
         return torch.zeros(len(places), dtype=torch.bool, device=places.device)
     return (covered_shares(corners_of(places), truth.ignored_boxes) >= share).any(dim=1)

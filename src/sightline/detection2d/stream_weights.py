@@ -1,4 +1,4 @@
-"""Streams from networks that had one sensor, which a network of both then learns to join."""
+"""Initialisation of streams from one-sensor networks, for training their fusion."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,18 +10,19 @@ from sightline.detection2d.model import Detector
 
 
 def load_stream_weights(network: Detector, sources: Mapping[str, Path], *, task_name: str) -> None:
-    """Gives streams of a network the weights of streams of the same name in others.
+    """Copy the weights of streams from other networks to the streams of the same name.
 
-    A stream's own head, where it is in use (`CompactConfig.own_heads`), comes with it.
+    A stream's own head, if it is used at inference (`CompactConfig.own_heads`), is copied too.
 
     Args:
-        network: Its other weights stay.
-        sources: By stream, camera, lidar or both: name of shipped weights, file or checkpoint.
-        task_name: The task that they must be of.
+        network: Network to change; its other weights stay.
+        sources: Name of shipped weights, file or checkpoint for each stream (camera, lidar or
+            both).
+        task_name: Task that the weights must be for.
 
     Raises:
-        ValueError: The network has no such stream, or the weights cannot be read, are of another
-            task, or hold no such stream or one of another size.
+        ValueError: The network has no such stream, or the weights cannot be read, are for another
+            task, or contain no such stream or one of another size.
     """
     for sensor, source in sources.items():
         if sensor not in network.streams:
@@ -48,7 +49,7 @@ def load_stream_weights(network: Detector, sources: Mapping[str, Path], *, task_
 
 
 def _within(tensors: Mapping[str, Tensor], start: str) -> dict[str, Tensor]:
-    """The tensors of one part, by their names in it."""
+    """Select the tensors of one part, by their names in it."""
     return {
         name.removeprefix(start): tensor
         for name, tensor in tensors.items()

@@ -1,4 +1,4 @@
-"""What a detector shall find in an image, and where nothing shall be asked of it."""
+"""Ground truth of an image: objects to detect, and ignored regions."""
 
 from dataclasses import dataclass
 
@@ -15,31 +15,31 @@ from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DetectionTargets:
-    """The truth of one image, in pixels of the network's input; boxes are corners."""
+    """Ground truth of one image, in pixels of the network's input; boxes are corners."""
 
     boxes: Float32[Tensor, "num_objects 4"]
     class_indices: Int64[Tensor, " num_objects"]
-    """In `CLASSES`."""
+    """Indices into `CLASSES`."""
     ignored_boxes: Float32[Tensor, "num_ignored 4"]
-    """Regions where nothing is right or wrong."""
+    """Regions without a loss."""
     ignored_classes: Bool[Tensor, "num_ignored classes"]
-    """For which classes."""
+    """Classes for which each region is ignored."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetConfig:
-    """Which objects are to be found; the others are ignored, DontCare always."""
+    """Selection of objects to detect; the others are ignored, DontCare always."""
 
     ignored_names: tuple[str, ...] = ("Van", "Truck", "Person_sitting")
-    """KITTI's classes that are ignored for the one they look like."""
+    """KITTI's classes that are ignored for the class that they resemble."""
     min_height_px: float = 0.0
-    """Of an object in the network's input."""
+    """Smallest height of an object in the network's input."""
     min_width_px: float = 0.0
-    """Of an object in the network's input."""
+    """Smallest width of an object in the network's input."""
     max_truncation: float = 0.75
-    """Share of an object outside the image, that which a crop cuts off included."""
+    """Largest share of an object outside the image, including the part that a crop cuts off."""
     max_occlusion: int = 3
-    """KITTI's: 0 visible, 1 partly, 2 largely occluded, 3 unknown."""
+    """Largest KITTI occlusion: 0 visible, 1 partly, 2 largely occluded, 3 unknown."""
 
     def __post_init__(self) -> None:
         """Checks the names and ranges."""
@@ -51,10 +51,11 @@ class TargetConfig:
 
 
 def make_targets(objects: ObjectLabels, config: TargetConfig) -> DetectionTargets:
-    """The truth that labels give, which are in pixels of the network's input already.
+    """Make the ground truth from labels in pixels of the network's input.
 
-    What is too small, too truncated or too much occluded is ignored for its own class, a class that
-    looks like one of ours for that one, and a DontCare region for all. Other objects are nothing.
+    Objects that are too small, truncated or occluded are ignored for their own class, objects of a
+    similar class for the class that they resemble, and DontCare regions for all classes. Other
+    objects have no effect.
     """
     boxes = objects.boxes2d.tensor.float()
     width, height = (boxes[:, 2:] - boxes[:, :2]).unbind(dim=1)
@@ -89,7 +90,7 @@ def make_targets(objects: ObjectLabels, config: TargetConfig) -> DetectionTarget
 def covered_shares(
     boxes: Float[Tensor, "num_boxes 4"], regions: Float[Tensor, "num_regions 4"]
 ) -> Float[Tensor, "num_boxes num_regions"]:
-    """Share of each box's area that lies within each region."""
+    """Compute the share of each box's area within each region."""
     low = torch.maximum(boxes[:, None, :2], regions[None, :, :2])
     high = torch.minimum(boxes[:, None, 2:], regions[None, :, 2:])
     area = (boxes[:, 2:] - boxes[:, :2]).clamp(min=0).prod(dim=1)

@@ -48,15 +48,15 @@ class Detection2D(TrainingModule):
         initial_streams: dict[str, Path] | None = None,
         vgg_weights: str | None = None,
     ) -> None:
-        """Builds the network.
+        """Build the network.
 
         Args:
-            network: What is trained. None: the network of the initial weights; without those, the
-                paper's.
-            loss: What it is told.
-            optimizer: How its weights are updated.
-            initial_weights: Such a network's weights to start from: name of shipped ones, file or
-                checkpoint.
+            network: Settings of the network. None: the network of the initial weights; without
+                those, the paper's.
+            loss: Settings of the losses.
+            optimizer: Settings of the optimizer.
+            initial_weights: Weights of the whole network to start from: name of shipped ones, file
+                or checkpoint.
             initial_streams: Networks whose streams it starts from, over initial_weights: camera and
                 lidar, each from a network that was trained with that sensor alone.
             vgg_weights: VGG16's weights that its streams start from: imagenet, which torchvision
@@ -77,18 +77,18 @@ class Detection2D(TrainingModule):
         self.vgg_weights = vgg_weights
 
     def network_config(self) -> Detection2DConfig:
-        """The network's settings."""
+        """Return the network's settings."""
         config: Detection2DConfig = self.network.config
         return config
 
     def setup(self, stage: str) -> None:
-        """Takes VGG16's weights, and other networks' streams, when a training starts.
+        """Load VGG16's weights, and other networks' streams, when a training starts.
 
-        One that is resumed has them in its checkpoint.
+        A resumed training has them in its checkpoint.
 
         Raises:
-            ValueError: They cannot be had, or the examples show frames otherwise than the network
-                is to see them.
+            ValueError: They are not available, or the examples prepare frames otherwise than the
+                network's settings.
         """
         self._check_examples()
         if stage != "fit" or self.is_resumed:
@@ -110,7 +110,7 @@ class Detection2D(TrainingModule):
             )
 
     def losses(self, batch: DetectionBatch) -> DetectionLosses:
-        """The loss of a batch and its terms."""
+        """Compute the losses of a batch."""
         readings = self.network.read(
             **self._inputs(batch), auxiliary=self.loss.auxiliary_weight > 0
         )
@@ -118,7 +118,7 @@ class Detection2D(TrainingModule):
         return detection_loss(readings, batch, self.loss, compact=is_compact)
 
     def score(self, batch: DetectionBatch) -> DetectorOutput:
-        """Scores a batch."""
+        """Score a batch."""
         assert batch.frames is not None, "examples to score hold the frames' truth"
         output: DetectorOutput = self.network(**self._inputs(batch))
         found = [
@@ -135,18 +135,18 @@ class Detection2D(TrainingModule):
         return output
 
     def scores(self) -> Mapping[str, Tensor]:
-        """The image's AP of each class and difficulty."""
+        """Compute the 2D AP of each class and difficulty."""
         return {name: value for name, value in super().scores().items() if "/bbox/" in name}
 
     def score_notes(self) -> tuple[str, ...]:
-        """Where objects are too few for R40."""
+        """Notes on classes with too few objects for R40."""
         assert isinstance(self.metric, KittiObjectMetric), "as the constructor made it"
         return self.metric.notes(self.monitored[0])
 
     def picture(
         self, batch: DetectionBatch, answer: DetectorOutput
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """The first sample of a batch with its boxes, the LiDAR's image and the gates."""
+        """Draw the first sample of a batch with its boxes, the LiDAR's image and the gates."""
         return training_picture(batch, answer, self.network.config.postprocess)
 
     def _inputs(self, batch: DetectionBatch) -> dict[str, Tensor]:

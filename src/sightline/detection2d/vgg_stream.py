@@ -1,4 +1,4 @@
-"""One sensor's stream: VGG16 as SSD300 uses it, on images of any size."""
+"""Sensor stream: VGG16 as SSD300 uses it, for images of any size."""
 
 from typing import Final
 
@@ -10,9 +10,9 @@ from sightline.detection2d.config import scaled
 from sightline.detection2d.initialization import start_small
 
 VGG_CONVS: Final = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
-"""Channels of VGG16's convolutions; between the groups maps are halved."""
+"""Channels of VGG16's convolutions; maps are halved between the groups."""
 MAP_CHANNELS: Final = (512, 1024, 512, 256, 256, 256)
-"""Of conv4_3, fc7, conv8_2, conv9_2, conv10_2 and conv11_2."""
+"""Channels of conv4_3, fc7, conv8_2, conv9_2, conv10_2 and conv11_2."""
 
 _FC_CHANNELS = 1024
 _FC6_DILATION = 6
@@ -21,7 +21,7 @@ _EXTRAS = ((256, 512, 2, 1), (128, 256, 2, 1), (128, 256, 1, 0), (128, 256, 1, 0
 
 
 class L2Norm(nn.Module):
-    """Scales the channels of each pixel to a learned length: Liu et al. 2016 (ParseNet)."""
+    """Normalisation of each pixel's channels to a learned length: Liu et al. 2016 (ParseNet)."""
 
     def __init__(self, channels: int, scale: float) -> None:
         super().__init__()
@@ -30,25 +30,25 @@ class L2Norm(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch channels rows columns"]
     ) -> Float[Tensor, "batch channels rows columns"]:
-        """Pixels of nothing but zeros stay zero."""
+        """Normalise the maps; all-zero pixels stay zero."""
         return nn.functional.normalize(maps, dim=1) * self.scale[:, None, None]
 
 
 class VggStream(nn.Module):
-    """The layers of VGG16 up to conv5_3, then SSD's: Liu et al. 2016, section 3.1 and Fig. 2.
+    """Layers of VGG16 up to conv5_3, then SSD's: Liu et al. 2016, section 3.1 and Fig. 2.
 
-    Kim et al. 2018 take six of its maps. Pooling rounds sizes up, as in SSD's own Caffe program:
-    an input of 375x1242 gives maps of 47x156, 24x78, 12x39, 6x20, 4x18 and 2x16.
+    Kim et al. 2018 use six of its maps. Pooling rounds sizes up, as in SSD's own Caffe program: an
+    input of 375x1242 gives maps of 47x156, 24x78, 12x39, 6x20, 4x18 and 2x16.
 
     Args:
-        in_channels: Of the sensor's image.
+        in_channels: Channels of the sensor's image.
         width: Factor on the channels of all layers.
-        l2_norm_scale: Of conv4_3's features at first.
-        batch_norm: Whether convolutions are followed by a normalisation.
+        l2_norm_scale: Initial scale of conv4_3's features.
+        batch_norm: Whether convolutions have batch normalisation.
     """
 
     smallest_px = 257
-    """Smallest height and width that leave something of the last map."""
+    """Smallest height and width for which the last map is not empty."""
 
     def __init__(
         self, in_channels: int, width: float, l2_norm_scale: float, *, batch_norm: bool = False
@@ -56,7 +56,7 @@ class VggStream(nn.Module):
         super().__init__()
 
         def then(conv: nn.Conv2d) -> list[nn.Module]:
-            """The convolution and what follows it."""
+            """The convolution and the layers after it."""
             norm = [nn.BatchNorm2d(conv.out_channels)] if batch_norm else []
             return [conv, *norm, nn.ReLU()]
 
@@ -109,7 +109,7 @@ class VggStream(nn.Module):
     def forward(
         self, planes: Float[Tensor, "batch in_channels height width"]
     ) -> list[Float[Tensor, "batch _channels _rows _columns"]]:
-        """The six maps, the finest first."""
+        """Compute the six maps, the finest first."""
         conv4_3 = self.to_conv4_3(planes)
         maps = [self.norm(conv4_3), self.to_fc7(conv4_3)]
         for extra in self.extras:

@@ -1,4 +1,4 @@
-"""VGG16's weights from ImageNet, from which the streams start."""
+"""VGG16's ImageNet weights as initial weights of the streams."""
 
 import pickle
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from sightline.detection2d.model import Detector
 from sightline.detection2d.vgg_stream import VGG_CONVS, VggStream
 
 IMAGENET: Final = "imagenet"
-"""Names the weights that torchvision downloads, instead of a file."""
+"""Name of the weights that torchvision downloads."""
 
 _FLAG = "--model.init_args.vgg_weights"
 _GO_ON = (
@@ -24,18 +24,19 @@ _GO_ON = (
 
 
 def load_vgg_weights(network: Detector, source: str) -> None:
-    """Gives every stream of a network the 13 convolutions of VGG16.
+    """Copy the 13 convolutions of VGG16 to every stream of a network.
 
-    A stream that sees both sensors' images gets the first convolution's kernels for each, halved.
-    SSD takes fc6 and fc7 from VGG16 as well, by leaving out kernels; here they are drawn.
+    A stream of both sensors' images gets the first convolution's kernels for each, halved. SSD also
+    takes fc6 and fc7 from VGG16, by leaving out kernels; here they are random.
 
     Args:
-        network: Of width 1.
+        network: Network of width 1.
         source: A file, or `IMAGENET`: torchvision's `IMAGENET1K_FEATURES`, which were trained in
-            the range that the streams get.
+            the range of the streams' inputs.
 
     Raises:
-        ValueError: The weights cannot be had or are no VGG16's, or the network has no such streams.
+        ValueError: The weights are not available or not VGG16's, or the network has no such
+            streams.
     """
     if network.config.dgfn is None:
         raise ValueError(
@@ -86,10 +87,10 @@ def _read(path: Path) -> object:
         if path.suffix == ".safetensors":
             return load_file(path)
         return torch.load(path, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError as error:  # its own words tell how to run the code in it
+    except pickle.UnpicklingError as error:  # its own message explains how to run the code in it
         raise ValueError(f"{path} holds more than tensors, or is damaged; {_GO_ON}") from error
     except Exception as error:
-        # Damaged bytes make the readers raise nearly anything.
+        # Damaged bytes make the readers raise nearly any exception.
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise ValueError(
             f"{path} cannot be read as VGG16's weights ({reason}); {_GO_ON}"
@@ -97,7 +98,7 @@ def _read(path: Path) -> object:
 
 
 def _convolutions(tensors: object, source: str) -> list[tuple[Tensor, Tensor]]:
-    """Kernels and biases in order: in torchvision's `features`, with activations and pools."""
+    """Read kernels and biases in order: in torchvision's `features`, with activations and pools."""
     found = []
     place, channels = 0, 3
     for group in VGG_CONVS:

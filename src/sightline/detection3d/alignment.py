@@ -1,4 +1,4 @@
-"""Boxes as the labels of other sensors have them: output transformation (Wang et al. 2020)."""
+"""Output transformation (Wang et al. 2020): adapt boxes to the labels of other sensors."""
 
 import math
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ _LONGEST_M, _SHORTEST_BOX_M = 10.0, 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class ClassAlignment:
-    """How boxes of one class differ from the labels that are asked for."""
+    """Correction of one class's boxes towards the target labels."""
 
     name: str
-    """Of the class, such as Car."""
+    """Name of the class, such as Car."""
     length_m: float = 0.0
-    """Added to the length."""
+    """Length added to each box."""
     towards_m: float = 0.0
-    """By which the centre is moved along the box's own axis towards the LiDAR, where that lies
-    ahead of it or behind it; less where it looks at its side, by the cosine."""
+    """Distance that the centre moves towards the LiDAR along the box's own axis, times the absolute
+    cosine of the angle between that axis and the direction to the LiDAR."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -34,10 +34,10 @@ class ClassAlignment:
 
 
 def align(found: Detections3D, alignments: Sequence[ClassAlignment]) -> Detections3D:
-    """Detections (LiDAR frame) with their boxes moved and resized, each as its class says.
+    """Move and resize detections (LiDAR frame), with one correction for each class.
 
-    Wang et al. 2020 (Train in Germany, Test in the USA) add the mean difference of sizes between
-    two data sets to what a detector says. Here a box is moved along its axis, too.
+    Wang et al. 2020 (Train in Germany, Test in the USA) add the mean size difference of two data
+    sets to a detector's boxes. Here boxes are also moved along their axes.
     """
     boxes = found.boxes.tensor.clone()
     for alignment in alignments:

@@ -1,4 +1,4 @@
-"""A frame with what a detector makes of it: proposals and answers, in the image and from above."""
+"""Picture of a frame with a detector's proposals and detections, in the image and from above."""
 
 from dataclasses import replace
 from typing import Final
@@ -19,7 +19,7 @@ from sightline.visualization.image import camera_picture, draw_boxes3d
 PROPOSED: Final[RGB] = (150, 156, 166)
 LABELLED: Final[RGB] = (245, 245, 245)
 DRAWN_SCORE: Final = 0.3
-"""Proposals and detections of a lower score are not drawn."""
+"""Score from which proposals and detections are drawn."""
 
 _FARTHEST_M = 60.0
 
@@ -32,17 +32,17 @@ def answer_picture(
     *,
     width_px: int = 900,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Proposals (grey) over detections in the image, and all of them from above at the right.
+    """Draw proposals (grey) over detections in the image, and both from above at the right.
 
-    Labels are white, detections have the colours of their classes; both proposals and detections
-    are those of a score of 0.3 or more.
+    Labels are white, detections have the colours of their classes. Proposals and detections with a
+    score below 0.3 are not drawn.
 
     Args:
-        title: Stands over the first picture.
-        sample: As the detector got it; image, sweep and labels may be missing.
-        proposed: What the first stage proposes.
-        found: What is made of it.
-        width_px: Of the image.
+        title: Title of the first picture.
+        sample: The detector's input; image, sweep and labels may be missing.
+        proposed: Output of the first stage.
+        found: Final detections.
+        width_px: Width of the image.
     """
     height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
     proposed, sure = (

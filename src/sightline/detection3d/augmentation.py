@@ -1,4 +1,4 @@
-"""Scenes changed for training, sweep and boxes together."""
+"""Training augmentations that change sweep and boxes together."""
 
 import math
 from dataclasses import dataclass
@@ -23,26 +23,26 @@ _BEAMS = (64, 32, 16, 8)
 
 @dataclass(frozen=True, kw_only=True)
 class SceneChangeConfig:
-    """How far scenes are changed; the defaults are those of Shi et al. 2019 (PointRCNN)."""
+    """Strengths of the scene augmentations; defaults from Shi et al. 2019 (PointRCNN)."""
 
     mirror: bool = True
     """Whether every second scene is mirrored."""
     turn_deg: float = 10.0
-    """Scenes turn about the sensor by up to so much, either way."""
+    """Largest rotation about the sensor, to either side."""
     scales: tuple[float, float] = (0.95, 1.05)
     """Smallest and largest factor on all lengths."""
     ground: GroundShapeConfig | None = None
-    """How the ground is bent: roads are not flat, and cars pitch. None: not at all."""
+    """Bending of the ground: roads are not flat, and cars pitch. None: no bending."""
     stretch: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of the logarithms of factors on each object's length, width, height."""
     range_noise_m: float = 0.0
-    """Standard deviation of an error of each point's range."""
+    """Standard deviation of the noise on each point's range."""
     beams: tuple[int, ...] = (64,)
-    """How many beams of KITTI's 64 a sweep keeps: one of these, each as likely."""
+    """Choices, equally likely, of how many of KITTI's 64 beams a sweep keeps."""
     objects: ObjectSamplingConfig | None = None
-    """Which objects of other sweeps are pasted into those that keep all beams. None: none."""
+    """Objects of other sweeps to paste into sweeps that keep all beams. None: none."""
     bank_frames: int = 1000
-    """Of so many training frames at most, drawn by the seed, objects are kept for that."""
+    """Largest number of training frames, drawn by the seed, whose objects are kept for pasting."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -67,16 +67,16 @@ def change_scene(
     rng: np.random.Generator,
     bank: ObjectBank | None = None,
 ) -> CameraLidarSample:
-    """A sample as another street, mount or sensor would have given it.
+    """Augment a sample as if another street, mount or sensor had given it.
 
-    Rings are thinned first, as their order goes by the sweep as it was taken. Objects are pasted
-    next, while the calibration still tells what the camera shows.
+    Rings are thinned first, because their order comes from the original sweep. Objects are pasted
+    next, while the calibration still matches the camera's view.
 
     Args:
-        sample: With a sweep and labels.
-        config: How far it is changed.
-        rng: Where all randomness comes from.
-        bank: Of the objects that are pasted, if the settings ask for that.
+        sample: Sample with a sweep and labels.
+        config: Strengths of the changes.
+        rng: Source of all randomness.
+        bank: Objects to paste, if the settings ask for pasting.
     """
     keep_every = _BEAMS[0] // int(rng.choice(np.array(config.beams)))
     if keep_every > 1:

@@ -1,7 +1,8 @@
-"""Proposals asked about from several axes.
+"""Refinement of proposals from several axes.
 
-Which way somebody far away faces is easily mistaken. From a proposal with a wrong axis the second
-stage seldom gets away; from one with the right axis it stays there, and expects the better box.
+The heading of a distant person is easily wrong. From a proposal with a wrong axis, the second stage
+seldom finds the right one; from a proposal with the right axis, it keeps it and predicts a higher
+score.
 """
 
 import math
@@ -17,19 +18,19 @@ from sightline.geometry.transforms import wrap_angle
 
 
 class TurnedProposals(NamedTuple):
-    """Proposals, all as they are first, then some with another axis."""
+    """Proposals: all unchanged, then some of them again with other axes."""
 
     proposed: Proposed
     origins: Int64[Tensor, " num_turned"]
-    """Places of what they were made of among the proposals."""
+    """Index of the original proposal of each row."""
     axes: Int64[Tensor, " num_turned"]
-    """Which axis each has; 0: its own."""
+    """Axis number of each row; 0: the proposal's own axis."""
 
 
 def turn_to_axes(
     proposed: Proposed, is_turned: Bool[Tensor, " num_proposals"], number: int
 ) -> TurnedProposals:
-    """Proposals, some of them from `number` axes, evenly spread over half a turn."""
+    """Add copies of some proposals, for `number` axes evenly spread over half a turn."""
     count, device = len(proposed.boxes), proposed.boxes.device
     again = is_turned.nonzero()[:, 0]
     axes = torch.arange(1, number, device=device).repeat_interleave(len(again))
@@ -44,12 +45,12 @@ def turn_to_axes(
 def surest_axes(
     scores: Float[Tensor, " num_turned"], turned: TurnedProposals, config: AxesConfig
 ) -> Int64[Tensor, " num_proposals"]:
-    """Places of the best box of each proposal among all that was made of them.
+    """Return the row of the best refined box for each original proposal.
 
     Args:
-        scores: What the second stage gives for what became of them.
-        turned: What they were.
-        config: By how much another axis must be better.
+        scores: Second-stage scores of the refined rows.
+        turned: The proposals before refinement.
+        config: Gain that another axis needs.
     """
     is_own = turned.axes == 0
     worth = torch.where(is_own, scores, scores / (1 + config.least_gain))

@@ -1,4 +1,4 @@
-"""Settings of how proposals are asked about from several axes, in use alone."""
+"""Settings for refining proposals from several axes; used at inference only."""
 
 import math
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ _MOST_AXES = 16
 
 @dataclass(frozen=True, kw_only=True)
 class AxesConfig:
-    """Of which classes the compact second stage refines proposals from several axes, and how."""
+    """Classes, axes and passes for refinement from several axes by the compact second stage."""
 
     class_names: tuple[str, ...] = ("Pedestrian",)
-    """Of the detector's classes."""
+    """Names among the detector's classes."""
     number: int = 2
-    """Axes of each proposal, evenly spread over half a turn from its own one on."""
+    """Number of axes of each proposal, evenly spread over half a turn, its own axis first."""
     passes: int = 1
-    """After so many of the second stage's passes the surest box of each proposal goes on alone."""
+    """Number of second-stage passes after which only each proposal's best-scored box goes on."""
     least_gain: float = 0.015
-    """By so much of it the score from another axis must exceed that from the proposal's own."""
+    """Share by which the score from another axis must exceed that from the proposal's own axis."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""

@@ -1,4 +1,4 @@
-"""The first stage's backbone: features of every point, by PointNet++ with several scales."""
+"""Backbone of the first stage: multi-scale PointNet++ features of every point."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -16,7 +16,7 @@ from sightline.ops.three_nearest import ThreeNearest, three_nearest
 class PointBackbone(nn.Module):
     """Set abstractions, then feature propagations back to all points: Qi et al. 2017 (PointNet++).
 
-    Takes any number of points: a level has as many as there are, up to its number of centres.
+    Accepts any number of points: a level has as many as there are, up to its number of centres.
     """
 
     def __init__(self, config: PointBackboneConfig) -> None:
@@ -40,12 +40,12 @@ class PointBackbone(nn.Module):
         features: Float[Tensor, "batch num_points in_channels"],
         found: Mapping[str, Tensor] | None = None,
     ) -> Float[Tensor, "batch num_points out_channels"]:
-        """Features of every point [m], of one with a point at least.
+        """Compute the features of every point; at least one point is needed.
 
         Args:
             points: x, y, z, LiDAR frame [m].
-            features: What each point has besides; no channels where there is nothing.
-            found: As `find` gives it. None: it is found now.
+            features: Further features of each point; zero channels if there are none.
+            found: Output of `find`. None: it is computed here.
         """
         if found is None:
             found = self.find(points)
@@ -60,9 +60,9 @@ class PointBackbone(nn.Module):
         return known.features
 
     def find(self, points: Float[Tensor, "batch num_points 3"]) -> dict[str, Tensor]:
-        """Which points each level takes, looks at and is interpolated from, as `forward` wants it.
+        """Find each level's centres, neighbours and interpolation sources, as `forward` takes them.
 
-        So files that run elsewhere need no search: it is done before.
+        Exported files need no search then: it is done before the network runs.
         """
         abstractions = cast("list[SetAbstraction]", list(self.abstractions))
         found, levels = find_groupings(points, abstractions)

@@ -1,4 +1,4 @@
-"""Several sweeps as the detectors take them."""
+"""Batches of sweeps for the 3D detectors."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ from sightline.structures.batch import FieldwiseBatch
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameTruth:
-    """The truth that a frame is scored by."""
+    """Ground truth for scoring a frame."""
 
     objects: KittiObjects
-    """In the camera frame."""
+    """Objects in the camera frame."""
     calibration: Calibration
-    """Of a LiDAR frame as high as KITTI's, in which detections are told."""
+    """Calibration for a LiDAR frame at KITTI's height, the frame of the detections."""
     image_size: tuple[int, int]
     """Height, width [px]."""
 
@@ -27,30 +27,30 @@ class FrameTruth:
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FirstStageRecord:
-    """What a first stage once gave for a sweep; see `proposal_cache`."""
+    """Saved first-stage output for a sweep; see `proposal_cache`."""
 
     made_by: str
     """Identity of the stage and its settings."""
     features: Float[Tensor, "num_points channels"]
-    """Of the points."""
+    """Features of the points."""
     boxes: Float32[Tensor, "num_proposals 7"]
     classes: Int64[Tensor, " num_proposals"]
-    """Places among the detector's classes."""
+    """Indices into the detector's classes."""
     scores: Float32[Tensor, " num_proposals"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Detection3DBatch(FieldwiseBatch):
-    """Sweeps of any number of points each."""
+    """Batch of sweeps, each with any number of points."""
 
     sample_ids: tuple[str, ...]
     points: tuple[Float32[Tensor, "_ 4"], ...]
     """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
     truths: tuple[SweepTruth, ...]
-    """In the same frame."""
+    """Ground truth in the same frame."""
     seeds: tuple[int, ...]
-    """Of what the losses draw for each sweep."""
+    """Random seed of each sweep for the losses' sampling."""
     records: tuple[FirstStageRecord, ...] | None = None
-    """In place of a first stage's work."""
+    """Saved outputs that replace the first stage."""
     frames: tuple[FrameTruth, ...] | None = None
-    """For scoring."""
+    """Ground truth for scoring."""

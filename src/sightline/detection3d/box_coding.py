@@ -1,11 +1,11 @@
-"""Boxes by bins, as the first stage learns them: Shi et al. 2019 (PointRCNN), section 3.1.
+"""Bin-based box encoding of the first stage: Shi et al. 2019 (PointRCNN), section 3.1.
 
-A box is told from a point of it. The centre's offset along x and along y, and the heading, are each
-a bin and a residual within it: which bin is a choice among few, and the residual is small. The
-height of the centre is its offset, the size its deviation from the class's mean.
+A box is encoded from one of its points. The centre's offsets along x and y, and the heading, are
+each a bin and a residual within it: the bin is a choice among few, and the residual is small. The
+height of the centre is encoded by its offset, the size by its deviation from the class's mean.
 
-Departures: residuals are not cut where a centre lies beyond the outermost bins, so that decoding
-gives back every box; and all is in the LiDAR frame about the geometric centre.
+Departures: residuals are not clipped where a centre lies beyond the outermost bins, so that
+decoding restores every box; and everything is in the LiDAR frame about the geometric centre.
 """
 
 import math
@@ -18,19 +18,19 @@ from torch import Tensor
 
 from sightline.geometry.transforms import wrap_angle
 
-_LEAST_SIZE = 0.01  # of the mean
+_LEAST_SIZE = 0.01  # share of the mean size
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoxCodingConfig:
-    """How finely boxes are encoded."""
+    """Bins of the box encoding."""
 
     scope_m: float = 3.0
-    """Centres lie within so far of their points, along x and along y."""
+    """Largest distance of a centre from its point, along x and along y."""
     bin_m: float = 0.5
     """Length of a bin of the centre."""
     heading_bins: int = 12
-    """Bins of the full turn; the first is centred on yaw 0."""
+    """Number of bins over the full turn; the first is centred on yaw 0."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -45,7 +45,7 @@ class BoxCodingConfig:
 
     @property
     def center_bins(self) -> int:
-        """Bins along x, and as many along y."""
+        """Number of bins along x, and also along y."""
         return round(2 * self.scope_m / self.bin_m)
 
     @property
@@ -55,12 +55,12 @@ class BoxCodingConfig:
 
     @property
     def channels(self) -> int:
-        """Of the network's prediction for one point."""
+        """Number of channels of the prediction for one point."""
         return 4 * self.center_bins + 2 * self.heading_bins + 4
 
 
 class BoxPrediction(NamedTuple):
-    """What a network predicts for each point, by meaning: scores of bins, a residual for each."""
+    """Network output for each point, by meaning: bin scores, and a residual for each bin."""
 
     x_bins: Float[Tensor, "n center_bins"]
     y_bins: Float[Tensor, "n center_bins"]
@@ -73,24 +73,24 @@ class BoxPrediction(NamedTuple):
 
 
 class BoxCode(NamedTuple):
-    """A box as encoded from a point."""
+    """Encoded box, relative to a point."""
 
     x_bin: Int64[Tensor, " n"]
     y_bin: Int64[Tensor, " n"]
     heading_bin: Int64[Tensor, " n"]
     x_residual: Float[Tensor, " n"]
-    """From the bin's middle, in bins; so is y's."""
+    """Offset from the bin's middle, in bins; the same for y."""
     y_residual: Float[Tensor, " n"]
     heading_residual: Float[Tensor, " n"]
-    """From the bin's middle, in half bins."""
+    """Offset from the bin's middle, in half bins."""
     z_offset: Float[Tensor, " n"]
-    """From the point up to the box's centre [m]."""
+    """Height of the box's centre above the point [m]."""
     size_residual: Float[Tensor, "n 3"]
-    """Length, width and height less the mean, over the mean."""
+    """(Size - mean) / mean, for length, width and height."""
 
 
 def split_prediction(values: Float[Tensor, "n channels"], config: BoxCodingConfig) -> BoxPrediction:
-    """The channels of a network's last layer by meaning."""
+    """Split the channels of the network's last layer by meaning."""
     center, heading = config.center_bins, config.heading_bins
     widths = [center, center, heading, center, center, heading, 1, 3]
     return BoxPrediction(*torch.split(values, widths, dim=1))
@@ -102,13 +102,13 @@ def encode_boxes(
     mean_sizes: Float[Tensor, "n 3"],
     config: BoxCodingConfig,
 ) -> BoxCode:
-    """Each box as its point is to tell it.
+    """Encode each box relative to its point.
 
     Args:
         boxes: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
-        points: One of each box, LiDAR frame [m].
+        points: One point of each box, LiDAR frame [m].
         mean_sizes: Length, width, height of the box's class [m].
-        config: Of the bins.
+        config: Bins.
     """
     offset = boxes[:, :3] - points
     x_bin, x_residual = _center_code(offset[:, 0], config)
@@ -143,9 +143,9 @@ def decode_boxes(
     mean_sizes: Float[Tensor, "n 3"],
     config: BoxCodingConfig,
 ) -> Float[Tensor, "n 7"]:
-    """The boxes that points tell; `encode_boxes` the other way round. Yaws are in [-pi, pi).
+    """Decode boxes: the inverse of `encode_boxes`. Yaws are in [-pi, pi).
 
-    A size that an untrained network would make negative is a hundredth of the mean.
+    Sizes are at least a hundredth of the mean: an untrained network may predict negative ones.
     """
     x, y = (
         points[:, axis] + (center_bin + 0.5 + residual) * config.bin_m - config.scope_m
@@ -161,7 +161,7 @@ def decode_boxes(
 
 
 def likeliest_code(prediction: BoxPrediction) -> BoxCode:
-    """The bins of the highest scores, with their residuals."""
+    """Select the bins with the highest scores, and their residuals."""
     x_bin, y_bin, heading_bin = (
         scores.argmax(dim=1)
         for scores in (prediction.x_bins, prediction.y_bins, prediction.heading_bins)
@@ -179,5 +179,5 @@ def likeliest_code(prediction: BoxPrediction) -> BoxCode:
 
 
 def at_bin(residuals: Float[Tensor, "n bins"], chosen: Int64[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """The residual that belongs to the chosen bin."""
+    """Select the residual of the chosen bin."""
     return residuals.gather(1, chosen[:, None])[:, 0]

@@ -1,4 +1,4 @@
-"""How far the corners of boxes lie from where they should be."""
+"""Corner loss of boxes."""
 
 import math
 
@@ -15,13 +15,13 @@ def corner_costs(
 ) -> Float[Tensor, " n"]:
     """Smooth L1 [m] of each box's corners, the mean of the eight: Qi et al. 2018 (Frustum), eq. 2.
 
-    Of the target and the same box facing backwards the nearer one counts: which end is the front is
-    learned elsewhere.
+    The cost is the smaller one of two: for the target, and for the same box facing backwards. Other
+    losses teach the front.
 
     Args:
         predicted: x, y, z, length, width, height, yaw (metres, radians).
-        target: What they should be.
-        knee_m: Where squares become lines.
+        target: Ground-truth boxes.
+        knee_m: Error where the loss changes from quadratic to linear.
     """
     turn = target.new_tensor([0, 0, 0, 0, 0, 0, math.pi])
     corners = Boxes3D(predicted).corners()

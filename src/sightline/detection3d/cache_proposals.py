@@ -1,4 +1,4 @@
-"""The job that runs a first stage over a data set and keeps what it gives."""
+"""Job that runs a first stage over a data set and saves its output."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,29 +35,29 @@ def cache_proposals(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
-    """Keeps a first stage's points, features and proposals, as `proposal_cache` tells.
+    """Save a first stage's points, features and proposals; see `proposal_cache`.
 
-    A file appears whole or not at all, and frames whose files are there are skipped, so a job that
-    was stopped is finished by running it again.
+    Files are written atomically, and frames with existing files are skipped, so running a stopped
+    job again finishes it.
 
     Args:
         data: Folder of the data set; see `open_dataset`.
         out: Folder of the cache; made where it is missing.
-        weights: Of a detector: name or file. Its second stage, if any, is not used.
-        device: Where PyTorch runs the first stage.
+        weights: Name or file of a detector's weights. Its second stage, if any, is not used.
+        device: Device for PyTorch.
         sample_list: Which samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
-        workers: Processes that work; 1 is this process alone.
-        overwrite: Whether to make files anew that are there already.
+        workers: Number of processes; 1 is this process alone.
+        overwrite: Whether to replace existing files.
         shard_index: Which part of the samples to do, from 0.
         num_shards: Number of parts.
 
     Raises:
-        ValueError: The data or the weights cannot be read, or the folder holds what another first
-            stage made, or of this one a first frame made of another sweep.
+        ValueError: The data or the weights cannot be read, or the folder holds the output of
+            another first stage, or its first existing file was made from another sweep.
     """
     check_workers(workers)
-    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    shard((), shard_index, num_shards)  # checks the shard before the data is opened
     check_apart(data, [out])
     loaded = load_network(NETWORK_TASK, weights)
     identity = first_stage_identity(loaded.network)
@@ -75,9 +75,9 @@ def cache_proposals(
     indices = shard(range(len(dataset)), shard_index, num_shards)
     done = [index for index in indices if dataset.sample_ids[index] in there]
     if done:
-        read_record(out, dataset[done[0]], training=False)  # refuses another data set's
+        read_record(out, dataset[done[0]], training=False)  # raises for a cache of another data set
     pending = [index for index in indices if dataset.sample_ids[index] not in there]
-    stages = StageRunners(loaded, device=device, threads=1)  # of each worker
+    stages = StageRunners(loaded, device=device, threads=1)  # threads of each worker
     works = [_FrameWork(dataset, index, stages, identity, out) for index in pending]
     run_job(works, workers, description=f"proposals by {loaded.name}")
     return JobResult(written=len(pending), skipped=len(done))
@@ -101,7 +101,7 @@ class _FrameWork:
         points = network_sweep(at_kitti_height(sample), self.stages.detector.config.input)
         proposed, training_proposed = self.stages.propose_both(points)
         features = proposed.features
-        if features is None:  # of a sweep without points, or a stage that gives none
+        if features is None:  # a sweep without points, or a stage without features
             features = points.new_zeros(len(points), self.stages.detector.first.feature_channels)
         write_record(
             self.out,

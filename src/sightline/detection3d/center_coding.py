@@ -1,10 +1,9 @@
-"""Boxes as cells seen from above tell them: the compact first stage's regression.
+"""Box encoding relative to bird's-eye-view cells: the compact first stage's regression.
 
-A cell tells where the centre lies from its middle, the height of the centre, how the sizes compare
-with the class's mean, and the heading in two parts: the axis by sine and cosine of twice the yaw,
-which do not jump where a box looks the same from both ends, and which end is the front by the
-heading's own cosine and sine. So an unsure front costs nothing of the axis, and front and back do
-not fold together.
+A cell encodes the centre's offset from its middle, the height of the centre, the sizes relative to
+the class's mean, and the heading in two parts. The axis is the sine and cosine of twice the yaw,
+which do not jump where a box looks the same from both ends. The front is the cosine and sine of the
+yaw. So an uncertain front does not disturb the axis, and front and back do not cancel out.
 """
 
 import math
@@ -19,9 +18,9 @@ from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.transforms import wrap_angle
 
 CENTER_VALUES: Final = 11
-"""Of each cell and class: x, y and z of the centre [m], logarithms of length, width and height over
-the mean, sine and cosine of twice the yaw, cosine and sine of the yaw, and the logit of the
-quality."""
+"""Number of values for each cell and class: x, y and z of the centre [m], logarithms of length,
+width and height over the mean, sine and cosine of twice the yaw, cosine and sine of the yaw, and
+the logit of the quality."""
 AXIS: Final = slice(6, 8)
 FRONT: Final = slice(8, 10)
 QUALITY: Final = 10
@@ -30,7 +29,7 @@ LARGEST_LOG_SIZE: Final = 1.0  # sizes stay within a factor of e of the mean
 
 
 def cell_middles(cells: Int64[Tensor, "n 2"], grid: PillarGridConfig) -> Float[Tensor, "n 2"]:
-    """X and y [m] of the middles of cells (row, column) of the heads."""
+    """Compute x and y [m] of the middles of head cells (row, column)."""
     origin = torch.tensor([grid.x_m[0], grid.y_m[0]], device=cells.device)
     return (cells + 0.5) * grid.head_cell_m + origin
 
@@ -40,7 +39,7 @@ def encode_centers(
     middles: Float[Tensor, "n 2"],
     mean_sizes: Float[Tensor, "n 3"],
 ) -> Float[Tensor, "n 10"]:
-    """Each box as its cell is to tell it: all values but the quality.
+    """Encode each box relative to its cell: all values but the quality.
 
     Args:
         boxes: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
@@ -65,9 +64,9 @@ def decode_centers(
     middles: Float[Tensor, "n 2"],
     mean_sizes: Float[Tensor, "n 3"],
 ) -> Float[Tensor, "n 7"]:
-    """The boxes that cells tell; `encode_centers` the other way round. Yaws are in [-pi, pi).
+    """Decode boxes from cell values: the inverse of `encode_centers`. Yaws are in [-pi, pi).
 
-    A size that is more than a factor of e off the mean is taken as so far off.
+    Sizes are limited to a factor of e from the mean.
     """
     center = torch.cat((middles + values[:, :2], values[:, 2:3] + _mean_height(mean_sizes)), dim=1)
     sizes = mean_sizes * values[:, 3:6].clamp(-LARGEST_LOG_SIZE, LARGEST_LOG_SIZE).exp()
@@ -82,7 +81,7 @@ def decode_centers(
 def mirror_centers(
     values: Float[Tensor, "batch classes values rows columns"],
 ) -> Float[Tensor, "batch classes values rows columns"]:
-    """What cells tell of a scene mirrored left to right, from what they tell of it as it is.
+    """Mirror cell values left to right.
 
     The grid must reach as far to the left as to the right.
     """
@@ -92,5 +91,5 @@ def mirror_centers(
 
 
 def _mean_height(mean_sizes: Float[Tensor, "n 3"]) -> Float[Tensor, "n 1"]:
-    """Z of the centre of such a box on level ground."""
+    """Compute z of the centre of a mean-sized box on level ground."""
     return mean_sizes[:, 2:] / 2 - KITTI_LIDAR_HEIGHT_M

@@ -1,4 +1,4 @@
-"""The kinds of road users that are detected."""
+"""Classes of road users for the 3D detectors."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,10 +8,10 @@ _SMALLEST_M, _LARGEST_M = 0.01, 100.0
 
 @dataclass(frozen=True, kw_only=True)
 class RoadUserClass:
-    """A class with what its objects look like on average in KITTI's training split."""
+    """Class of road users, with mean box size in KITTI's training split."""
 
     name: str
-    """As in KITTI's labels."""
+    """Name as in KITTI's labels."""
     mean_size_m: tuple[float, float, float]
     """Length, width, height."""
 

@@ -1,11 +1,12 @@
-"""Settings of both stages' networks. The defaults are those of the published detectors."""
+"""Network settings of both stages; defaults from the published detectors."""
 
 from dataclasses import dataclass
 from typing import Final
 
-# Bounds of what costs time or memory but adds no weights: a file of them may come from anywhere.
+# Bounds on settings that cost time or memory but add no weights: weights files may come from
+# anywhere.
 MOST_NUMBERS: Final = 2**29
-"""That a layer may give for a sweep: 2 GB."""
+"""Largest number of values in a layer's output for one sweep: 2 GB."""
 _MOST_CENTERS = 2**16
 _LARGEST_RADIUS_M = 1000.0
 
@@ -17,14 +18,14 @@ def _check_widths(name: str, widths: tuple[int, ...]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class NeighbourhoodConfig:
-    """One scale of a set abstraction: how far a centre looks, and what it makes of that."""
+    """One scale of a set abstraction: search radius, number of neighbours, and layers."""
 
     radius_m: float
-    """Points nearer than this are neighbours."""
+    """Neighbours are the points nearer than this."""
     num_neighbours: int
-    """So many of them are looked at."""
+    """Number of neighbours used."""
     widths: tuple[int, ...]
-    """Channels of the layers that each neighbour goes through."""
+    """Output channels of the layers applied to each neighbour."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -42,9 +43,9 @@ class AbstractionConfig:
     """One level of a point network: fewer points with more features."""
 
     num_centers: int
-    """Points of the level, as far as there are so many."""
+    """Number of centres of the level; fewer where the cloud has fewer points."""
     scales: tuple[NeighbourhoodConfig, ...]
-    """Neighbourhoods side by side; their channels are laid together."""
+    """Neighbourhoods in parallel; their channels are concatenated."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -62,12 +63,12 @@ class AbstractionConfig:
 
     @property
     def out_channels(self) -> int:
-        """Of each centre."""
+        """Number of features of each centre."""
         return sum(scale.widths[-1] for scale in self.scales)
 
     @property
     def numbers(self) -> int:
-        """That its largest layer gives."""
+        """Number of values in its largest layer's output."""
         return self.num_centers * max(
             scale.num_neighbours * max(scale.widths) for scale in self.scales
         )
@@ -88,7 +89,7 @@ def _two_scales(
     )
 
 
-# Defaults in tuples have names, by which the settings that a run leaves behind tell them.
+# Defaults in tuples have names so that a run's saved settings can refer to them.
 LEVEL_1: Final = _two_scales(4096, (0.1, 0.5), (16, 16, 32), (32, 32, 64))
 LEVEL_2: Final = _two_scales(1024, (0.5, 1.0), (64, 64, 128), (64, 96, 128))
 LEVEL_3: Final = _two_scales(256, (1.0, 2.0), (128, 196, 256), (128, 196, 256))
@@ -105,10 +106,10 @@ REGION_LEVEL_2: Final = AbstractionConfig(
 
 @dataclass(frozen=True, kw_only=True)
 class PointBackboneConfig:
-    """PointNet++ with several scales (Qi et al. 2017), as Shi et al. 2019 (PointRCNN) size it."""
+    """Settings of PointNet++ (Qi et al. 2017); sizes from Shi et al. 2019 (PointRCNN)."""
 
     in_channels: int = 0
-    """Features of each point besides x, y, z: 1 for the reflectance."""
+    """Number of features of each point besides x, y, z: 1 for the reflectance."""
     levels: tuple[AbstractionConfig, ...] = (LEVEL_1, LEVEL_2, LEVEL_3, LEVEL_4)
     """Set abstractions, the finest first."""
     propagation_widths: tuple[tuple[int, ...], ...] = (
@@ -117,10 +118,10 @@ class PointBackboneConfig:
         (512, 512),
         (512, 512),
     )
-    """Layers on the way back, the finest first: one entry for each level."""
+    """Layers of the feature propagations, the finest first: one entry for each level."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers, and that there is a way back from each level."""
+        """Checks the numbers, and that each level has a propagation."""
         if self.in_channels < 0:
             raise ValueError(f"in_channels must not be negative, got {self.in_channels}")
         if not self.levels or len(self.levels) != len(self.propagation_widths):
@@ -133,7 +134,7 @@ class PointBackboneConfig:
 
     @property
     def out_channels(self) -> int:
-        """Of each point."""
+        """Number of features of each point."""
         return self.propagation_widths[0][-1]
 
 
@@ -142,15 +143,15 @@ class RefinementConfig:
     """The second stage: three set abstractions of each region of interest, and two heads."""
 
     in_channels: int = 128
-    """Features of each point besides x, y, z."""
+    """Number of features of each point besides x, y, z."""
     levels: tuple[AbstractionConfig, ...] = (REGION_LEVEL_1, REGION_LEVEL_2)
     """Set abstractions, the finest first."""
     global_widths: tuple[int, ...] = (256, 512)
-    """Layers of the last one, which takes all points that are left together."""
+    """Layers of the last set abstraction, which pools all remaining points."""
     head_widths: tuple[int, ...] = (256, 256)
-    """Layers of each head before its last."""
+    """Hidden layers of each head."""
     batch_norm: bool = False
-    """Whether layers are normalised."""
+    """Whether layers have batch normalisation."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -161,7 +162,7 @@ class RefinementConfig:
             _check_widths("head_widths", self.head_widths)
 
     def numbers(self, num_points: int) -> int:
-        """That its largest layer gives for a region of so many points."""
+        """Compute the size of the largest layer's output for a region of `num_points` points."""
         last = self.levels[-1].num_centers if self.levels else num_points
         levels = (level.numbers for level in self.levels)
         return max(num_points * (3 + self.in_channels), *levels, last * max(self.global_widths))

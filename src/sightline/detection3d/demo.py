@@ -1,4 +1,4 @@
-"""3D detection's part of the demo: frames with boxes in the image and from above."""
+"""3D detection part of the demo: frames with boxes in the image and from above."""
 
 import html
 from pathlib import Path
@@ -26,13 +26,13 @@ _CAPTION = (
 def run_detection3d_demo(
     task: AnsweringTask, predictor: Detection3DPredictor, frames: Path, out: Path
 ) -> DemoPart:
-    """Detects in frames and draws each of them.
+    """Detect objects in frames and draw each frame.
 
     Args:
-        task: 3D detection, whose files are written.
-        predictor: What detects.
+        task: The 3D detection task, which writes the result files.
+        predictor: The detector.
         frames: An object tree.
-        out: Folder for all of it; a second run makes only what is missing of the result files.
+        out: Folder for all outputs; a second run makes only missing result files.
 
     Raises:
         ValueError: `out` cannot be written to.

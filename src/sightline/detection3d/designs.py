@@ -1,4 +1,4 @@
-"""Which stages the settings name."""
+"""Construction of the stages from the settings."""
 
 from torch import nn
 
@@ -10,7 +10,7 @@ from sightline.detection3d.region_stage import RegionStage
 
 
 def build_first_stage(config: Detection3DConfig) -> tuple[str, nn.Module]:
-    """The first stage, a `FirstStage`, and the name of its settings."""
+    """Build the first stage, a `FirstStage`, and return it after the name of its settings."""
     if config.pillars is not None:
         return "pillars", PillarProposals(config.pillars, config.centers)
     assert config.points is not None, "settings name a first stage"
@@ -18,7 +18,7 @@ def build_first_stage(config: Detection3DConfig) -> tuple[str, nn.Module]:
 
 
 def build_second_stage(config: Detection3DConfig) -> tuple[str, nn.Module] | None:
-    """The second stage, a `SecondStage`, and the name of its settings; None where there is none."""
+    """Build the second stage, a `SecondStage`, after its settings' name; None if there is none."""
     if config.regions is not None:
         return "regions", RegionStage(config.regions)
     if config.refinement is None:

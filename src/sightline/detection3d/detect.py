@@ -1,4 +1,4 @@
-"""From a sweep to detections, by a detector's stages."""
+"""Detection in a sweep by a detector's stages."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -32,14 +32,14 @@ def propose(
     training: Sequence[bool] = (False,),
     in_use: bool = True,
 ) -> list[Proposed]:
-    """The first stage's proposals for a sweep of one point or more, in as many ways as asked for.
+    """Compute the first stage's proposals for a sweep with points, one result per `training` entry.
 
     Args:
         detector: The stages.
-        sweep: As `sweeps` prepares it.
-        run: Runs the stage's module. None: PyTorch, where the module is.
-        training: For each way, whether they are for a second stage's training.
-        in_use: Whether what the settings ask for in use alone is done: `flip_test`.
+        sweep: Output of `sweeps`.
+        run: Runs the stage's module. None: PyTorch, on the module's device.
+        training: For each result, whether the proposals are for training a second stage.
+        in_use: Whether to apply the inference-only setting `flip_test`.
     """
     first = detector.first
     inputs = first.inputs([sweep])
@@ -57,17 +57,17 @@ def refine(
     *,
     in_use: bool = True,
 ) -> Detections3D:
-    """What is answered of proposals: refined where there is a second stage, then suppressed.
+    """Refine proposals where there is a second stage, then suppress overlapping boxes.
 
     Args:
         detector: The stages.
-        sweep: As the proposals' first stage saw it.
-        proposed: What it proposed.
-        run: Runs the second stage's module. None: PyTorch, where the module is.
-        in_use: Whether what the settings ask for in use alone is done: `flip_test` and `axes`.
+        sweep: The first stage's input.
+        proposed: The first stage's proposals.
+        run: Runs the second stage's module. None: PyTorch, on the module's device.
+        in_use: Whether to apply the inference-only settings `flip_test` and `axes`.
 
     Returns:
-        The surest first, in the labels' frame.
+        Detections by descending score, in the labels' frame.
     """
     boxes, classes, scores, _ = proposed
     second, config = detector.second, detector.config
@@ -87,7 +87,7 @@ def refine(
 def _all_passes(
     detector: Detector3D, sweep: Sweep, proposed: Proposed, ask: Run, axes: AxesConfig | None
 ) -> Passed:
-    """The proposals after all passes, where asked for from their surest axes."""
+    """Run all passes; with `axes`, keep the best-scored axis of each proposal."""
     second = detector.second
     assert second is not None, "there is something to refine by"
     if axes is None or not len(proposed.boxes):
@@ -102,7 +102,7 @@ def _all_passes(
 def _is_named(
     detector: Detector3D, classes: Int64[Tensor, " num_boxes"], names: Sequence[str]
 ) -> Bool[Tensor, " num_boxes"]:
-    """Which boxes are of the named classes."""
+    """Mask of the boxes of the named classes."""
     places = [detector.class_names.index(name) for name in names]
     return torch.isin(classes, classes.new_tensor(places))
 
@@ -113,7 +113,7 @@ def as_detections(
     classes: Int64[Tensor, " num_boxes"],
     scores: Float[Tensor, " num_boxes"],
 ) -> Detections3D:
-    """Boxes of the sweep's frame in the labels'."""
+    """Convert boxes from the sweep's frame to the labels' frame."""
     answered = boxes.detach().cpu().clone()
     answered[:, 2] -= detector.config.input.height_offset_m
     return Detections3D(
@@ -124,13 +124,13 @@ def as_detections(
 
 
 def nothing_proposed(sweep: Sweep) -> Proposed:
-    """Of a sweep without points."""
+    """Empty proposals, for a sweep without points."""
     none = torch.zeros(0, dtype=torch.int64, device=sweep.device)
     return Proposed(sweep.new_zeros(0, 7), none, sweep.new_zeros(0))
 
 
 def _here(stage: FirstStage | SecondStage) -> Run:
-    """Runs a stage by PyTorch, where its module is."""
+    """Run a stage by PyTorch, on its module's device."""
     return lambda inputs: stage(**inputs)
 
 

@@ -1,4 +1,4 @@
-"""Settings of a 3D detector: what it sees of a sweep, its two stages, what becomes of their boxes.
+"""Settings of a 3D detector: its input, its two stages, and suppression.
 
 The defaults are those of the published two-stage detector (Shi et al. 2019, PointRCNN), with the
 plain second stage.
@@ -20,7 +20,8 @@ from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
 
-# Bounds of what costs time or memory but adds no weights: a file of them may come from anywhere.
+# Bounds on settings that cost time or memory but add no weights: weights files may come from
+# anywhere.
 _MOST_POINTS = 2**22
 _MOST_PROPOSALS = 10_000
 _MOST_DISTANCES = 2**32  # between points and centres: some seconds
@@ -29,22 +30,22 @@ _FARTHEST_M = 1e5
 
 @dataclass(frozen=True, kw_only=True)
 class SweepConfig:
-    """What a network sees of a sweep: for training, scoring and use alike."""
+    """Part of a sweep that the network gets: the same for training, scoring and use."""
 
     num_points: int | None = 16_384
-    """So many are drawn; a sweep of fewer repeats some. None: all are taken, in their order."""
+    """Number of points drawn; a smaller sweep repeats some. None: all points, in their order."""
     lowest_m: tuple[float, float, float] = (0.0, -40.0, -3.0)
-    """x, y, z from which on points are seen (LiDAR frame)."""
+    """Smallest x, y, z of points (LiDAR frame)."""
     highest_m: tuple[float, float, float] = (70.4, 40.0, 1.0)
-    """x, y, z up to which."""
+    """Largest x, y, z of points."""
     far_m: float = 40.0
-    """Points with x from here on are all kept, as long as there is room: far objects have few."""
+    """All points from this x on are kept, if there is room: far objects have few points."""
     in_view: bool = True
-    """Whether only points that the camera's image shows are seen: elsewhere KITTI has no labels."""
+    """Whether to keep only points inside the camera image: elsewhere KITTI has no labels."""
     reflectance: bool = False
-    """Whether points come with their reflectance."""
+    """Whether points have their reflectance."""
     height_offset_m: float = 0.0
-    """Added to the height of points, for a LiDAR that is mounted higher than KITTI's (1.73 m)."""
+    """Height added to points, for a LiDAR that is mounted higher than KITTI's (1.73 m)."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -64,39 +65,38 @@ class SweepConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class Detection3DConfig:
-    """A 3D detector."""
+    """Settings of a 3D detector."""
 
     input: SweepConfig = field(default_factory=SweepConfig)
-    """What it sees of a sweep."""
+    """Part of a sweep that the network gets."""
     points: ProposalNetworkConfig | None = field(default_factory=ProposalNetworkConfig)
-    """First stage: every point tells whether it lies on an object, and that object's box."""
+    """First stage on points: for each point a foreground score and a box."""
     pillars: PillarNetworkConfig | None = None
-    """Compact first stage in its place: centres and boxes in a map of pillars."""
+    """Compact first stage instead: centres and boxes in a map of pillars."""
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
-    """Which of the boxes that points tell go on to the second stage."""
+    """Selection of the point stage's boxes for the second stage."""
     training_proposals: ProposalConfig = field(
         default_factory=lambda: ProposalConfig(num_proposals=300)
     )
-    """The same while the second stage is trained."""
+    """The same selection while the second stage is trained."""
     centers: PillarDetectionConfig = field(default_factory=PillarDetectionConfig)
-    """Which of the boxes that pillars tell go on to the second stage."""
+    """Selection of the pillar stage's boxes for the second stage."""
     refinement: RefinementConfig | None = field(default_factory=RefinementConfig)
     """Second stage: a box and its confidence from the points around each proposal."""
     regions: RegionConfig | None = None
-    """Compact second stage in its place. With neither, the proposals are the answer."""
+    """Compact second stage instead. With neither, the proposals are the detections."""
     pooling: RoiPoolingConfig = field(default_factory=RoiPoolingConfig)
-    """What of the sweep is around a proposal, for the plain second stage."""
+    """Pooling of the sweep's points around a proposal, for the plain second stage."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
-    """Which boxes are given as detections."""
+    """Suppression of overlapping boxes before the output."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
-    """Whether predictors ask the compact first stage about the mirrored sweep, too, and the second
-    about regions turned round; see `answer_of_views`."""
+    """Whether predictors also run the compact first stage on the mirrored sweep, and the second
+    stage on regions turned round; see `answer_of_views`."""
     axes: AxesConfig | None = field(default=None, metadata=IN_USE_ALONE)
-    """Which proposals predictors have the compact second stage refine from several axes. None:
-    none."""
+    """Proposals that predictors refine from several axes with the compact stage. None: none."""
     alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
-    """How detections are fitted to the labels of other sensors, in use alone: a training scores
-    boxes as they were learned, and the weights that it writes have none."""
+    """Adaptation of detections to the labels of other sensors, at inference only: training scores
+    boxes without it, and the weights that it writes have none."""
 
     def __post_init__(self) -> None:
         """Checks that there is a first stage, and that the stages fit together."""
@@ -130,13 +130,13 @@ class Detection3DConfig:
 
     @property
     def classes(self) -> tuple[RoadUserClass, ...]:
-        """What the first stage proposes, in the order of its outputs."""
+        """Classes that the first stage proposes, in the order of its outputs."""
         first = self.points or self.pillars
         assert first is not None, "checked when built"
         return first.classes
 
     def _check_work(self) -> None:
-        """Checks what proposals and points around them take together."""
+        """Check the work for the proposals and the points around them together."""
         name, most = "centers.max_boxes", self.centers.max_boxes
         if self.points is not None:
             name, most = "proposals.num_proposals", self.proposals.num_proposals

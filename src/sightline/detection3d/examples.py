@@ -1,4 +1,4 @@
-"""Makes what the detectors train on and are scored on from samples."""
+"""Preparation of samples for training and scoring the 3D detectors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -29,16 +29,16 @@ _LARGEST_SEED = 2**31 - 1
 
 @dataclass(frozen=True, kw_only=True)
 class ExampleConfig:
-    """What an example holds, for training and for scoring alike, and what training does to it."""
+    """Settings of examples for training and scoring, and of the training augmentations."""
 
     input: SweepConfig = field(default_factory=SweepConfig)
-    """What the network sees of a sweep: as in its own settings."""
+    """Part of a sweep that the network gets: as in its own settings."""
     class_names: tuple[str, ...] = ("Car",)
-    """What the network detects: in the order of its own settings' classes."""
+    """Classes to detect, in the order of the network's own settings."""
     changes: SceneChangeConfig | None = field(default_factory=SceneChangeConfig)
-    """How far training changes scenes. None: not at all."""
+    """Augmentations in training. None: none."""
     targets: TargetConfig = field(default_factory=TargetConfig)
-    """What training asks the network to find."""
+    """Ground-truth objects that training uses as targets."""
 
 
 class DetectionExamples(SamplePreparation):
@@ -47,15 +47,15 @@ class DetectionExamples(SamplePreparation):
     parts = frozenset({"points", "objects"})
 
     def __init__(self, settings: ExampleConfig | None = None, cache: Path | None = None) -> None:
-        """Takes the settings.
+        """Take the settings.
 
         Args:
-            settings: What examples hold. None: the defaults.
-            cache: Folder of what `sightline proposals` wrote for the data, by the first stage that
-                the training holds still. Scenes are not changed then. None: the first stage runs.
+            settings: Contents of the examples. None: the defaults.
+            cache: Folder written by `sightline proposals` for the data, with the first stage that
+                the training freezes. Scenes are not changed then. None: the first stage runs.
 
         Raises:
-            ValueError: There is a cache, and scenes are to be changed.
+            ValueError: There is a cache, and the settings change scenes.
         """
         self.settings = settings or ExampleConfig()
         self.cache = cache
@@ -69,7 +69,7 @@ class DetectionExamples(SamplePreparation):
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
     ) -> "DetectionExamples":
-        """Keeps objects that are pasted into other sweeps, if the settings ask for that."""
+        """Collect objects to paste into other sweeps, if the settings ask for pasting."""
         changes = self.settings.changes
         if changes is None or changes.objects is None:
             return self
@@ -80,9 +80,9 @@ class DetectionExamples(SamplePreparation):
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> Detection3DBatch:
-        """A batch of one: a sweep, changed in training, with its truth.
+        """Prepare a batch of one: a sweep, augmented in training, with its ground truth.
 
-        As in use, the LiDAR frame becomes one like KITTI's, by its height and its axes.
+        As at inference, the LiDAR frame is converted to KITTI's height and axes.
 
         Raises:
             ValueError: The sample has no labels, no sweep or points that are not finite, or the

@@ -1,8 +1,8 @@
-"""The detectors' stages as what other engines run: one graph each.
+"""Export graphs of the detectors' stages for other engines, one for each stage.
 
-The searches of point networks (farthest points, neighbours, nearest ones) are inputs, found before;
-boxes are decoded and suppressed after. The number of points is that of the settings; regions go
-in portions of one size.
+The searches of point networks (farthest points, neighbours, nearest points) are graph inputs,
+computed before; boxes are decoded and suppressed after. The number of points is fixed by the
+settings; regions run in portions of a fixed size.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -20,15 +20,16 @@ from sightline.export.metadata import ExportMetadata
 from sightline.inference.network import LoadedNetwork
 
 MAX_DIFFERENCE: Final = 0.002
-"""An exported network may differ by so much from PyTorch's: thousandths of a metre, radian or
-logit. Both compute in float32, whose step is 0.004 mm at 70 m; the order of sums differs."""
+"""Largest difference of an exported network from PyTorch: thousandths of a metre, radian or logit.
+Both compute in float32, whose step is 0.004 mm at 70 m; the order of sums differs."""
 
 REGIONS_A_RUN: Final = 20
-"""So many regions a file of the second stage takes: few frames have as many as may be proposed."""
+"""Number of regions in one run of an exported second stage: few frames have as many regions as the
+settings allow."""
 
-_SPREAD_M = (0.8, 0.4, 0.3)  # deviations of the points around a centre
+_SPREAD_M = (0.8, 0.4, 0.3)  # standard deviations of the points around a centre
 _POINTS_A_CENTER = 64
-_MANY_POINTS = 16_384  # of a network that takes any number
+_MANY_POINTS = 16_384  # for a network that takes any number
 _REGIONS = 8
 _BOX = (3.88, 1.63, 1.53, 0.5)  # length, width, height [m], yaw
 _CASES = ("clusters", "other clusters", "one point")
@@ -37,9 +38,9 @@ Inputs = dict[str, Tensor]
 
 
 def export_graphs(loaded: LoadedNetwork[Detector3D]) -> tuple[ExportGraph, ...]:
-    """One or two graphs, whose outputs must agree within `MAX_DIFFERENCE`.
+    """Make one or two graphs, whose outputs must agree within `MAX_DIFFERENCE`.
 
-    The cases are random clusters of points, and a sweep of one point.
+    The test cases are random clusters of points, and a sweep of one point.
     """
     detector = loaded.network
     make, config = partial(_first_inputs, detector), detector.config
@@ -99,16 +100,16 @@ def _second_inputs(detector: Detector3D, case: str) -> Inputs:
 
 
 def region_portions(inputs: Mapping[str, Tensor]) -> Iterator[Inputs]:
-    """Inputs of one or more regions as a file takes them: the last portion ends with copies."""
+    """Split the inputs of one or more regions into portions; copies fill up the last one."""
     count = len(next(iter(inputs.values())))
     for start in range(0, count, REGIONS_A_RUN):
-        # Beyond the last region stands the last one, as often as it takes.
+        # The last region is repeated to fill up the last portion.
         places = torch.arange(start, start + REGIONS_A_RUN).clamp(max=count - 1)
         yield {name: values[places] for name, values in inputs.items()}
 
 
 def _sweep(detector: Detector3D, case: str) -> Sweep:
-    """Within the range that is seen, drawn the same way each time."""
+    """Make a reproducible random sweep within the network's range."""
     settings = detector.config.input
     generator = torch.Generator().manual_seed(1 if case == "other clusters" else 0)
     low, high = (

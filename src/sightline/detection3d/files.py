@@ -1,4 +1,4 @@
-"""What the detectors find, as files."""
+"""Files of 3D detections."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def write_results(path: Path, sample: CameraLidarSample, answer: Detections3D) -> None:
-    """Writes KITTI's result file: 2D boxes are the projections of 3D boxes."""
+    """Write KITTI's result file; its 2D boxes are the projections of the 3D boxes."""
     kitti_labels.write_objects(
         path,
         kitti_from_detections(
@@ -23,7 +23,7 @@ def write_results(path: Path, sample: CameraLidarSample, answer: Detections3D) -
 
 
 def read_results(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
-    """Adds the 3D boxes of KITTI's result file; one of 2D boxes alone tells nothing.
+    """Add the 3D boxes of KITTI's result file; a file with 2D boxes alone changes nothing.
 
     Raises:
         FileError: The file is damaged.
@@ -35,7 +35,7 @@ def read_results(path: Path, sample: CameraLidarSample, told: Perception) -> Per
 
 
 def read_answer(path: Path, sample: CameraLidarSample) -> Detections3D:
-    """The 3D boxes of KITTI's result file; none where it has 2D boxes alone.
+    """Read the 3D boxes of KITTI's result file; none if it has 2D boxes alone.
 
     Raises:
         FileError: The file is damaged.

@@ -1,4 +1,4 @@
-"""Which points lie on objects: the first stage's segmentation, its truth and its loss."""
+"""Foreground segmentation of the first stage: targets and loss."""
 
 import math
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from sightline.ops.points_in_boxes import first_box_of_points
 
 BACKGROUND = -1
-"""Class of points on no object."""
+"""Class of points outside all objects."""
 IGNORED = -2
-"""Class of points so close to an object that they may or may not be of it."""
+"""Class of points so close to an object that their label is uncertain."""
 
 
 class PointTargets(NamedTuple):
-    """What each point is to be."""
+    """Target of each point."""
 
     point_class: Int64[Tensor, "batch num_points"]
-    """Of the object that the point lies on, or BACKGROUND, or IGNORED."""
+    """Class of the object that contains the point, or BACKGROUND, or IGNORED."""
     box: Int64[Tensor, "batch num_points"]
-    """Place of that object among the frame's boxes; -1 where there is none."""
+    """Index of that object among the frame's boxes; -1 if there is none."""
 
 
 def point_targets(
@@ -33,17 +33,17 @@ def point_targets(
     *,
     ignored_margin_m: float = 0.2,
 ) -> PointTargets:
-    """Objects of the points: Shi et al. 2019 (PointRCNN), section 3.1.
+    """Assign points to objects: Shi et al. 2019 (PointRCNN), section 3.1.
 
-    A point in several boxes is of the first. Points outside all boxes, but within the margin of
-    one, are ignored: labels are no more exact than that. Rows of zeros, which fill up frames with
-    fewer objects, hold nothing.
+    A point in several boxes belongs to the first. Points outside all boxes but within the margin of
+    one are ignored, because labels are no more exact than that. Rows of zeros, which pad frames
+    with fewer objects, contain no points.
 
     Args:
         points: LiDAR frame [m].
         boxes: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
-        box_classes: Numbers from 0, or IGNORED for boxes whose points count nowhere.
-        ignored_margin_m: How far around boxes points are ignored.
+        box_classes: Class numbers from 0, or IGNORED for boxes whose points count nowhere.
+        ignored_margin_m: Width of the ignored zone around boxes.
 
     Raises:
         ValueError: A value is not finite or a size negative.
@@ -61,12 +61,12 @@ def point_targets(
 
 @dataclass(frozen=True, kw_only=True)
 class FocalLossConfig:
-    """How much the few points on objects count against the many that are easy."""
+    """Focal loss settings, which balance few foreground points against many easy ones."""
 
     alpha: float = 0.25
-    """Weight of points on objects; background has the rest to 1."""
+    """Weight of foreground points; background points have 1 - alpha."""
     gamma: float = 2.0
-    """How fast the weight of what is already right falls."""
+    """Focusing exponent: how fast the weight of correct predictions falls."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -81,14 +81,14 @@ def focal_loss(
     point_class: Int64[Tensor, "*shape"],
     config: FocalLossConfig = FocalLossConfig(),
 ) -> Float[Tensor, ""]:
-    """Sum of the sigmoid focal losses over the number of points on objects, or over 1.
+    """Sum of the sigmoid focal losses over the number of foreground points, or over 1.
 
-    Lin et al. 2017 (RetinaNet), eq. 5. Each class is told from all else by itself; ignored points
-    count nowhere.
+    Lin et al. 2017 (RetinaNet), eq. 5. Each class is a binary decision; ignored points count
+    nowhere.
 
     Args:
-        logits: For each class.
-        point_class: As `point_targets` gives it.
+        logits: Logits of each class.
+        point_class: Output of `point_targets`.
         config: Weights.
     """
     classes = torch.arange(logits.shape[-1], device=logits.device)
@@ -96,7 +96,7 @@ def focal_loss(
     entropy = binary_cross_entropy_with_logits(logits, is_class, reduction="none")
     probability = logits.sigmoid()
     wrong = torch.where(is_class > 0, 1 - probability, probability)
-    # Where it is 0 a power below 1 has no finite slope.
+    # At 0, a power below 1 has no finite slope.
     wrong = wrong.clamp(min=torch.finfo(wrong.dtype).tiny)
     balance = torch.where(is_class > 0, config.alpha, 1 - config.alpha)
     counts = (point_class != IGNORED)[..., None]
@@ -105,5 +105,5 @@ def focal_loss(
 
 
 def prior_bias(probability: float = 0.01) -> float:
-    """Logit of how likely a point is on an object before anything is learned: section 4.1 there."""
+    """Initial logit for a prior foreground probability: Lin et al. 2017, section 4.1."""
     return -math.log((1 - probability) / probability)

@@ -1,4 +1,4 @@
-"""What the levels of a point network look at, by name: inputs of what is exported."""
+"""Groupings of a point network's levels by name: inputs of exported graphs."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +12,7 @@ from sightline.ops.group_points import group_points
 def find_groupings(
     points: Float[Tensor, "batch num_points 3"], abstractions: Sequence[SetAbstraction]
 ) -> tuple[dict[str, Tensor], list[Tensor]]:
-    """The groupings of levels upon each other, by name, and each level's points, these first."""
+    """Find the groupings of successive levels by name, and each level's points, the input first."""
     found: dict[str, Tensor] = {}
     levels = [points]
     for number, abstraction in enumerate(abstractions):
@@ -25,7 +25,7 @@ def find_groupings(
 
 
 def named_grouping(found: Mapping[str, Tensor], number: int) -> Grouping:
-    """The grouping of a level by its number, out of what `find_groupings` gave."""
+    """Select the grouping of a level by its number from the output of `find_groupings`."""
     start = f"neighbours_{number}_"
     names = (name for name in found if name.startswith(start))
     scales = sorted(names, key=lambda name: int(name.removeprefix(start)))  # 10 after 9

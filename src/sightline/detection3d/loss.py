@@ -1,4 +1,4 @@
-"""The training losses of detectors: of the first stage, the second, or both together."""
+"""Training losses of detectors: for the first stage, the second, or both."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ from sightline.detection3d.stages import (
 from sightline.training.module import Losses
 
 Stages = Literal["both", "first", "second"]
-"""Which stages are trained: both at once, or one alone."""
+"""Stages to train: both at once, or one alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class StageLosses:
-    """The training loss, and the stages' terms by name."""
+    """Total training loss, and each stage's terms by name."""
 
     total: Float[Tensor, ""]
     terms: Mapping[str, Tensor]
@@ -38,13 +38,13 @@ class StageLosses:
 def detection_losses(
     detector: Detector3D, batch: Detection3DBatch, config: Detection3DLossConfig, stages: Stages
 ) -> StageLosses:
-    """The losses of a batch; sweeps without a point that is seen are left out.
+    """Compute the losses of a batch; sweeps without points in range are left out.
 
     Args:
-        detector: In training mode as far as it is trained.
-        batch: Of sweeps. Their records, where there are any, stand for the first stage's work.
-        config: Of the losses.
-        stages: Which are trained.
+        detector: Detector with the trained stages in training mode.
+        batch: Sweeps. Their records, if any, replace the first stage's work.
+        config: Settings of the losses.
+        stages: Stages to train.
     """
     used = [number for number, points in enumerate(batch.points) if len(points)]
     sweeps = [batch.points[number] for number in used]
@@ -83,7 +83,7 @@ def detection_losses(
 
 
 def _nothing(module: nn.Module) -> Float[Tensor, ""]:
-    """A loss of 0 whose gradient is 0 for all that is trained."""
+    """Zero loss with zero gradients for all trained parameters."""
     return sum(
         (each.sum() * 0.0 for each in module.parameters() if each.requires_grad),
         start=torch.zeros((), device=next(module.parameters()).device),
@@ -91,7 +91,7 @@ def _nothing(module: nn.Module) -> Float[Tensor, ""]:
 
 
 def proposed_by(record: FirstStageRecord, points: Sweep) -> Proposed:
-    """What a first stage gave for a sweep's points when its record was made."""
+    """Proposals of a sweep from its saved record."""
     features = record.features.to(points.dtype) if record.features.shape[1] else None
     return Proposed(record.boxes, record.classes, record.scores, features)
 
@@ -101,7 +101,7 @@ def _second_losses(
     examples: Sequence[tuple[Regions, tuple[Tensor, ...]]],
     config: Detection3DLossConfig,
 ) -> Losses | None:
-    """Of the regions of all sweeps together; None where there is none."""
+    """Loss over the regions of all sweeps together; None if there are no regions."""
     held = [(regions, wanted) for regions, wanted in examples if len(regions.places)]
     if not held:
         return None

@@ -14,24 +14,24 @@ from sightline.detection3d.region_loss import RegionLossConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Detection3DLossConfig:
-    """The losses of both stages."""
+    """Settings of both stages' losses."""
 
     points: ProposalLossConfig = field(default_factory=ProposalLossConfig)
-    """Of a first stage of points."""
+    """Losses of the point first stage."""
     pillars: PillarLossConfig = field(default_factory=PillarLossConfig)
-    """Of a first stage of pillars."""
+    """Losses of the pillar first stage."""
     cells: PillarTargetsConfig = field(default_factory=PillarTargetsConfig)
-    """What its cells shall tell."""
+    """Targets of the pillar first stage's cells."""
     first_weight: float = 1.0
-    """Of the first stage's loss, where both are trained."""
+    """Weight of the first stage's loss, where both are trained."""
     sampling: ProposalSamplingConfig = field(default_factory=ProposalSamplingConfig)
-    """Which proposals the plain second stage is trained on."""
+    """Sampling of proposals to train the plain second stage."""
     refinement: RefinementLossConfig = field(default_factory=RefinementLossConfig)
-    """Of the plain second stage."""
+    """Losses of the plain second stage."""
     region_examples: RegionExamplesConfig = field(default_factory=RegionExamplesConfig)
-    """What the compact second stage is trained on."""
+    """Training examples of the compact second stage."""
     regions: RegionLossConfig = field(default_factory=RegionLossConfig)
-    """Of the compact second stage."""
+    """Losses of the compact second stage."""
 
     def __post_init__(self) -> None:
         """Checks the weight."""

@@ -1,4 +1,4 @@
-"""How many objects a first stage finds, as a metric of a training run."""
+"""Recall of a first stage's proposals, as a metric of a training run."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -14,9 +14,9 @@ _IOUS: Final = (0.5, 0.7)
 
 
 class ProposalRecallMetric(Metric):
-    """Recall of all objects that are to be found, whatever their difficulty, in percent.
+    """Recall of all target objects of any difficulty, in percent.
 
-    KITTI's difficulties take result files: `sightline evaluate proposals`.
+    KITTI's difficulties need result files: `sightline evaluate proposals`.
     """
 
     is_differentiable = False
@@ -24,14 +24,14 @@ class ProposalRecallMetric(Metric):
     full_state_update = False
 
     num_found: Tensor
-    """For each IoU."""
+    """Number of recalled objects for each IoU."""
     num_truths: Tensor
     recalls: Tensor
-    """For each IoU the sum over the frames; one without objects counts 0."""
+    """Sum of the frames' recalls for each IoU; a frame without objects counts 0."""
     num_frames: Tensor
 
     def __init__(self) -> None:
-        """Starts without frames."""
+        """Start without frames."""
         super().__init__()
         for name, size in (("num_found", 2), ("num_truths", 1), ("recalls", 2), ("num_frames", 1)):
             self.add_state(name, torch.zeros(size, dtype=torch.float64), dist_reduce_fx="sum")
@@ -39,7 +39,7 @@ class ProposalRecallMetric(Metric):
     def update(
         self, proposals: Sequence[Float[Tensor, "_ 7"]], truths: Sequence[Float[Tensor, "_ 7"]]
     ) -> None:
-        """Adds frames: boxes x, y, z, length, width, height, yaw of each."""
+        """Add frames: boxes x, y, z, length, width, height, yaw of each."""
         for proposed, wanted in zip(proposals, truths, strict=True):
             counts = [find_recalled(proposed, wanted, min_iou=iou).sum() for iou in _IOUS]
             found = torch.stack(counts).to(self.num_found)
@@ -49,7 +49,7 @@ class ProposalRecallMetric(Metric):
             self.num_frames += 1
 
     def compute(self) -> dict[str, Tensor]:
-        """By names such as recall/0.5, and recall/0.5_frames for the mean of the frames'."""
+        """Compute recall/0.5 and the like, and their means over frames: recall/0.5_frames."""
         scores: dict[str, Tensor] = {}
         for column, iou in enumerate(_IOUS):
             of_objects = self.num_found[column] / self.num_truths[0].clamp(min=1)

@@ -1,4 +1,4 @@
-"""A 3D detector: one or two stages."""
+"""3D detector with one or two stages."""
 
 from typing import cast
 
@@ -10,7 +10,7 @@ from sightline.detection3d.stages import FirstStage, SecondStage
 
 
 class Detector3D(nn.Module):
-    """The stages, each a module of the name that its settings have; see `detect` for the rest."""
+    """Module of the stages, each named as its settings are; see `detect` for the other steps."""
 
     def __init__(self, config: Detection3DConfig) -> None:
         super().__init__()
@@ -25,12 +25,12 @@ class Detector3D(nn.Module):
 
     @property
     def first(self) -> FirstStage:
-        """From sweeps to proposals."""
+        """First stage: sweeps to proposals."""
         return cast("FirstStage", self.get_submodule(self.first_name))
 
     @property
     def second(self) -> SecondStage | None:
-        """From proposals to better boxes."""
+        """Second stage: proposals to refined boxes."""
         if self.second_name is None:
             return None
         return cast("SecondStage", self.get_submodule(self.second_name))

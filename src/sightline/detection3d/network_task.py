@@ -1,4 +1,4 @@
-"""What loading a 3D detection network requires to know."""
+"""Loader of 3D detection networks."""
 
 from typing import TYPE_CHECKING, Final
 
@@ -8,18 +8,18 @@ if TYPE_CHECKING:
 
 
 class DetectionNetworkTask:
-    """`sightline.inference.network.NetworkTask`; what it builds is imported when it is built."""
+    """`sightline.inference.network.NetworkTask` that imports the network when it builds it."""
 
     name: Final = "detection3d"
 
     def config_type(self) -> "type[Detection3DConfig]":
-        """The network's settings."""
+        """Return the type of the network's settings."""
         from sightline.detection3d.detector_config import Detection3DConfig
 
         return Detection3DConfig
 
     def build(self, config: "Detection3DConfig") -> "Detector3D":
-        """The network."""
+        """Build the network."""
         from sightline.detection3d.model import Detector3D
 
         return Detector3D(config)

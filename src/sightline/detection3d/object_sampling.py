@@ -1,8 +1,8 @@
-"""Road users of other sweeps pasted into a sweep, where there is room: to train on.
+"""Augmentation that pastes road users of other sweeps into free places of a sweep.
 
-After Yan et al. 2018 (SECOND) and Shi et al. 2019 (PointRCNN), section 4.1. Departures:
-objects turn about the sensor, so that they are seen from the same side and as densely; they are put
-on the ground; and what hides behind them is taken away, as they are by what stands before them.
+After Yan et al. 2018 (SECOND) and Shi et al. 2019 (PointRCNN), section 4.1. Departures: objects
+turn about the sensor, so that the visible side and the point density stay; they are put on the
+ground; and points hidden by occlusion, of the object or of the scene, are removed.
 """
 
 import math
@@ -28,42 +28,42 @@ from sightline.structures.level import level_sample
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
-_GROUND_QUANTILE = 0.1  # of the heights around: most of what is lower is noise
-_GROUND_M = 0.3  # a point so high above the ground stands on it
+_GROUND_QUANTILE = 0.1  # quantile of the nearby heights; most lower points are noise
+_GROUND_M = 0.3  # higher points belong to something on the ground
 
 
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BankedObject:
-    """A road user cut out of a sweep."""
+    """Road user cut out of a sweep."""
 
     class_name: str
     box: Float64[Tensor, "7"]
     """x, y, z, length, width, height, yaw, in the LiDAR frame of its sweep."""
     points: Float32[Tensor, "num_points 4"]
-    """In the same frame; reflectance in [0, 1]."""
+    """Points in the same frame; reflectance in [0, 1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectSamplingConfig:
-    """Which objects are pasted, and where."""
+    """Selection and placement of pasted objects."""
 
     class_names: tuple[str, ...] = ("Car", "Pedestrian", "Cyclist")
-    """KITTI's; each is drawn as often, as far as the bank has it."""
+    """KITTI's class names; classes in the bank are drawn equally often."""
     max_objects: int = 8
-    """From 1 to so many are tried in a sweep; each attempt has one place."""
+    """Largest number of paste attempts in a sweep (at least 1); each attempt tries one place."""
     min_points: int = 5
-    """Of an object in the bank, and of those that are still seen once it is pasted."""
+    """Smallest number of points of an object, in the bank and visible after pasting."""
     max_bearing_deg: float = 39.0
-    """To either side of straight ahead: KITTI's camera sees so far."""
+    """Largest bearing to either side of straight ahead: the view of KITTI's camera."""
     clearance_m: float = 0.3
-    """Around other objects, ignored ones too."""
+    """Free distance around other objects, ignored ones too."""
     ground_reach_m: float = 1.0
-    """Ground is looked for so far around the object."""
+    """Distance around the object in which ground points are searched."""
     min_ground_points: int = 5
-    """Points that must be there."""
+    """Smallest number of points in that area."""
     slack_m: float = 1.0
-    """What lies so little behind something on the same ray is still seen."""
+    """Points this little behind another point on the same ray stay visible."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -83,7 +83,7 @@ class ObjectSamplingConfig:
 
 
 class ObjectBank:
-    """Objects by class, from training samples."""
+    """Objects from training samples by class."""
 
     def __init__(self, objects: Iterable[BankedObject]) -> None:
         self._by_class: dict[str, list[BankedObject]] = {}
@@ -95,7 +95,7 @@ class ObjectBank:
         return sum(map(len, self._by_class.values()))
 
     def draw(self, class_names: tuple[str, ...], rng: np.random.Generator) -> BankedObject | None:
-        """One of a class that is drawn first; None where the bank has none of these."""
+        """Draw a class, then an object of it; None if the bank has none of the classes."""
         present = [name for name in class_names if name in self._by_class]
         if not present:
             return None
@@ -106,7 +106,7 @@ class ObjectBank:
 def collect_objects(
     sample: CameraLidarSample, config: ObjectSamplingConfig = ObjectSamplingConfig()
 ) -> list[BankedObject]:
-    """The objects of a labelled sample that may be pasted into others, with their points.
+    """Collect the pasteable objects of a labelled sample, with their points.
 
     Raises:
         ValueError: The sample has no sweep or no labels.
@@ -128,7 +128,7 @@ def fill_bank(
     rng: np.random.Generator,
     config: ObjectSamplingConfig = ObjectSamplingConfig(),
 ) -> ObjectBank:
-    """The objects of so many frames, drawn from all of the data sets; of all where there are fewer.
+    """Fill a bank from `num_frames` frames drawn from all data sets; from all if there are fewer.
 
     Raises:
         ValueError: A frame cannot be read, or has no sweep or no labels.
@@ -145,13 +145,13 @@ def paste_objects(
     rng: np.random.Generator,
     config: ObjectSamplingConfig = ObjectSamplingConfig(),
 ) -> CameraLidarSample:
-    """The sample with some of the bank's objects in free places, and their labels at the end.
+    """Paste some of the bank's objects into free places, and append their labels.
 
-    Each is turned about the sensor to a bearing drawn evenly, mirrored half of the time, and put on
-    the ground there. It is left out where it would come near another box, where something stands,
-    where no ground is seen, where the image does not show it, or where too little of it is left
-    behind what hides it. Labels of what it hides stay; whoever counts points will find fewer.
-    Image and depth stay: they do not show it. The order of the points is no longer KITTI's.
+    Each object is turned about the sensor to a bearing drawn evenly, mirrored half of the time, and
+    put on the ground there. It is skipped if it would come near another box, if something stands in
+    its place, if no ground is visible, if it is outside the image, or if too few of its points stay
+    visible. Labels of objects that it hides stay, so they may have fewer points. Image and depth do
+    not change, and do not show it. The order of the points is no longer KITTI's.
 
     Raises:
         ValueError: The sample has no sweep or no labels.
@@ -178,7 +178,7 @@ def _sweep_and_labels(
 
 
 def _moved(entry: BankedObject, bearing: float, *, is_mirrored: bool) -> BankedObject:
-    """The object seen from the same side at the same distance, in another direction."""
+    """Turn the object about the sensor to a bearing, mirrored if requested."""
     box, points = entry.box.clone(), entry.points.double()
     if is_mirrored:
         box[1], box[6] = -box[1], -box[6]
@@ -194,7 +194,7 @@ def _moved(entry: BankedObject, bearing: float, *, is_mirrored: bool) -> BankedO
 def _with_object(
     sample: CameraLidarSample, entry: BankedObject, config: ObjectSamplingConfig
 ) -> CameraLidarSample:
-    """The sample with the object, or as it is where there is no room for it."""
+    """Paste the object, or return the sample unchanged if there is no room."""
     points, objects = _sweep_and_labels(sample)
     grown = Boxes3D(entry.box[None]).enlarge(config.clearance_m).bev
     if bool((pairwise_iou_bev(grown, objects.boxes3d.bev.double()) > 0).any()):
@@ -219,7 +219,7 @@ def _with_object(
 def _free_ground(
     points: Float32[Tensor, "num_points 4"], entry: BankedObject, config: ObjectSamplingConfig
 ) -> float | None:
-    """Height of the ground that the object would stand on; None where it is hidden or taken."""
+    """Height of the ground under the object; None if it is hidden or occupied."""
     box = entry.box
     tall = torch.cat((box[:2], box.new_zeros(1), box[3:5], box.new_full((1,), 1e3), box[6:]))
     around = Boxes3D(tall[None]).enlarge(config.ground_reach_m)
@@ -236,7 +236,7 @@ def _free_ground(
 def _with_label(
     objects: ObjectLabels, entry: BankedObject, sample: CameraLidarSample
 ) -> ObjectLabels | None:
-    """The labels with that of a whole and visible object; None where the image does not show it."""
+    """Append the label of a fully visible object; None if it is outside the image."""
     found = Detections3D(
         class_names=(entry.class_name,), boxes=Boxes3D(entry.box[None]), scores=torch.ones(1)
     )

@@ -1,4 +1,4 @@
-"""What a LiDAR would still see of two clouds that are merged."""
+"""Mutual occlusion of two merged point clouds, as a LiDAR would see them."""
 
 import math
 from typing import Final, NamedTuple
@@ -8,20 +8,20 @@ from jaxtyping import Bool, Float, Float64, Int64
 from torch import Tensor
 
 AZIMUTH_STEP: Final = math.radians(0.25)
-"""Width of a ray: wider than the sensor's step, so that a surface has no gaps."""
+"""Width of a ray: larger than the sensor's step, so that a surface has no gaps."""
 ELEVATION_STEP: Final = math.radians(0.42)
-"""Height of a ray: about what lies between two of 64 beams."""
+"""Height of a ray: about the spacing of 64 beams."""
 
 
 class Visible(NamedTuple):
-    """Which points are seen."""
+    """Masks of the visible points."""
 
     scene: Bool[Tensor, " num_scene"]
     pasted: Bool[Tensor, " num_pasted"]
 
 
 class _Rays(NamedTuple):
-    """The ray that each point lies on, and how far."""
+    """Ray and range of each point."""
 
     azimuth: Int64[Tensor, " num_points"]
     elevation: Int64[Tensor, " num_points"]
@@ -31,11 +31,12 @@ class _Rays(NamedTuple):
 def visible_together(
     scene: Float[Tensor, "num_scene 3"], pasted: Float[Tensor, "num_pasted 3"], *, slack_m: float
 ) -> Visible:
-    """Which points [m] of a sweep, and of an object pasted into it, do not hide each other.
+    """Find the points [m] of a sweep and of a pasted object that do not hide each other.
 
-    A point hides behind one of the other cloud that is nearer by more than the slack, over the
-    ground, and on the same ray; for the sweep, the rays to the left and right count, too, so that
-    an object has no gaps. Neither cloud hides itself. Straight behind the sensor rays do not meet.
+    A point is hidden by a point of the other cloud on the same ray whose ground distance is smaller
+    by more than the slack. For points of the sweep, the rays to the left and right count too, so
+    that an object has no gaps. A cloud does not hide itself. Rays do not wrap around behind the
+    sensor.
     """
     of_scene, of_pasted = _rays(scene), _rays(pasted)
     if len(scene) == 0 or len(pasted) == 0:
@@ -45,7 +46,7 @@ def visible_together(
     height = int(of_pasted.elevation.amax() - low_elevation) + 1
 
     def cells(rays: _Rays) -> tuple[Int64[Tensor, " number"], Bool[Tensor, " number"]]:
-        """Places in a picture of what the object covers, and which rays are in it."""
+        """Cell indices in the object's area of rays, and a mask of the rays inside it."""
         column, row = rays.azimuth - low_azimuth, rays.elevation - low_elevation
         within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         return torch.where(within, row * width + column, 0), within

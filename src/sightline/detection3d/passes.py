@@ -1,4 +1,4 @@
-"""The second stage, applied again and again, and what is answered of its passes."""
+"""Repeated passes of the second stage, and the result of several passes."""
 
 import math
 from collections.abc import Sequence
@@ -12,19 +12,19 @@ from sightline.detection3d.stages import Proposed, Refined, SecondStage, Sweep, 
 from sightline.detection3d.views import Run
 from sightline.geometry.transforms import wrap_angle
 
-POINT_SEED = 0  # of the points that are drawn around proposals: a sweep is always answered alike
+POINT_SEED = 0  # for drawing points around proposals: results are reproducible
 
 
 class Passed(NamedTuple):
-    """Boxes on their way through the second stage."""
+    """State of boxes between second-stage passes."""
 
     proposed: Proposed
-    """Where the next pass starts; the scores are still the first stage's."""
+    """Start of the next pass; the scores are still the first stage's."""
     answers: tuple[Refined, ...] = ()
-    """Of each pass so far; their rows are those of `proposed`."""
+    """Outputs of the passes so far; their rows match `proposed`."""
 
     def kept(self, places: Int64[Tensor, " num_kept"]) -> "Passed":
-        """Some of the boxes."""
+        """Select some of the boxes."""
         boxes, classes, scores, features = self.proposed
         proposed = Proposed(boxes[places], classes[places], scores[places], features)
         answers = tuple(Refined(*(rows[places] for rows in each)) for each in self.answers)
@@ -32,14 +32,14 @@ class Passed(NamedTuple):
 
 
 def run_passes(second: SecondStage, sweep: Sweep, passed: Passed, ask: Run, number: int) -> Passed:
-    """So many passes more, each from what the one before gave, as long as there are boxes.
+    """Run `number` further passes, each from the output of the one before, while boxes remain.
 
     Args:
         second: The stage.
-        sweep: As the proposals' first stage saw it.
-        passed: Where to start.
+        sweep: The first stage's input.
+        passed: Start of the passes.
         ask: Runs the stage's module.
-        number: Of passes.
+        number: Number of passes.
     """
     for _ in range(number):
         if not len(passed.proposed.boxes):
@@ -58,7 +58,7 @@ def run_passes(second: SecondStage, sweep: Sweep, passed: Passed, ask: Run, numb
 
 
 def answer_of_passes(answers: Sequence[Refined], is_mean: Bool[Tensor, " num_boxes"]) -> Refined:
-    """What the last pass gives, or for some boxes the mean of the first pass and the last."""
+    """Select the last pass's result, or for some boxes the mean of the first and last pass."""
     last, mean = answers[-1], mean_answer(answers[0], answers[-1])
     return Refined(
         torch.where(is_mean[:, None], mean.boxes, last.boxes),
@@ -68,10 +68,10 @@ def answer_of_passes(answers: Sequence[Refined], is_mean: Bool[Tensor, " num_box
 
 
 def mean_answer(*answers: Refined) -> Refined:
-    """The mean of answers for the same boxes.
+    """Average several results for the same boxes.
 
-    The means of the centres and of the scores, the geometric means of the sizes, and the mean
-    axis, by sine and cosine of twice its angle; the front by the mean of the log-odds.
+    Centres and scores are arithmetic means, sizes geometric means. The axis is the mean by sine and
+    cosine of twice its angle; the front comes from the mean of the log-odds.
     """
     boxes, scores, front_logits = (torch.stack(each) for each in zip(*answers, strict=True))
     centers, sizes = boxes[..., :3].mean(dim=0), boxes[..., 3:6].log().mean(dim=0).exp()

@@ -1,4 +1,4 @@
-"""A sweep from above, with what was found and what is there."""
+"""Pictures of sweeps from above, with detections and ground truth."""
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import with_title
 
 MIN_IOU = 0.5
-"""3D IoU with an object from which a detection is drawn as right."""
+"""3D IoU with an object from which a detection is drawn as correct."""
 
 TRUTH: RGB = LABELLED
 RIGHT: RGB = (20, 190, 140)
@@ -26,11 +26,11 @@ def training_picture(
     found: Detections3D,
     truths: Float[Tensor, "num_objects 7"],
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Objects white, detections green where they overlap one by `MIN_IOU` and else orange.
+    """Draw objects in white, detections in green if they overlap one by `MIN_IOU`, else orange.
 
     Args:
         points: LiDAR frame.
-        found: What was detected.
+        found: Detections.
         truths: Boxes of the labelled objects.
     """
     view = BirdsEyeView()

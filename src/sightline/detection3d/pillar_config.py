@@ -1,4 +1,4 @@
-"""Settings of the compact first stage: which ground it looks at, how finely, by which network."""
+"""Settings of the compact first stage: its grid and its network."""
 
 import math
 from dataclasses import dataclass, field
@@ -7,36 +7,36 @@ from typing import Final
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
 
 HEAD_STRIDE: Final = 2
-"""Cells of the features that a cell of the heads is long and wide."""
-_COARSEST_STRIDE: Final = 8  # of the backbone's last stage
-_MOST_NUMBERS: Final = 2**26  # of the map: a network then takes 3 GB
+"""Length and width of a head cell, in cells of the features."""
+_COARSEST_STRIDE: Final = 8  # stride of the backbone's last stage
+_MOST_NUMBERS: Final = 2**26  # values in the map: a network then takes 3 GB
 _FARTHEST_M: Final = 1e5
-_SLACK: Final = 1e-6  # of a block of cells: lengths are decimal fractions
+_SLACK: Final = 1e-6  # rounding tolerance, in blocks of cells
 
 
 @dataclass(frozen=True, kw_only=True)
 class PillarGridConfig:
-    """The ground that is looked at, in pillars: rows along x, columns along y, LiDAR frame."""
+    """Grid of pillars on the ground: rows along x, columns along y, LiDAR frame."""
 
     x_m: tuple[float, float] = (0.0, 70.4)
-    """From, to."""
+    """Smallest and largest x."""
     y_m: tuple[float, float] = (-40.0, 40.0)
-    """From, to."""
+    """Smallest and largest y."""
     z_m: tuple[float, float] = (-4.0, 3.0)
-    """Points lower or higher are left out."""
+    """Smallest and largest z of points."""
     cell_m: float = 0.2
     """Edge of a pillar."""
     slices: int = 10
-    """Heights at which a pillar tells whether there is a point."""
+    """Number of heights at which a pillar encodes occupancy."""
     lowest_slice_m: float = -2.8
-    """Height of the lowest one's middle."""
+    """Height of the lowest slice's middle."""
     slice_m: float = 0.4
-    """From one to the next."""
+    """Distance from one slice to the next."""
     reflectance: bool = False
-    """Whether a pillar tells its mean reflectance. It differs from sensor to sensor."""
+    """Whether a pillar has its mean reflectance as a feature. It differs between sensors."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers, and that the backbone can halve the grid as often as it does."""
+        """Checks the numbers, and that the backbone can halve the grid in all its stages."""
         if not 0 < self.cell_m < math.inf or not 0 < self.slice_m < math.inf:
             raise ValueError(
                 "cell_m and slice_m must be positive and finite, got "
@@ -102,15 +102,15 @@ class PillarNetworkConfig:
     """The compact first stage: residual stages of strides 2, 4 and 8, heads at stride 2."""
 
     classes: tuple[RoadUserClass, ...] = (CAR, PEDESTRIAN, CYCLIST)
-    """What is found."""
+    """Classes to detect."""
     grid: PillarGridConfig = field(default_factory=PillarGridConfig)
-    """Where it is looked for."""
+    """Grid of pillars."""
     channels: tuple[int, int, int] = (32, 64, 96)
-    """Of the stages, the finest first."""
+    """Channels of the stages, the finest first."""
     blocks: tuple[int, int, int] = (1, 2, 2)
-    """Residual blocks of the stages."""
+    """Number of residual blocks in each stage."""
     head_channels: int = 32
-    """Of the maps that the heads read."""
+    """Channels of the heads' input maps."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""

@@ -1,4 +1,4 @@
-"""Road users from what the compact first stage gave for a sweep."""
+"""Decoding of the compact first stage's output into boxes."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,27 +17,27 @@ from sightline.geometry.transforms import wrap_angle
 from sightline.ops.nms import nms_bev
 from sightline.ops.rotated_iou import pairwise_iou_bev
 
-_MOST_PAIRS = 2**25  # of boxes whose overlap is taken: 256 MB for each number of them
-QUALITY_FOCUS = 4  # the power of the predicted IoU that a neighbour's box is weighted by
+_MOST_PAIRS = 2**25  # pairs of boxes for the IoU: 256 MB for each value per pair
+QUALITY_FOCUS = 4  # power of the predicted IoU in the weight of a neighbour's box
 
 
 @dataclass(frozen=True, kw_only=True)
 class PillarDetectionConfig:
-    """How heat becomes boxes."""
+    """Settings for decoding heat maps into boxes."""
 
     min_heat: float = 0.05
-    """Cells with less are left out."""
+    """Smallest heat of a cell that gives a box."""
     max_cells: int = 2000
-    """So many of a sweep's warmest cells are looked at."""
+    """Number of hottest cells of a sweep that are decoded."""
     max_boxes: int = 100
-    """Answered of a sweep."""
+    """Largest number of boxes for a sweep."""
     suppression_iou: float = 0.1
-    """IoU from above beyond which the less sure one of two boxes of a class is left out."""
+    """IoU from above beyond which the lower-scored of two boxes of a class is removed."""
     quality_share: float = 0.5
-    """Share of the predicted IoU in the score, a product of powers; the heat has the rest."""
+    """Exponent of the predicted IoU in the score; the exponent of the heat is 1 less this."""
     mean_iou: float | None = 0.5
-    """A box is the mean of its own and those of its class that overlap it more, from above, by heat
-    and predicted IoU. None: its own alone."""
+    """IoU from above beyond which boxes of the same class are averaged with a box, weighted by heat
+    and predicted IoU. None: no averaging."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -60,24 +60,24 @@ class PillarDetectionConfig:
 
 
 class FoundBoxes(NamedTuple):
-    """Boxes of a sweep, best first."""
+    """Boxes of a sweep by descending score."""
 
     boxes: Float[Tensor, "num_boxes 7"]
     """x, y, z, length, width, height, yaw (LiDAR frame, metres, radians)."""
     classes: Int64[Tensor, " num_boxes"]
-    """Places among the network's classes."""
+    """Indices into the network's classes."""
     scores: Float[Tensor, " num_boxes"]
-    """From 0 to 1."""
+    """Scores from 0 to 1."""
 
 
 class _Candidates(NamedTuple):
-    """What warm cells tell."""
+    """Boxes decoded from hot cells."""
 
     boxes: Float[Tensor, "num_cells 7"]
     classes: Int64[Tensor, " num_cells"]
     scores: Float[Tensor, " num_cells"]
     weights: Float[Tensor, " num_cells"]
-    """In means of boxes."""
+    """Weights for averaging boxes."""
 
 
 def find_boxes(
@@ -86,11 +86,11 @@ def find_boxes(
     network: PillarNetworkConfig,
     config: PillarDetectionConfig = PillarDetectionConfig(),
 ) -> FoundBoxes:
-    """Boxes of one sweep of a batch.
+    """Decode the boxes of one sweep of a batch.
 
-    Cells that are the warmest of the nine around them, for their class, give a box; boxes are
-    thinned out by non-maximum suppression from above. What stays becomes the mean of the boxes that
-    all warm cells around it tell, which is steadier than one cell's.
+    Cells that are the local maximum of 3x3 cells for their class give a box; non-maximum
+    suppression from above removes duplicates. Each remaining box becomes the mean of the boxes of
+    all hot cells around it, which is steadier than one cell's box.
     """
     heat = output.heat_logits[sweep].sigmoid()
     of_class, row, column = (heat >= config.min_heat).nonzero(as_tuple=True)
@@ -127,9 +127,9 @@ def find_boxes(
 def _mean_boxes(
     found: _Candidates, kept: Int64[Tensor, " num_kept"], min_iou: float
 ) -> Float[Tensor, "num_kept 7"]:
-    """The weighted mean of each kept box and those of its class around it.
+    """Average each kept box with the overlapping boxes of its class, by weight.
 
-    Yaws are taken from the kept box's on, as mean directions: of the axis, then of the front.
+    Yaws are averaged as directions relative to the kept box: first the axis, then the front.
     """
     own = found.boxes[kept]
     iou = pairwise_iou_bev(Boxes3D(own).bev, Boxes3D(found.boxes).bev)

@@ -1,7 +1,7 @@
-"""Points as a map of pillars seen from above: the compact first stage's input.
+"""Bird's-eye-view map of pillars from points: the compact first stage's input.
 
-The features are plain statistics, made before the network and not by it: the exported graph then
-is convolutions alone, of one shape for any number of points, and no engine needs to scatter.
+The features are plain statistics, computed before the network and not by it. So the exported graph
+consists of convolutions alone, has one shape for any number of points, and needs no scatter.
 """
 
 import torch
@@ -10,29 +10,28 @@ from torch import Tensor
 
 from sightline.detection3d.pillar_config import PillarGridConfig
 
-PILLAR_COUNT_SCALE = 0.5  # of the logarithm of 1 + the number of points
-_ASIDE_AFTER_SLICES = 5  # the channel of the mean offset along y, counted from that of the number
-GROUND_SHIFT_M = 1.0  # heights are told about the middle of road users, 1 m below the sensor
+PILLAR_COUNT_SCALE = 0.5  # factor on log(1 + number of points)
+_ASIDE_AFTER_SLICES = 5  # channel of the mean y offset, counted from the point count
+GROUND_SHIFT_M = 1.0  # heights are relative to the middle of road users, 1 m below the sensor
 
 
 def pillar_features(
     points: Float[Tensor, "num_points fields"], grid: PillarGridConfig
 ) -> Float32[Tensor, "channels rows columns"]:
-    """What each pillar of the grid holds; zeros where it holds nothing. Any number of points.
+    """Compute the features of each pillar, zeros for empty ones, from any number of points.
 
-    Channels: for each height how close a point comes to it (1 at it, falling to 0 at the next
-    ones); half the logarithm of 1 + the number of points; mean, highest and lowest z [m] + 1; the
-    mean offset along x and y from the pillar's middle (-1 to 1 at its borders); and the mean
-    reflectance, if wanted. After Lang et al. 2019 (PointPillars), with heights kept apart and
+    Channels: for each height, how close a point comes to it (1 at it, falling to 0 at the next
+    heights); half the logarithm of 1 + the number of points; mean, highest and lowest z [m] + 1;
+    the mean offset along x and y from the pillar's middle (-1 to 1 at its borders); and the mean
+    reflectance, if requested. After Lang et al. 2019 (PointPillars), with heights kept apart and
     without layers before the scatter.
 
-    A pillar holds the points from its lower borders up to, but without, its upper ones; so does the
-    grid, but for heights, of which both ends count. Computed in float64: the order of the points
-    does not matter beyond its rounding, and on a CPU the same points give the same bits. No
-    gradient. The memory lies channels last.
+    Pillars and grid contain their lower borders but not their upper ones; in z, the grid contains
+    both. Computed in float64: the order of the points does not matter beyond its rounding, and on a
+    CPU the same points give the same bits. No gradient. The memory format is channels last.
 
     Args:
-        points: x, y, z [m], LiDAR frame; reflectance as the fourth field, if it is wanted.
+        points: x, y, z [m], LiDAR frame; reflectance as the fourth field, if requested.
         grid: The pillars.
     """
     values = points.detach().double()
@@ -70,9 +69,9 @@ def pillar_features(
 def mirror_pillars(
     pillars: Float32[Tensor, "batch channels rows columns"], grid: PillarGridConfig
 ) -> Float32[Tensor, "batch channels rows columns"]:
-    """The maps of scenes mirrored left to right, on a grid as far to the left as to the right.
+    """Mirror maps left to right, on a grid that reaches as far to the left as to the right.
 
-    A point right on the border of two pillars is then in the other one.
+    A point on the border of two pillars is then in another pillar than after mirroring the points.
     """
     mirrored = pillars.flip(-1)
     mirrored[:, grid.slices + _ASIDE_AFTER_SLICES] *= -1
@@ -84,7 +83,7 @@ def _within(
     z: Float64[Tensor, " num_points"],
     grid: PillarGridConfig,
 ) -> Bool[Tensor, " num_points"]:
-    """Which points lie in a pillar; a place that is no number lies in none."""
+    """Mask of the points inside the grid; NaN places are outside."""
     size = place.new_tensor([grid.rows, grid.columns])
     inside = ((place >= 0) & (place < size)).all(dim=1)
     return inside & (z >= grid.z_m[0]) & (z <= grid.z_m[1])
@@ -96,13 +95,13 @@ def _slices(
     number: int,
     grid: PillarGridConfig,
 ) -> Float64[Tensor, "number slices"]:
-    """How close points come to each height of their pillar; beyond the ends they are at the end."""
+    """Compute how close points come to each height; points beyond the ends count at the end."""
     level = ((z - grid.lowest_slice_m) / grid.slice_m).clamp(0, grid.slices - 1)
     below = level.floor()
     share = level - below
     occupied = z.new_zeros(number * grid.slices)
     first = pillar * grid.slices + below.long()
     occupied.scatter_reduce_(0, first, 1 - share, "amax")
-    is_between = share > 0  # at the last height there is no next one
+    is_between = share > 0  # the last height has no next one
     occupied.scatter_reduce_(0, first[is_between] + 1, share[is_between], "amax")
     return occupied.reshape(number, grid.slices)

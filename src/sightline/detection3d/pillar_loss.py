@@ -1,4 +1,4 @@
-"""The training losses of the compact first stage: heat, boxes, fronts and qualities."""
+"""Training losses of the compact first stage: heat, boxes, fronts and qualities."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from sightline.detection3d.pillar_targets import PillarTargets
 from sightline.detection3d.quality import quality_of_iou
 from sightline.ops.rotated_iou import aligned_iou_3d
 
-_FOCUS, _NEAR_FOCUS = 2, 4  # the exponents of the heat's loss, as published
+_FOCUS, _NEAR_FOCUS = 2, 4  # exponents of the heat loss, as published
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,17 +31,17 @@ class PillarLossConfig:
     """Weights of the first stage's losses."""
 
     heat_weight: float = 1.0
-    """Of the focal loss."""
+    """Weight of the focal loss."""
     box_weight: float = 1.0
-    """Of the values that tell centre, sizes and axis."""
+    """Weight of the loss on centre, sizes and axis."""
     corner_weight: float = 2.0
-    """Of the corners' distances."""
+    """Weight of the corner loss."""
     front_weight: float = 2.0
-    """Of the values that tell the front."""
+    """Weight of the loss on the front."""
     quality_weight: float = 0.3
-    """Of the predicted IoU."""
+    """Weight of the loss on the predicted IoU."""
     knee: float = 0.05
-    """Where the squares of the values' errors become lines; twice as many metres for corners."""
+    """Error where the loss changes from quadratic to linear; for corners twice this, in metres."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -60,7 +60,7 @@ class PillarLossConfig:
 
 
 class PillarLosses(NamedTuple):
-    """Scalars; the parts before weighing."""
+    """Scalar losses; the parts are unweighted."""
 
     total: Float[Tensor, ""]
     heat: Float[Tensor, ""]
@@ -76,14 +76,14 @@ def pillar_loss(
     network: PillarNetworkConfig,
     config: PillarLossConfig = PillarLossConfig(),
 ) -> PillarLosses:
-    """Loss of a batch, divided by the number of its objects.
+    """Compute the loss of a batch, divided by the number of its objects.
 
-    Without objects all but the heat is 0, and so is the gradient. The quality is that of the boxes
-    as they are told now, and teaches the boxes nothing.
+    Without objects, all parts but the heat are 0, and so are their gradients. The quality target is
+    the IoU of the current boxes; its loss has no gradient for the boxes.
 
     Args:
-        output: What the network gave.
-        targets: The truth.
+        output: Output of the network.
+        targets: Ground truth.
         network: The network's settings.
         config: Weights.
     """
@@ -126,8 +126,7 @@ def heat_loss(
 ) -> Float[Tensor, ""]:
     """Focal loss of heat over the number of centres, or over 1: Law and Deng 2018, eq. 1.
 
-    Cells near a centre cost less where they are warm, too. Where the heat is not known nothing
-    counts.
+    High heat costs less in cells near a centre. Cells with unknown heat do not count.
     """
     score = logits.sigmoid()
     is_center = heat == 1

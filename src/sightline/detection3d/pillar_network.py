@@ -1,4 +1,4 @@
-"""The compact first stage's network: pillars seen from above -> centres and boxes of road users."""
+"""Network of the compact first stage: pillar maps to centres and boxes."""
 
 import math
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from sightline.detection3d.center_coding import CENTER_VALUES
 from sightline.detection3d.pillar_config import PillarNetworkConfig
 
-_INITIAL_HEAT = 0.03  # of every cell before anything is learned
+_INITIAL_HEAT = 0.03  # heat of every cell before training
 _NORM_MOMENTUM = 0.05  # batches are of a few sweeps
 
 
@@ -40,25 +40,25 @@ class ResidualBlock(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch channels rows columns"]
     ) -> Float[Tensor, "batch channels rows columns"]:
-        """Same size and channels."""
+        """Compute maps of the same size and channels."""
         changed: Tensor = self.activate(maps + self.second(self.first(maps)))
         return changed
 
 
 class PillarOutput(NamedTuple):
-    """What the first stage gives for each cell and class."""
+    """Output of the first stage for each cell and class."""
 
     heat_logits: Float[Tensor, "batch classes rows columns"]
-    """That an object's centre is in the cell, before the sigmoid."""
+    """Logit that an object's centre is in the cell."""
     center_values: Float[Tensor, "batch classes values rows columns"]
-    """The object's box, if there is one near, and how good it is, as `center_coding` tells them."""
+    """Box of a nearby object and its quality; see `center_coding`."""
 
 
 class PillarNetwork(nn.Module):
-    """Residual stages, a way back to the finest, and a head that finds centres.
+    """Residual stages, an upsampling path, and a centre head.
 
-    After Yin et al. 2021 (CenterPoint), section 4, without its second stage: a map of heat and a
-    box for each class, here by one layer of their own.
+    After Yin et al. 2021 (CenterPoint), section 4, without its second stage: a heat map and a box
+    for each class, here each by a layer of its own.
     """
 
     def __init__(self, config: PillarNetworkConfig) -> None:
@@ -87,7 +87,7 @@ class PillarNetwork(nn.Module):
         nn.init.constant_(self.heat.bias, -math.log(1 / _INITIAL_HEAT - 1))
 
     def forward(self, pillars: Float[Tensor, "batch channels height width"]) -> PillarOutput:
-        """Reads maps of pillars; a row and a column of the output for each two of them."""
+        """Compute output maps from pillar maps, at half their rows and columns."""
         fine = self.stages[0](pillars)
         middle = self.stages[1](fine)
         coarse = self.stages[2](middle)

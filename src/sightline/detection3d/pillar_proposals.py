@@ -1,4 +1,4 @@
-"""The compact first stage: centres and boxes of road users in a map of pillars."""
+"""Compact first stage: centres and boxes from a map of pillars."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ from sightline.detection3d.targets import SweepTruth
 
 
 class PillarProposals(nn.Module):
-    """A `FirstStage` of sweeps with any number of points."""
+    """`FirstStage` for sweeps with any number of points."""
 
     output_type = PillarOutput
     feature_channels = 0
@@ -33,12 +33,12 @@ class PillarProposals(nn.Module):
         self.network = PillarNetwork(config)
 
     def forward(self, pillars: Float[Tensor, "batch channels rows columns"]) -> PillarOutput:
-        """Of maps of pillars."""
+        """Run the network on maps of pillars."""
         output: PillarOutput = self.network(pillars)
         return output
 
     def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
-        """The sweeps' maps, channels last."""
+        """Compute the sweeps' pillar maps, channels last."""
         maps = [pillar_features(sweep, self.config.grid) for sweep in sweeps]
         as_they_lie = torch.stack([each.permute(1, 2, 0) for each in maps])
         return {"pillars": as_they_lie.permute(0, 3, 1, 2)}
@@ -47,7 +47,7 @@ class PillarProposals(nn.Module):
     def propose(
         self, output: PillarOutput, sweeps: Sequence[Sweep], *, training: bool
     ) -> tuple[Proposed, ...]:
-        """See `find_boxes`; the same in training."""
+        """Decode by `find_boxes`; the same in training."""
         del training
         found = (
             find_boxes(output, number, self.config, self.centers) for number in range(len(sweeps))
@@ -61,7 +61,7 @@ class PillarProposals(nn.Module):
         truths: Sequence[SweepTruth],
         config: Detection3DLossConfig,
     ) -> PillarLosses:
-        """See `pillar_loss`."""
+        """Compute `pillar_loss`."""
         del sweeps
         grid, device = self.config.grid, output.heat_logits.device
         scenes = [truth.cpu() for truth in truths]

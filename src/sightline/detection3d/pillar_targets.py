@@ -1,4 +1,4 @@
-"""The targets of the compact first stage's cells."""
+"""Targets of the compact first stage's cells."""
 
 import math
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ from sightline.detection3d.targets import SweepTruth
 
 @dataclass(frozen=True, kw_only=True)
 class PillarTargetsConfig:
-    """Which cells belong to an object. Shares make it the same for cars and pedestrians."""
+    """Assignment of cells to objects; shares of the size treat cars and pedestrians alike."""
 
     heat_share: float = 0.28
-    """Deviation of the heat around a centre, of the root of length times width."""
+    """Standard deviation of the heat around a centre, as a share of sqrt(length x width)."""
     told_length_share: float = 0.5
-    """A cell tells a box if its middle lies in this share of the length about the centre,"""
+    """Share of the length about the centre in which cells predict the box."""
     told_width_share: float = 0.6
-    """and in this share of the width."""
+    """Share of the width about the centre in which cells predict the box."""
     ignored_margin_m: float = 0.3
-    """How far around ignored objects heat does not count."""
+    """Distance around ignored objects in which the heat does not count."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -39,18 +39,19 @@ class PillarTargetsConfig:
 
 
 class PillarTargets(NamedTuple):
-    """The truth of a batch, in the cells of the heads."""
+    """Targets of a batch, in head cells."""
 
     heat: Float32[Tensor, "batch classes rows columns"]
     """1 in the cell of a centre, falling around it."""
     counts: Bool[Tensor, "batch classes rows columns"]
-    """Where the heat is known."""
+    """Mask of the cells with known heat."""
     cells: Int64[Tensor, "num_told 4"]
-    """Sweep, class, row and column of the cells that tell a box."""
+    """Sweep, class, row and column of the cells that predict a box."""
     boxes: Float32[Tensor, "num_told 7"]
-    """What they tell: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians)."""
+    """Target boxes of these cells: x, y, z, length, width, height, yaw (LiDAR frame, metres,
+    radians)."""
     weights: Float32[Tensor, " num_told"]
-    """One over the number of the object's cells: objects count alike."""
+    """1 / number of the object's cells, so that all objects have the same weight."""
 
 
 def pillar_targets(
@@ -59,11 +60,11 @@ def pillar_targets(
     grid: PillarGridConfig,
     config: PillarTargetsConfig = PillarTargetsConfig(),
 ) -> PillarTargets:
-    """Targets of sweeps of one grid: Gaussians at centres, as Yin et al. 2021 (CenterPoint) has it.
+    """Make targets with Gaussians at centres, as in Yin et al. 2021 (CenterPoint), for one grid.
 
-    Objects whose centre is outside the grid are ignored as far as they reach into it. The cell of
-    the centre always tells the box; of several objects of a class the one whose centre is nearest
-    to the cell's middle is told, the first of equally near ones, and an object may lose all cells.
+    Objects with a centre outside the grid are ignored as far as they reach into it. The cell of the
+    centre always predicts the box. A cell with several objects of a class predicts the one with the
+    nearest centre to its middle, the first at equal distance, so an object may lose all its cells.
     """
     size = grid.head_size
     heat = torch.zeros(len(scenes), num_classes, *size)
@@ -83,17 +84,17 @@ def pillar_targets(
             cells.append(torch.stack(place, dim=1))
             boxes.append(mine[owner].float())
             weights.append(1 / torch.bincount(owner, minlength=len(mine))[owner].float())
-    counts |= heat == 1  # a centre is known, whatever lies over it
+    counts |= heat == 1  # a centre counts even inside an ignored area
     return PillarTargets(heat, counts, torch.cat(cells), torch.cat(boxes), torch.cat(weights))
 
 
 class _Window(NamedTuple):
-    """The cells around a box."""
+    """Cells around a box."""
 
     rows: slice
     columns: slice
     offset_x: Float64[Tensor, "window_rows 1"]
-    """From the box's centre to the cells' middles [m]."""
+    """Offset from the box's centre to the cells' middles [m]."""
     offset_y: Float64[Tensor, "1 window_columns"]
 
 
@@ -114,7 +115,7 @@ def _window(box: Float64[Tensor, "7"], reach_m: float, grid: PillarGridConfig) -
 def _in_box_frame(
     window: _Window, box: Float64[Tensor, "7"]
 ) -> tuple[Float64[Tensor, "rows columns"], Float64[Tensor, "rows columns"]]:
-    """How far the cells' middles lie along and across the box [m], without sign."""
+    """Compute the distances of the cells' middles along and across the box [m], unsigned."""
     cos, sin = box[6].cos(), box[6].sin()
     along = cos * window.offset_x + sin * window.offset_y
     across = cos * window.offset_y - sin * window.offset_x
@@ -141,9 +142,9 @@ def _add_heat(
     grid: PillarGridConfig,
     config: PillarTargetsConfig,
 ) -> None:
-    """Raises a class's heat around the centre of a box."""
+    """Add the heat of a box to its class's map."""
     deviation_m = config.heat_share * math.sqrt(float(box[3] * box[4]))
-    window = _window(box, 4 * deviation_m, grid)  # beyond it is less than 1 / 2000
+    window = _window(box, 4 * deviation_m, grid)  # beyond, the heat is below 1 / 2000
     squared = window.offset_x**2 + window.offset_y**2
     around = torch.exp(-squared / (2 * deviation_m**2)).float()
     part = heat[window.rows, window.columns]
@@ -159,7 +160,7 @@ def _leave_out(
     grid: PillarGridConfig,
     config: PillarTargetsConfig,
 ) -> None:
-    """Marks the cells in and around what is ignored."""
+    """Mask the cells in and around ignored objects."""
     outside = (~is_inside).nonzero()[:, 0]
     own_class = torch.arange(len(counts)) == scene.classes[outside, None]
     boxes = torch.cat((scene.ignored_boxes, scene.boxes[outside]))
@@ -175,7 +176,7 @@ def _leave_out(
 def _told_cells(
     boxes: Float64[Tensor, "num_boxes 7"], grid: PillarGridConfig, config: PillarTargetsConfig
 ) -> tuple[Int64[Tensor, " told"], Int64[Tensor, " told"], Int64[Tensor, " told"]]:
-    """Row, column and box of the cells that tell one of a class's boxes."""
+    """Find row, column and box index of the cells that predict a box of one class."""
     nearest = torch.full(grid.head_size, math.inf, dtype=torch.float64)
     owner = torch.full(grid.head_size, -1)
     for index, box in enumerate(boxes):

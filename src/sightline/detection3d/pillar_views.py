@@ -1,4 +1,4 @@
-"""The compact first stage's flip test: a scene as it is, and mirrored left to right."""
+"""Flip test of the compact first stage: the scene unchanged, and mirrored left to right."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -13,7 +13,7 @@ from sightline.detection3d.views import AS_IT_IS, View
 
 
 def pillar_views(grid: PillarGridConfig) -> tuple[View, ...]:
-    """Both views of maps on a grid that reaches as far to the left as to the right."""
+    """Make both views of maps on a grid that reaches as far to the left as to the right."""
     return AS_IT_IS, View(partial(_mirror, grid=grid), _mirror_back)
 
 

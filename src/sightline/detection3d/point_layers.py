@@ -19,42 +19,42 @@ from sightline.ops.three_nearest import ThreeNearest, three_nearest
 
 
 class PointFeatures(NamedTuple):
-    """Points of a level."""
+    """Points of a level with their features."""
 
     points: Float[Tensor, "batch num_points 3"]
-    """Metres."""
+    """Point coordinates [m]."""
     features: Float[Tensor, "batch num_points channels"]
 
 
 class Grouping(NamedTuple):
-    """The points of a level among those of the finer one, and what is around each.
+    """Centres of a level among the points of the finer one, and their neighbours.
 
-    It hangs on where points lie alone. So it can be found before a network runs: exported files
-    hold no search.
+    It depends on the coordinates alone. So it can be computed before a network runs, and exported
+    files contain no search.
     """
 
     centers: Int64[Tensor, "batch num_centers"]
-    """Indices of the finer level's points."""
+    """Indices into the finer level's points."""
     neighbours: tuple[Int64[Tensor, "batch num_centers num_neighbours"], ...]
-    """Likewise, for each scale."""
+    """Indices into the finer level's points, for each scale."""
 
 
 class NormAndRelu(nn.Module):
-    """Batch normalisation over all rows, if wanted, and ReLU."""
+    """Optional batch normalisation over all rows, and ReLU."""
 
     def __init__(self, channels: int, *, batch_norm: bool) -> None:
         super().__init__()
         self.norm = nn.BatchNorm1d(channels) if batch_norm else None
 
     def forward(self, values: Float[Tensor, "*rows channels"]) -> Float[Tensor, "*rows channels"]:
-        """Of each row; `values` may be overwritten."""
+        """Normalise and rectify each row; `values` may be overwritten."""
         if self.norm is not None:
             values = self.norm(values.reshape(-1, values.shape[-1])).reshape(values.shape)
-        return values.relu_()  # no layer before it needs what it gave: memory is not taken twice
+        return values.relu_()  # in place: no earlier layer needs its output
 
 
 def point_layers(in_channels: int, widths: tuple[int, ...], *, batch_norm: bool) -> nn.Sequential:
-    """Layers that each point goes through by itself."""
+    """Make layers that act on each point separately."""
     layers: list[nn.Module] = []
     for width in widths:
         layers += [
@@ -66,10 +66,10 @@ def point_layers(in_channels: int, widths: tuple[int, ...], *, batch_norm: bool)
 
 
 class Neighbourhood(nn.Module):
-    """What each centre makes of the points around it: layers over all, then the largest values.
+    """Features of centres from their neighbours: shared layers, then the maximum.
 
-    The first layer takes where a neighbour lies from the centre, and its features. It is linear, so
-    its part for the features is taken once for each point instead of once for each neighbour.
+    The input of the first layer is a neighbour's offset from the centre, and its features. The
+    layer is linear, so its feature part is computed once per point instead of once per neighbour.
     """
 
     def __init__(self, in_channels: int, config: NeighbourhoodConfig, *, batch_norm: bool) -> None:
@@ -86,13 +86,13 @@ class Neighbourhood(nn.Module):
         centers: Float[Tensor, "batch num_centers 3"],
         neighbours: Int64[Tensor, "batch num_centers num_neighbours"] | None = None,
     ) -> Float[Tensor, "batch num_centers out_channels"]:
-        """Features of the centres; each must have a neighbour, as points of the cloud have.
+        """Compute the features of the centres; each needs a neighbour, as points of the cloud have.
 
         Args:
-            points: Of the finer level [m].
-            features: Of these.
-            centers: Of the level [m].
-            neighbours: As `find` gives them. None: they are looked for.
+            points: Points of the finer level [m].
+            features: Features of these points.
+            centers: Centres of the level [m].
+            neighbours: Output of `find`. None: it is computed here.
         """
         if neighbours is None:
             neighbours = self.find(points, centers)
@@ -109,13 +109,13 @@ class Neighbourhood(nn.Module):
         points: Float[Tensor, "batch num_points 3"],
         centers: Float[Tensor, "batch num_centers 3"],
     ) -> Int64[Tensor, "batch num_centers num_neighbours"]:
-        """Indices of the points that each centre looks at."""
+        """Find the indices of each centre's neighbours."""
         near = ball_query(points, centers, radius_m=self.radius_m, count=self.num_neighbours)
         return near.indices
 
 
 class SetAbstraction(nn.Module):
-    """Fewer points that know their surroundings, at one or several scales."""
+    """Subsampling of points with features of their neighbourhoods, at one or several scales."""
 
     def __init__(self, in_channels: int, config: AbstractionConfig, *, batch_norm: bool) -> None:
         super().__init__()
@@ -130,14 +130,14 @@ class SetAbstraction(nn.Module):
         features: Float[Tensor, "batch num_points in_channels"],
         grouping: Grouping | None = None,
     ) -> PointFeatures:
-        """Centres, farthest points of the cloud, and their features.
+        """Select the centres by farthest point sampling, and compute their features.
 
-        A cloud of fewer points than centres keeps them all.
+        A cloud with fewer points than centres keeps them all.
 
         Args:
-            points: Of the finer level [m].
-            features: Of these.
-            grouping: As `find` gives it. None: it is found now.
+            points: Points of the finer level [m].
+            features: Features of these points.
+            grouping: Output of `find`. None: it is computed here.
         """
         if grouping is None:
             grouping = self.find(points)
@@ -149,7 +149,7 @@ class SetAbstraction(nn.Module):
         return PointFeatures(centers, torch.cat(seen, dim=2))
 
     def find(self, points: Float[Tensor, "batch num_points 3"]) -> Grouping:
-        """Which points become centres, and which each looks at."""
+        """Find the centres and their neighbours."""
         centers = farthest_points(points, min(self.num_centers, points.shape[1]))
         places = group_points(points, centers)
         scales = cast("list[Neighbourhood]", list(self.scales))
@@ -157,7 +157,7 @@ class SetAbstraction(nn.Module):
 
 
 class FeaturePropagation(nn.Module):
-    """Brings features back to the points of a finer level, between their three nearest ones."""
+    """Interpolate features to the points of a finer level from their three nearest points."""
 
     def __init__(self, in_channels: int, widths: tuple[int, ...], *, batch_norm: bool) -> None:
         super().__init__()
@@ -166,12 +166,12 @@ class FeaturePropagation(nn.Module):
     def forward(
         self, coarse: PointFeatures, fine: PointFeatures, nearest: ThreeNearest | None = None
     ) -> Float[Tensor, "batch num_points out_channels"]:
-        """Features of the finer points; those that they have themselves are laid beside.
+        """Compute features of the finer points; their own features are concatenated.
 
         Args:
-            coarse: What is known.
-            fine: What is asked for.
-            nearest: The three coarse points of each fine one. None: they are looked for.
+            coarse: Points with known features.
+            fine: Points to interpolate at, with their own features.
+            nearest: The three nearest coarse points of each fine point. None: it is computed here.
         """
         if nearest is None:
             nearest = three_nearest(coarse.points, fine.points)

@@ -1,4 +1,4 @@
-"""The first stage of Shi et al. 2019 (PointRCNN): every point tells a box."""
+"""First stage of Shi et al. 2019 (PointRCNN): a box for every point."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ from sightline.detection3d.views import AS_IT_IS
 
 
 class PointProposals(nn.Module):
-    """A `FirstStage` of sweeps with one number of points."""
+    """`FirstStage` for sweeps with the same number of points."""
 
     output_type = ProposalNetworkOutput
     views = (AS_IT_IS,)
@@ -48,14 +48,14 @@ class PointProposals(nn.Module):
         features: Float[Tensor, "batch num_points in_channels"] | None = None,
         **found: Tensor,
     ) -> ProposalNetworkOutput:
-        """Of points, what they have besides if anything, and the neighbourhoods of `inputs`."""
+        """Run the network on points, optional features, and the neighbourhoods of `inputs`."""
         if features is None:
             features = points[..., :0]
         output: ProposalNetworkOutput = self.network(points, features, found)
         return output
 
     def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
-        """Points and their neighbourhoods; the search takes no gradient and runs on the CPU."""
+        """Collect points and neighbourhoods; the search has no gradient and runs on the CPU."""
         together = torch.stack(list(sweeps))
         points, extra = together[..., :3].contiguous(), self.config.backbone.in_channels
         given = {"points": points}
@@ -66,7 +66,7 @@ class PointProposals(nn.Module):
     def propose(
         self, output: ProposalNetworkOutput, sweeps: Sequence[Sweep], *, training: bool
     ) -> tuple[Proposed, ...]:
-        """The boxes that points tell, the near ones best first, then the far ones."""
+        """Select proposals among the boxes: near ones by descending score, then far ones."""
         config = self.training_proposals if training else self.proposals
         points = torch.stack([sweep[:, :3] for sweep in sweeps])
         with torch.no_grad():
@@ -89,7 +89,7 @@ class PointProposals(nn.Module):
         truths: Sequence[SweepTruth],
         config: Detection3DLossConfig,
     ) -> ProposalLosses:
-        """See `proposal_loss`; points on ignored objects count nowhere."""
+        """Compute `proposal_loss`; points on ignored objects do not count."""
         points = torch.stack([sweep[:, :3] for sweep in sweeps])
         boxes = [torch.cat((truth.boxes, truth.ignored_boxes)).float() for truth in truths]
         classes = [

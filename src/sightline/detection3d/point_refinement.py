@@ -1,4 +1,4 @@
-"""The plain second stage: boxes as they are, from the points in and around each proposal."""
+"""Plain second stage: boxes in absolute values, from the points in and around each proposal."""
 
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ _LEAST_SIZE_M = 0.01
 
 
 class PointRefinementLosses(NamedTuple):
-    """Scalars."""
+    """Scalar losses."""
 
     total: Float[Tensor, ""]
     """boxes + confidence."""
@@ -35,7 +35,7 @@ class PointRefinementLosses(NamedTuple):
 
 
 class PointRefinement(nn.Module):
-    """A `SecondStage`: `RefinementNetwork` on what `pool_rois` draws."""
+    """`SecondStage`: `RefinementNetwork` on the output of `pool_rois`."""
 
     output_type = RefinementOutput
     views = (AS_IT_IS,)
@@ -53,7 +53,7 @@ class PointRefinement(nn.Module):
         features: Float[Tensor, "num_rois roi_points channels"],
         **found: Tensor,
     ) -> RefinementOutput:
-        """Of the points of regions and their neighbourhoods."""
+        """Run the network on the points of regions and their neighbourhoods."""
         output: RefinementOutput = self.network(points, features, found)
         return output
 
@@ -64,7 +64,7 @@ class PointRefinement(nn.Module):
         *,
         seed: int,
     ) -> Regions:
-        """Draws points around proposals; differentiable by the features."""
+        """Draw points around proposals; differentiable with respect to the features."""
         features = sweep[:, :0] if proposed.features is None else proposed.features
         points = sweep[:, :3].contiguous()
         drawn = pool_rois(points, features, proposed.boxes, self.pooling, seed=seed)
@@ -83,7 +83,7 @@ class PointRefinement(nn.Module):
         *,
         seed: int,
     ) -> tuple[Regions, ProposalSamples]:
-        """Draws of the proposals; see `sample_proposals`. Those on ignored objects are left out."""
+        """Sample proposals with `sample_proposals`, without those on ignored objects."""
         usable = (proposed.boxes[:, 3:6] > 0).all(dim=1)
         usable[usable.clone()] = ~_is_on_ignored(proposed.boxes[usable], truth, config.sampling)
         boxes, classes, scores = (values[usable] for values in proposed[:3])
@@ -97,7 +97,7 @@ class PointRefinement(nn.Module):
         return regions, ProposalSamples(*(values[regions.places] for values in samples))
 
     def refine(self, output: RefinementOutput, regions: Regions) -> Refined:
-        """The boxes as given; sizes that an untrained network makes negative are a centimetre."""
+        """Return the predicted boxes, with sizes of at least a centimetre."""
         del regions
         boxes = output.boxes.float()
         told = (boxes[:, :3], boxes[:, 3:6].clamp(min=_LEAST_SIZE_M), wrap_angle(boxes[:, 6:]))
@@ -111,7 +111,7 @@ class PointRefinement(nn.Module):
         wanted: ProposalSamples,
         config: Detection3DLossConfig,
     ) -> PointRefinementLosses:
-        """See `box_loss` and `confidence_loss`."""
+        """Compute `box_loss` and `confidence_loss`."""
         del regions
         boxes = box_loss(output.boxes.float(), wanted.boxes, wanted.iou, config.refinement).total
         confidence = confidence_loss(output.logits.float(), wanted.iou, config.refinement)
@@ -121,7 +121,7 @@ class PointRefinement(nn.Module):
 def _is_on_ignored(
     boxes: Float[Tensor, "num_proposals 7"], truth: SweepTruth, config: ProposalSamplingConfig
 ) -> Bool[Tensor, " num_proposals"]:
-    """Which proposals would be hard to call background: they are on an ignored object."""
+    """Mask of the proposals on an ignored object, which are no clear background."""
     if not len(truth.ignored_boxes) or not len(boxes):
         return torch.zeros(len(boxes), dtype=torch.bool, device=boxes.device)
     most = pairwise_iou_3d(boxes.double(), truth.ignored_boxes).amax(dim=1)

@@ -1,4 +1,4 @@
-"""Detection in sweeps by a trained network."""
+"""Predictor for 3D detection in sweeps."""
 
 import warnings
 from pathlib import Path
@@ -26,25 +26,24 @@ from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
-_SEED: Final = 0  # of the points that are drawn: a sweep is always answered alike
-_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # of many points so many are seen where axes are right
+_SEED: Final = 0  # for drawing points: results are reproducible
+_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # of many points, the least share in range
 
 
 class Detection3DPredictor(SamplePredictor[Detections3D]):
-    """Detects road users in LiDAR sweeps with a trained network.
+    """Detect road users in LiDAR sweeps with a trained network.
 
     Examples:
         >>> import sightline
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
         >>> found = sightline.Detection3DPredictor.load("detection3d-best")(sample)
-        >>> found.class_names[:2], found.boxes.tensor.shape[1]  # the surest first; see Boxes3D
+        >>> found.class_names[:2], found.boxes.tensor.shape[1]  # by descending score; see Boxes3D
         (('Car', 'Car'), 7)
 
-    Takes sweeps of any number of points and beams, of LiDARs that are mounted at any height above
-    the road, tilted or turned, as far as the sample says how; boxes are in the LiDAR's own frame. A
-    sweep of which nothing is seen has no objects.
-    May be pickled, and called in a forked process.
+    Takes sweeps with any number of points and beams, from LiDARs mounted at any height above the
+    road, tilted or turned, if the sample contains the mount. Boxes are in the LiDAR's own frame. A
+    sweep without points in range has no objects. May be pickled, and called in a forked process.
     """
 
     parts: tuple[Part, ...] = ("points",)
@@ -59,13 +58,13 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Takes a network; `load` takes the name of its weights.
+        """Take a network; `load` takes the name of its weights.
 
         Args:
             loaded: The network.
-            engine: What runs it.
+            engine: Inference engine.
             device: cpu or cuda.
-            threads: Of the CPU; None: the engine's own choice.
+            threads: CPU threads; None: the engine's own choice.
 
         Raises:
             ValueError: The engine is not installed or cannot run on the device.
@@ -85,10 +84,10 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Detection3DPredictor":
-        """Loads weights by name or from a file, and makes a predictor of them.
+        """Load weights by name or from a file, and make a predictor.
 
         Raises:
-            ValueError: As `load_network` and the constructor do.
+            ValueError: See `load_network` and the constructor.
         """
         return cls(
             load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
@@ -96,11 +95,11 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
 
     @property
     def made_by(self) -> dict[str, str]:
-        """What a manifest says beside the name."""
+        """Entries of a manifest besides the name."""
         return {"weights_sha256": self.sha256, "engine": self.engine}
 
     def predict(self, sample: CameraLidarSample) -> Detections3D:
-        """Detects in a sample's sweep; warns where its axes can hardly be the LiDAR frame's.
+        """Detect in a sample's sweep; warn if its axes seem wrong for the LiDAR frame.
 
         Raises:
             ValueError: The sample has no sweep, or points that are not finite.
@@ -108,10 +107,10 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
         return self.both_stages(sample)[1]
 
     def both_stages(self, sample: CameraLidarSample) -> tuple[Detections3D, Detections3D]:
-        """What the first stage proposes, and what is made of it; else as a call.
+        """Compute proposals and detections of a sample; see `predict`.
 
         Raises:
-            ValueError: As a call does.
+            ValueError: See `predict`.
         """
         sweep = network_sweep(at_kitti_height(sample), self._config.input)
         proposed = self._stages.propose(sweep)
@@ -123,10 +122,10 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
 
 
 def network_sweep(sample: CameraLidarSample, settings: SweepConfig) -> Sweep:
-    """A sample's sweep as a network sees it in use; warns as the predictor says.
+    """Prepare a sample's sweep for a network at inference; warn as `predict` does.
 
     Raises:
-        ValueError: As the predictor says.
+        ValueError: See `predict`.
     """
     shown = cut_to_view(sample, settings).points
     assert shown is not None, "checked when it was cut"

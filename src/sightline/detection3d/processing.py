@@ -1,8 +1,8 @@
-"""Steps before and after an exported 3D detector, as data for its files: docs/guides/export.md.
+"""Machine-readable pre- and postprocessing of an exported 3D detector: docs/guides/export.md.
 
-Every number that a program without Sightline needs for the compact stages (pillars, regions)
-stands here under a name. Of point networks the files hold classes and sweep settings alone: their
-inputs are searches (farthest points, neighbours) that numpy has not.
+It names every number that a program without Sightline needs for the compact stages (pillars,
+regions). For point networks it contains only classes and sweep settings: their inputs need searches
+(farthest points, neighbours) that numpy lacks.
 """
 
 from dataclasses import asdict
@@ -23,7 +23,7 @@ _PLAIN_INPUTS = "points and the indices that Sightline's searches find among the
 
 
 def first_processing(config: Detection3DConfig) -> dict[str, object]:
-    """Sweep, inputs, outputs and decoding of the first stage."""
+    """Describe sweep, inputs, outputs and decoding of the first stage."""
     common = _common(config)
     if config.pillars is None:
         return {**common, "design": "points", "inputs": _PLAIN_INPUTS}
@@ -71,7 +71,7 @@ def first_processing(config: Detection3DConfig) -> dict[str, object]:
 
 
 def second_processing(config: Detection3DConfig, *, regions_a_run: int) -> dict[str, object]:
-    """Regions, inputs, outputs, passes and suppression of the second stage."""
+    """Describe regions, inputs, outputs, passes and suppression of the second stage."""
     common = {
         **_common(config),
         "regions_a_run": regions_a_run,
@@ -120,7 +120,7 @@ def second_processing(config: Detection3DConfig, *, regions_a_run: int) -> dict[
 
 
 def _common(config: Detection3DConfig) -> dict[str, object]:
-    """Classes, and the sweep as both stages see it."""
+    """Describe the classes and the sweep of both stages."""
     return {
         "classes": [each.name for each in config.classes],
         "mean_sizes_m": [list(each.mean_size_m) for each in config.classes],
@@ -136,7 +136,7 @@ def _common(config: Detection3DConfig) -> dict[str, object]:
 
 
 def _pillar_channels(grid: PillarGridConfig) -> list[dict[str, str]]:
-    """Name, formula and unit of each channel."""
+    """List name, formula and unit of each channel."""
     slices = [grid.lowest_slice_m + number * grid.slice_m for number in range(grid.slices)]
     heights = [
         (f"point near {height_m:.2f} m", "max of 1 - |z - height| / slice_m, at least 0", "1")

@@ -1,15 +1,15 @@
-"""What a first stage gives for the frames of a data set, kept on disk for the second's training.
+"""Cache of a first stage's output for a data set, on disk, for training the second stage.
 
-A folder with a file for each frame, FRAME.safetensors, and the manifest `sightline.json`. A file
-holds
+The cache is a folder with the manifest `sightline.json` and a file for each frame,
+FRAME.safetensors. A file contains
 
-* points: float32, num_points x 4, the sweep as the first stage saw it,
-* features: float16, num_points x channels, what it gave each point,
-* boxes, classes, scores: float32 num x 7, int64, float32, the proposals as a training scores them,
-* training_boxes, training_classes, training_scores: the same as for training,
+* points: float32, num_points x 4, the first stage's input sweep,
+* features: float16, num_points x channels, the features of each point,
+* boxes, classes, scores: float32 num x 7, int64, float32, the proposals for scoring in training,
+* training_boxes, training_classes, training_scores: the same for training the second stage,
 
 and in its metadata, as JSON under "sightline", the version of this format, the identity of the
-first stage with its settings, and the digest of the frame's sweep as it was taken.
+first stage with its settings, and the digest of the frame's original sweep.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ _SETTINGS = ("input", "proposals", "training_proposals", "centers")
 
 
 def first_stage_identity(detector: Detector3D) -> str:
-    """A digest of the first stage's weights and of all settings that its proposals hang on."""
+    """Compute a digest of the first stage's weights and of all settings that affect proposals."""
     plain = plain_settings(detector.config)
     settings = {name: plain[name] for name in (*_SETTINGS, detector.first_name)}
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
@@ -53,10 +53,10 @@ def first_stage_identity(detector: Detector3D) -> str:
 
 
 def sweep_digest(sample: CameraLidarSample) -> str:
-    """Of a sample's sweep, by which data sets are told apart whose frames have the same names.
+    """Compute a digest of a sample's sweep, which separates data sets with the same frame names.
 
     Raises:
-        ValueError: It has none.
+        ValueError: The sample has no sweep.
     """
     if sample.points is None:
         raise ValueError(f"sample {sample.sample_id} has no sweep; give data with velodyne files")
@@ -74,16 +74,16 @@ def write_record(
     proposed: Proposed,
     training_proposed: Proposed,
 ) -> None:
-    """Writes a frame's file, whole or not at all.
+    """Write a frame's file atomically.
 
     Args:
-        folder: Of the cache.
-        sample: The frame as it was read.
+        folder: Folder of the cache.
+        sample: The original frame.
         made_by: See `first_stage_identity`.
-        points: As the first stage saw them.
-        features: What it gave them.
-        proposed: Its proposals for scoring.
-        training_proposed: Those for training.
+        points: Input of the first stage.
+        features: Features of these points.
+        proposed: Proposals for scoring.
+        training_proposed: Proposals for training.
     """
     columns = {"points": points, "features": features.half()}
     for start, given in (("", proposed), ("training_", training_proposed)):
@@ -99,15 +99,15 @@ def write_record(
 def read_record(
     folder: Path, sample: CameraLidarSample, *, training: bool
 ) -> tuple[Sweep, FirstStageRecord]:
-    """A frame's points and what the first stage gave for them.
+    """Read a frame's points and its first-stage output.
 
     Args:
-        folder: Of the cache.
-        sample: The frame as it was read.
+        folder: Folder of the cache.
+        sample: The original frame.
         training: Whether to take the proposals for training.
 
     Raises:
-        ValueError: The file is missing, damaged, of another version's format or of another sweep.
+        ValueError: The file is missing, damaged, in another version's format or of another sweep.
     """
     path = folder / f"{sample.sample_id}{SUFFIX}"
     if not path.is_file():
@@ -121,7 +121,7 @@ def read_record(
             found, made_by, sweep = (described[key] for key in ("format", "made_by", "sweep"))
         record = FirstStageRecord(made_by=made_by, features=features, **columns)
     except Exception as error:
-        # Damaged bytes, and another format's tensors, raise nearly anything.
+        # Damaged bytes, and tensors of another format, raise nearly any exception.
         reason = shortened(" ".join(str(error).split()), 160)
         raise FileError(path, f"is no frame of a proposal cache ({reason})", _REMEDY) from error
     if found != FORMAT:
@@ -134,10 +134,10 @@ def read_record(
 
 
 def check_made_by(record: FirstStageRecord, identity: str) -> None:
-    """Refuses what another first stage gave.
+    """Check that a record comes from the given first stage.
 
     Raises:
-        ValueError: It did.
+        ValueError: Another first stage made it.
     """
     if record.made_by != identity:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""What the first stage is trained to lower: points on objects, and the boxes that they tell."""
+"""Training losses of the point first stage: segmentation and boxes."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -23,11 +23,11 @@ class ProposalLossConfig:
     """Weights of the first stage's losses."""
 
     focal: FocalLossConfig = field(default_factory=FocalLossConfig)
-    """Of the segmentation."""
+    """Focal loss of the segmentation."""
     size_weight: float = 3.0
-    """Of the size against centre and heading."""
+    """Weight of the size loss relative to centre and heading."""
     ignored_margin_m: float = 0.2
-    """How far around boxes points count neither as on an object nor as off it."""
+    """Margin around boxes in which points are ignored."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -40,7 +40,7 @@ class ProposalLossConfig:
 
 
 class ProposalLosses(NamedTuple):
-    """Scalars; the parts before weighing."""
+    """Scalar losses; the parts are unweighted."""
 
     total: Float[Tensor, ""]
     """segmentation + center + heading + size_weight * size."""
@@ -58,14 +58,14 @@ def proposal_loss(
     network: ProposalNetworkConfig,
     config: ProposalLossConfig = ProposalLossConfig(),
 ) -> ProposalLosses:
-    """Loss of a batch: points on objects against all points, boxes against the labelled ones.
+    """Compute the loss of a batch: segmentation of all points, boxes of the foreground points.
 
     Args:
-        output: What the network gave for the points.
+        output: Output of the network.
         points: LiDAR frame [m].
         boxes: x, y, z, length, width, height, yaw of the labelled objects (LiDAR frame, metres,
-            radians); rows of zeros fill up frames with fewer.
-        box_classes: Their places among the network's classes, or IGNORED.
+            radians); rows of zeros pad frames with fewer.
+        box_classes: Indices of their classes in the network, or IGNORED.
         network: The network's settings.
         config: Weights.
 
@@ -88,14 +88,14 @@ def proposal_loss(
 
 
 class BoxCodeLosses(NamedTuple):
-    """Scalars, means over the points; the parts before weighing."""
+    """Scalar losses, means over the points; the parts are unweighted."""
 
     total: Float[Tensor, ""]
     """center + heading + size_weight * size."""
     center: Float[Tensor, ""]
-    """Bins and residuals along x and y, and the offset in z."""
+    """Loss of bins and residuals along x and y, and of the offset in z."""
     heading: Float[Tensor, ""]
-    """Bin and residual."""
+    """Loss of bin and residual."""
     size: Float[Tensor, ""]
 
 
@@ -106,11 +106,11 @@ def box_code_loss(
 
     The regression loss of Shi et al. 2019 (PointRCNN), section 3.1, with a weight on the size.
 
-    Over points on objects, which alone tell boxes. Without any all is 0, and so is the gradient.
+    Only foreground points take part. Without any, all losses and gradients are 0.
 
     Args:
-        prediction: Of the points on objects.
-        target: The boxes of these points.
+        prediction: Predictions of the foreground points.
+        target: Encoded boxes of these points.
         config: Weights.
     """
     center = (
@@ -135,6 +135,6 @@ def _bin_loss(scores: Float[Tensor, "n bins"], true_bin: Int64[Tensor, " n"]) ->
 def _residual_loss(
     predicted: Float[Tensor, "*shape"], target: Float[Tensor, "*shape"]
 ) -> Float[Tensor, ""]:
-    """Mean over what there is; 0 of nothing."""
+    """Mean smooth L1; 0 for empty tensors."""
     total = smooth_l1_loss(predicted, target.to(predicted.dtype), reduction="sum")
     return total / max(predicted.numel(), 1)

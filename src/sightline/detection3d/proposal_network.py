@@ -1,4 +1,4 @@
-"""The first stage's network: which points lie on objects, and the boxes that they tell."""
+"""Network of the point first stage: foreground segmentation, and a box for each point."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,18 +22,18 @@ from sightline.detection3d.point_layers import point_layers
 
 @dataclass(frozen=True, kw_only=True)
 class ProposalNetworkConfig:
-    """The first stage, as Shi et al. 2019 (PointRCNN) size it."""
+    """Settings of the first stage; sizes from Shi et al. 2019 (PointRCNN)."""
 
     classes: tuple[RoadUserClass, ...] = (CAR,)
-    """What is proposed."""
+    """Classes to propose."""
     backbone: PointBackboneConfig = field(default_factory=PointBackboneConfig)
-    """Gives each point its features."""
+    """Backbone for point features."""
     coding: BoxCodingConfig = field(default_factory=BoxCodingConfig)
-    """How points tell boxes."""
+    """Encoding of boxes relative to points."""
     head_width: int = 128
-    """Channels of the layer in each head."""
+    """Channels of each head's hidden layer."""
     dropout: float = 0.5
-    """Share of each head's channels that a training step leaves out."""
+    """Dropout rate in the heads."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -46,14 +46,14 @@ class ProposalNetworkConfig:
 
 
 class ProposalNetworkOutput(NamedTuple):
-    """What the first stage gives for each point."""
+    """Output of the first stage for each point."""
 
     features: Float[Tensor, "batch num_points channels"]
-    """The backbone's, which the second stage pools."""
+    """Features of the backbone, which the second stage pools."""
     class_logits: Float[Tensor, "batch num_points num_classes"]
-    """That the point lies on an object of the class, before the sigmoid."""
+    """Logits that the point lies on an object of the class."""
     box_values: Float[Tensor, "batch num_points box_channels"]
-    """The box that it tells, as `box_coding.split_prediction` parts it."""
+    """Encoded box of the point; see `box_coding.split_prediction`."""
 
 
 class ProposalNetwork(nn.Module):
@@ -75,26 +75,26 @@ class ProposalNetwork(nn.Module):
         features: Float[Tensor, "batch num_points in_channels"],
         found: Mapping[str, Tensor] | None = None,
     ) -> ProposalNetworkOutput:
-        """Of sweeps with any number of points, one at least (LiDAR frame [m]).
+        """Compute features, class logits and box values; each sweep needs at least one point.
 
         Args:
-            points: x, y, z.
-            features: What each point has besides.
-            found: As the backbone's `find` gives it. None: it is found now.
+            points: x, y, z (LiDAR frame [m]).
+            features: Further features of each point.
+            found: Output of the backbone's `find`. None: it is computed here.
         """
         seen = self.backbone(points, features, found)
         return ProposalNetworkOutput(seen, self.class_head(seen), self.box_head(seen))
 
 
 class ToldBoxes(NamedTuple):
-    """The box that each point tells, if it lies on an object."""
+    """Decoded box of each point, in case it lies on an object."""
 
     boxes: Float[Tensor, "batch num_points 7"]
     """x, y, z, length, width, height, yaw (LiDAR frame, metres, radians)."""
     classes: Int64[Tensor, "batch num_points"]
-    """The likeliest of the network's classes."""
+    """Indices of the most likely classes."""
     scores: Float[Tensor, "batch num_points"]
-    """How sure it is that the point lies on an object of that class, 0 to 1."""
+    """Probability that the point lies on an object of that class."""
 
 
 def tell_boxes(
@@ -102,7 +102,7 @@ def tell_boxes(
     points: Float[Tensor, "batch num_points 3"],
     config: ProposalNetworkConfig,
 ) -> ToldBoxes:
-    """Decodes what the network gave for points [m]."""
+    """Decode the network's output for points [m]."""
     scores, classes = output.class_logits.sigmoid().max(dim=2)
     mean_sizes = points.new_tensor([entry.mean_size_m for entry in config.classes])
     code = likeliest_code(split_prediction(output.box_values.flatten(0, 1), config.coding))

@@ -1,6 +1,6 @@
-"""How many labelled objects the first stage finds, while it trains.
+"""Recall of labelled objects by the first stage's proposals, during training.
 
-Result files are scored by `sightline.evaluation.kitti_object_proposals`, by KITTI's difficulties.
+`sightline.evaluation.kitti_object_proposals` scores result files by KITTI's difficulties.
 """
 
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ def find_recalled(
     *,
     min_iou: float = 0.5,
 ) -> Bool[Tensor, " num_truths"]:
-    """Which objects a proposal overlaps by `min_iou` in 3D or more.
+    """Mask of the objects that a proposal overlaps by at least `min_iou` in 3D.
 
-    One proposal may find several objects. Boxes are x, y, z, length, width, height, yaw (LiDAR
-    frame, metres, radians); those without volume overlap nothing.
+    One proposal may match several objects. Boxes are x, y, z, length, width, height, yaw (LiDAR
+    frame, metres, radians); boxes without volume overlap nothing.
 
     Raises:
         ValueError: A box is not finite or has a negative size, or `min_iou` is not above 0 and up
@@ -36,22 +36,22 @@ def find_recalled(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ProposalRecall:
-    """Recall over frames, each share from 0 to 1 and 0 where nothing is counted."""
+    """Recall over frames, each from 0 to 1; 0 where nothing is counted."""
 
     num_found: tuple[int, ...]
-    """Objects found in each frame."""
+    """Number of recalled objects in each frame."""
     num_truths: tuple[int, ...]
-    """Objects of each frame."""
+    """Number of objects in each frame."""
 
     def __post_init__(self) -> None:
-        """Checks that the counts belong together."""
+        """Checks that the counts match."""
         pairs = tuple(zip(self.num_found, self.num_truths, strict=True))
         if any(not 0 <= found <= truths for found, truths in pairs):
             raise ValueError(f"a frame cannot have more objects found than objects, got {pairs}")
 
     @property
     def recall(self) -> float:
-        """Objects found over all objects."""
+        """Recalled objects over all objects."""
         return sum(self.num_found) / max(sum(self.num_truths), 1)
 
     @property
@@ -61,7 +61,7 @@ class ProposalRecall:
 
     @property
     def recall_all_frames(self) -> float:
-        """Mean of the frames' recalls, over all frames: without objects it is 0."""
+        """Mean of the frames' recalls over all frames; a frame without objects counts 0."""
         return self._total / max(len(self.num_truths), 1)
 
     @property

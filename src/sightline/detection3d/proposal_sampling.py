@@ -1,4 +1,4 @@
-"""Which proposals the second stage trains on: so many of a frame, foreground and background."""
+"""Sampling of foreground and background proposals to train the second stage."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,16 +13,16 @@ from sightline.ops.rotated_iou import pairwise_iou_3d
 
 @dataclass(frozen=True, kw_only=True)
 class ProposalSamplingConfig:
-    """How a frame's proposals are drawn for training."""
+    """Settings for sampling a frame's proposals."""
 
     num_samples: int = 64
-    """Of a frame."""
+    """Number of samples for each frame."""
     max_foreground: int = 32
-    """Foreground samples of a frame that has background, too."""
+    """Largest number of foreground samples, if the frame also has background."""
     foreground_iou: float = 0.55
     """3D IoU from which a proposal is foreground."""
     background_iou: float = 0.45
-    """3D IoU below which it is background; between the two it is neither."""
+    """3D IoU below which a proposal is background; between the two it is unused."""
     easy_iou: float = 0.05
     """3D IoU below which background is easy."""
 
@@ -41,12 +41,12 @@ class ProposalSamplingConfig:
 
 
 class ProposalSamples(NamedTuple):
-    """Proposals to train on with their objects: foreground first, then easy, then hard."""
+    """Sampled proposals with their objects: foreground first, then easy, then hard background."""
 
     proposal: Int64[Tensor, " num_samples"]
-    """Places among all proposals; some may come several times."""
+    """Indices into all proposals; some may occur several times."""
     boxes: Float[Tensor, "num_samples 7"]
-    """Of the assigned objects; zeros in a frame without any."""
+    """Boxes of the assigned objects; zeros in a frame without objects."""
     iou: Float64[Tensor, " num_samples"]
     """3D IoU of proposal and object."""
 
@@ -58,26 +58,26 @@ def sample_proposals(
     *,
     generator: torch.Generator,
 ) -> ProposalSamples:
-    """Draws exactly `num_samples` proposals of a frame; none where there is no proposal.
+    """Draw exactly `num_samples` proposals of a frame; none if there are no proposals.
 
-    Each proposal takes the object of highest IoU (`assign_truths`) and is foreground or background
-    by that IoU. Besides, the best proposal of each object (IoU above 0, the first of several) is
-    foreground with that object: a sample more, unless that pair is foreground already; it is
-    not background with the same object, too.
+    Each proposal is assigned the object of highest IoU (`assign_truths`) and is foreground or
+    background by that IoU. In addition, the best proposal of each object (IoU above 0, the first of
+    several) is foreground with that object: this adds a sample unless the pair is foreground
+    already, and the pair is not background as well.
 
-    - Foreground alone, or background alone, fills all samples.
-    - Of both, up to `max_foreground` are foreground and the rest background.
-    - Background is half easy and half hard where there are both; the odd one is easy.
+    - If all are foreground, or all background, they fill all samples.
+    - Otherwise up to `max_foreground` are foreground and the rest is background.
+    - Background is half easy and half hard if both exist; an odd one is easy.
 
-    Where a share is smaller than what there is, it is drawn without repetition; where it is larger,
-    all are taken and the rest is drawn with repetition. Background by IoU must be drawn with its
-    own share for the sake of the confidence: most proposals of a street lie on nothing.
+    If a share is smaller than its pool, it is drawn without repetition; otherwise the whole pool is
+    taken and the rest is drawn with repetition. Background has its own share for the sake of the
+    confidence: most proposals of a street lie on nothing.
 
     Args:
         proposals: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
         truths: The labelled objects' boxes.
         config: Shares and IoUs.
-        generator: What is drawn comes from it; on the CPU.
+        generator: Source of all randomness; on the CPU.
 
     Raises:
         ValueError: A box is not finite or has a negative size.
@@ -111,7 +111,7 @@ def sample_proposals(
 def _best_proposals(
     iou: Float64[Tensor, "num_proposals num_truths"],
 ) -> Int64[Tensor, "num_found 2"]:
-    """Places of proposal and object, for each object that a proposal overlaps."""
+    """Indices of the best proposal and the object, for each overlapped object."""
     if iou.shape[0] == 0:
         return torch.zeros((0, 2), dtype=torch.int64, device=iou.device)
     truth = (iou.amax(dim=0) > 0).nonzero()[:, 0]
@@ -142,7 +142,7 @@ def _with_extras(
 def _shares(
     foreground: int, easy: int, hard: int, config: ProposalSamplingConfig
 ) -> tuple[int, int, int]:
-    """How many samples are drawn from each pool, by how many it holds."""
+    """Compute the number of samples from each pool, given the pools' sizes."""
     if foreground + easy + hard == 0:
         return 0, 0, 0
     if easy + hard == 0:
@@ -158,7 +158,7 @@ def _shares(
 def _draw(
     pool: Int64[Tensor, " pool"], count: int, generator: torch.Generator
 ) -> Int64[Tensor, " {count}"]:
-    """So many of a pool that is not empty."""
+    """Draw `count` entries of a pool that is not empty."""
     if len(pool) >= count:
         chosen = torch.randperm(len(pool), generator=generator)[:count]
         return pool[chosen.to(pool.device)]

@@ -1,4 +1,4 @@
-"""Which of the boxes that points tell go on to the second stage."""
+"""Selection of proposals for the second stage among the points' boxes."""
 
 import math
 from dataclasses import dataclass
@@ -10,24 +10,24 @@ from torch import Tensor
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.nms import nms_bev
 
-_MOST_PAIRS = 2**25  # of boxes whose overlap is taken, which takes a few seconds
+_MOST_PAIRS = 2**25  # pairs of boxes for the IoU, which takes a few seconds
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProposalConfig:
-    """How boxes become proposals: Shi et al. 2019 (PointRCNN), section 3.1, at test time."""
+    """Settings for proposals: Shi et al. 2019 (PointRCNN), section 3.1, at test time."""
 
     num_proposals: int = 100
-    """Of a sweep, at most."""
+    """Largest number of proposals for a sweep."""
     num_candidates: int = 9000
-    """Boxes of the highest scores that are looked at."""
+    """Number of boxes with the highest scores that are considered."""
     iou: float = 0.8
-    """A box is left out if its IoU from above with a surer one is greater."""
+    """IoU from above beyond which a box with a lower score is removed."""
     near_m: float = 40.0
-    """Up to this distance from the sensor a box is near."""
+    """Largest distance from the sensor of a near box."""
     near_share: float = 0.7
-    """Share of candidates and of proposals that are near: far cars have few points, and would
-    otherwise be crowded out."""
+    """Share of near boxes among candidates and proposals: far cars have few points, and near ones
+    would otherwise crowd them out."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -50,7 +50,7 @@ class ProposalConfig:
 
 
 TRAINING_PROPOSALS = ProposalConfig(num_proposals=512, iou=0.85)
-"""As its published code has it for the second stage's training; the paper keeps 300."""
+"""Settings of the published code for the second stage's training; the paper keeps 300."""
 
 
 def choose_proposals(
@@ -58,18 +58,18 @@ def choose_proposals(
     scores: Float[Tensor, " num_boxes"],
     config: ProposalConfig = ProposalConfig(),
 ) -> Int64[Tensor, " num_proposals"]:
-    """Places of the proposals among a sweep's boxes: the near ones best first, then the far ones.
+    """Select proposals: indices of the near boxes by descending score, then of the far ones.
 
-    Near and far are each brought down to their share of candidates by score, then thinned out by
-    non-maximum suppression from above, then cut to their share of proposals. Where nothing is far,
-    or nothing near, the other takes both shares.
+    Near and far boxes are each limited to their share of candidates by score, then thinned by
+    non-maximum suppression from above, then limited to their share of proposals. If there are no
+    far boxes, or no near ones, the other group takes both shares.
 
-    Departure: distance is taken over the ground from the sensor, not along its axis, and there is
-    no farthest one.
+    Departure: distance is measured over the ground from the sensor, not along its axis, and has no
+    limit.
 
     Args:
         boxes: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
-        scores: Higher is surer.
+        scores: Score of each box.
         config: Numbers.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What the second stage is trained to lower: boxes as they are, and confidence."""
+"""Training losses of the plain second stage: boxes and confidence."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,16 +11,16 @@ from torch.nn.functional import binary_cross_entropy_with_logits, smooth_l1_loss
 
 @dataclass(frozen=True, kw_only=True)
 class RefinementLossConfig:
-    """Which proposals count, and how much the size does."""
+    """IoU thresholds and the weight of the size."""
 
     foreground_iou: float = 0.55
     """3D IoU from which a proposal's box is trained."""
     size_weight: float = 3.0
     """Weight of the size in the sum of the box's parts."""
     positive_iou: float = 0.6
-    """3D IoU from which a proposal is an object to the confidence."""
+    """3D IoU from which a proposal is positive for the confidence."""
     negative_iou: float = 0.45
-    """3D IoU up to which it is none; between the two it is left out."""
+    """3D IoU up to which a proposal is negative; between the two it is unused."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -36,7 +36,7 @@ class RefinementLossConfig:
 
 
 class BoxLosses(NamedTuple):
-    """Scalars; the parts before weighing."""
+    """Scalar losses; the parts are unweighted."""
 
     total: Float[Tensor, ""]
     """location + size_weight * size + rotation."""
@@ -54,10 +54,10 @@ def box_loss(
     """Smooth L1 (Girshick 2015, beta 1) of foreground boxes: the mean of each part.
 
     Boxes are x, y, z, length, width, height, yaw. Yaws are compared as numbers: two that differ by
-    a turn count as different. Without foreground all is 0, and so is the gradient.
+    a full turn count as different. Without foreground, all losses and gradients are 0.
 
     Args:
-        predicted: What the network gave.
+        predicted: Output of the network.
         target: The assigned objects' boxes.
         iou: 3D IoU of proposal and object.
         config: Threshold and weight.
@@ -76,12 +76,12 @@ def confidence_loss(
     iou: Float[Tensor, " num_samples"],
     config: RefinementLossConfig = RefinementLossConfig(),
 ) -> Float[Tensor, ""]:
-    """Mean binary cross entropy: 1 where the IoU is high enough, 0 where it is low enough.
+    """Mean binary cross entropy: target 1 for a high enough IoU, 0 for a low enough one.
 
-    Proposals between are left out; where all are, it is 0, and so is the gradient.
+    Proposals in between are unused; if all are, loss and gradient are 0.
 
     Args:
-        logits: What the network gave, before the sigmoid.
+        logits: Output of the network.
         iou: 3D IoU of proposal and assigned object.
         config: Thresholds.
     """

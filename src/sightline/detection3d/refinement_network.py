@@ -1,4 +1,4 @@
-"""The second stage's network: a box and its confidence from the points of a region of interest."""
+"""Network of the plain second stage: a box and its confidence from the points of a region."""
 
 from collections.abc import Mapping
 from typing import NamedTuple, cast
@@ -15,10 +15,10 @@ _BOX_VALUES = 7
 
 
 class RefinementOutput(NamedTuple):
-    """What the second stage gives for each region of interest."""
+    """Output of the second stage for each region of interest."""
 
     boxes: Float[Tensor, "num_rois 7"]
-    """x, y, z, length, width, height, yaw, as its points are given: metres, radians."""
+    """x, y, z, length, width, height, yaw in the frame of the points: metres, radians."""
     logits: Float[Tensor, " num_rois"]
     """Confidence before the sigmoid."""
 
@@ -26,8 +26,8 @@ class RefinementOutput(NamedTuple):
 class RefinementNetwork(nn.Module):
     """Set abstractions down to one vector for each region, and two heads.
 
-    After Shi et al. 2019 (PointRCNN), section 3.3, in its plainest form: the points come in the
-    frame of the sweep, boxes are regressed as they are, the proposal itself is not seen.
+    After Shi et al. 2019 (PointRCNN), section 3.3, in its plainest form: the points are in the
+    frame of the sweep, boxes are regressed in absolute values, the proposal itself is not an input.
     """
 
     def __init__(self, config: RefinementConfig) -> None:
@@ -47,12 +47,12 @@ class RefinementNetwork(nn.Module):
         features: Float[Tensor, "num_rois roi_points channels"],
         found: Mapping[str, Tensor] | None = None,
     ) -> RefinementOutput:
-        """A box and a logit for each region; no regions give none.
+        """Compute a box and a logit for each region; the number of regions may be 0.
 
         Args:
-            points: Of the regions [m].
-            features: Of these.
-            found: As `find` gives it. None: it is found now.
+            points: Points of the regions [m].
+            features: Features of these points.
+            found: Output of `find`. None: it is computed here.
         """
         if found is None:
             found = self.find(points)
@@ -63,7 +63,7 @@ class RefinementNetwork(nn.Module):
         return RefinementOutput(self.box_head(region), self.confidence_head(region)[:, 0])
 
     def find(self, points: Float[Tensor, "num_rois roi_points 3"]) -> dict[str, Tensor]:
-        """Which points each level takes and looks at, as `forward` wants it."""
+        """Find each level's centres and neighbours, as `forward` takes them."""
         return find_groupings(points, cast("list[SetAbstraction]", list(self.levels)))[0]
 
 

@@ -1,8 +1,8 @@
-"""Boxes as changes of a proposal, told in its frame: the compact second stage's regression.
+"""Box residuals in the proposal's frame: the compact second stage's regression.
 
-The centre moves by shares of the proposal's sizes, the sizes by logarithms, and the heading's axis
-by sine and cosine of twice the turn, so that a turn has one code however it is wrapped. Whether the
-front is where the proposal has it is told apart: a logit, not an angle.
+Centre offsets are shares of the proposal's sizes, sizes are logarithms, and the axis of the heading
+is the sine and cosine of twice the turn, so that a turn has one code however it is wrapped. A
+separate logit, not an angle, decides whether the front stays at the proposal's end.
 """
 
 import math
@@ -15,15 +15,15 @@ from torch import Tensor
 from sightline.geometry.transforms import wrap_angle
 
 REGION_VALUES: Final = 8
-"""Of each region: centre (3), sizes (3), sine and cosine less 1 of twice the axis's turn."""
-CODE_STEP: Final = 0.15  # a change of so much of the size, or by its exponential, has the code 1
-LARGEST_CODE: Final = 5.0  # of sizes: within a factor of 2.1 of the proposal's
+"""Number of values for each region: centre (3), sizes (3), sine, and cosine - 1, of 2 x turn."""
+CODE_STEP: Final = 0.15  # offset over size, or log size ratio, with code 1
+LARGEST_CODE: Final = 5.0  # size limit: a factor of 2.1 from the proposal
 
 
 def encode_regions(
     boxes: Float[Tensor, "n 7"], proposals: Float[Tensor, "n 7"]
 ) -> Float[Tensor, "n 8"]:
-    """Each box as a change of its proposal; the front apart: `keeps_front`.
+    """Encode each box relative to its proposal, without the front: `keeps_front`.
 
     Both are x, y, z, length, width, height, yaw (one frame, metres, radians).
     """
@@ -41,12 +41,12 @@ def encode_regions(
 
 
 def turn_regions(values: Float[Tensor, "n 8"]) -> Float[Tensor, "n 8"]:
-    """The code of each change if its proposal had its front at its other end."""
+    """Convert codes to those for proposals turned by half a turn."""
     return values * values.new_tensor([-1, -1, 1, 1, 1, 1, 1, 1])
 
 
 def keeps_front(boxes: Float[Tensor, "n 7"], proposals: Float[Tensor, "n 7"]) -> Bool[Tensor, " n"]:
-    """Whether a box's front is at that end of the axis that is nearer to the proposal's front."""
+    """Mask of the boxes whose front is at the end nearer to the proposal's front."""
     return (boxes[:, 6] - proposals[:, 6]).cos() >= 0
 
 
@@ -55,9 +55,9 @@ def decode_regions(
     is_front_kept: Bool[Tensor, " n"],
     proposals: Float[Tensor, "n 7"],
 ) -> Float[Tensor, "n 7"]:
-    """The changed boxes; `encode_regions` the other way round. Yaws are in [-pi, pi).
+    """Decode boxes: the inverse of `encode_regions`. Yaws are in [-pi, pi).
 
-    Zeros leave a proposal as it is. A size changes by no more than a factor of 2.1.
+    Zeros leave a proposal unchanged. A size changes by at most a factor of 2.1.
     """
     forwards, leftwards, up = (CODE_STEP * proposals[:, 3:6] * values[:, :3]).unbind(dim=1)
     cos, sin = proposals[:, 6].cos(), proposals[:, 6].sin()

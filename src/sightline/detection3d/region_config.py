@@ -1,10 +1,11 @@
-"""Settings of the compact second stage: what it sees of a region, and by which network."""
+"""Settings of the compact second stage: its regions and its network."""
 
 from dataclasses import dataclass
 
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
 
-# Bounds of what costs time or memory but adds no weights: a file of them may come from anywhere.
+# Bounds on settings that cost time or memory but add no weights: weights files may come from
+# anywhere.
 _MOST_PASSES = 10
 _MOST_POINTS = 2**14
 _LARGEST_MARGIN_M = 100.0
@@ -15,29 +16,30 @@ class RegionConfig:
     """The compact second stage: one small point network for the regions of all classes."""
 
     classes: tuple[RoadUserClass, ...] = (CAR, PEDESTRIAN, CYCLIST)
-    """What the first stage finds, in its order."""
+    """Classes of the first stage, in its order."""
     margin_m: tuple[float, float, float] = (0.8, 0.6, 0.4)
-    """How far a region reaches beyond its box in length, width and height, at either end."""
+    """Margin of a region beyond its box in length, width and height, at either end."""
     num_points: int = 192
-    """Drawn of each region."""
+    """Number of points drawn for each region."""
     in_channels: int = 0
-    """Features of each point besides its place: reflectance, mask, or another network's."""
+    """Features of each point besides its coordinates: reflectance, mask, or another network's."""
     point_widths: tuple[int, ...] = (64, 96)
-    """Layers that each point goes through by itself."""
+    """Layers applied to each point separately."""
     region_width: int = 192
-    """Of the layer that each point goes through with what the region's points have in common."""
+    """Width of the layer applied to each point together with the region's pooled features."""
     head_widths: tuple[int, ...] = (192, 128)
-    """Layers of the head before its last."""
+    """Hidden layers of the head."""
     canonical: bool = True
-    """Whether points are told in the proposal's frame, with the distances to its faces; else in the
-    sweep's."""
+    """Whether points are in the proposal's frame, with the distances to its faces; else they are in
+    the sweep's frame."""
     passes: int = 2
-    """How often boxes are changed; each pass sees the points around the boxes of the one before."""
+    """Number of passes; each pass uses the points around the boxes of the one before."""
     mean_with_first: tuple[str, ...] = ()
-    """Of these classes the mean of what the first pass and the last give is answered
-    (`mean_answer`): the first still holds some of what the first stage knew. Of others the last."""
+    """Classes for which the result is the mean of the first and last pass (`mean_answer`), because
+    the first is closer to the first stage's boxes. Other classes use the last pass."""
     quality_share: float = 0.5
-    """Share of the last quality in the score, a product of powers; the proposal has the rest."""
+    """Exponent of the last quality in the score; the exponent of the proposal's score is 1 less
+    this."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -71,15 +73,15 @@ class RegionConfig:
 
     @property
     def point_channels(self) -> int:
-        """Of what a point of a region tells."""
+        """Number of channels of a region's point."""
         return (9 if self.canonical else 3) + self.in_channels
 
     @property
     def numbers(self) -> int:
-        """That its largest layer gives for a region."""
+        """Number of values in the largest layer's output for a region."""
         return self.num_points * max(self.point_channels, *self.point_widths, self.region_width)
 
     @property
     def context_channels(self) -> int:
-        """Of what a region tells as a whole."""
+        """Number of channels of a region's context."""
         return 7 + len(self.classes)

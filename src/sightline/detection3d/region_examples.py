@@ -1,8 +1,8 @@
-"""Proposals that the compact second stage is trained on: moved truths, and places without objects.
+"""Training proposals of the compact second stage: moved ground truths, and background.
 
-Proposals of a first stage on its own training frames are better than any it will make elsewhere, so
-that a second stage trained on them alone learns to leave them as they are. Truths moved at random
-are as wrong as one asks for.
+A first stage's proposals on its own training frames are better than elsewhere, so a second stage
+trained on them alone learns to leave them unchanged. Randomly moved ground truths have errors of
+any chosen size.
 """
 
 import math
@@ -24,34 +24,35 @@ from sightline.ops.rotated_iou import pairwise_iou_bev
 
 @dataclass(frozen=True, kw_only=True)
 class RegionExamplesConfig:
-    """How many examples a sweep gives, and how far they are from the truth (deviations)."""
+    """Number of examples for each sweep, and their errors (standard deviations)."""
 
     num_objects: int = 24
-    """Moved truths."""
+    """Number of moved ground truths."""
     num_background: int = 8
-    """Places without an object."""
+    """Number of boxes without an object."""
     num_proposals: int = 8
-    """Of the first stage's, if there are any, on objects and off them as they come."""
+    """Number of first-stage proposals, if there are any, on objects or background alike."""
     center_share: float = 0.07
-    """Move along x and along y, of the root of length times width."""
+    """Shift along x and along y, as a share of sqrt(length x width)."""
     least_center_m: float = 0.08
-    """But at least so far."""
+    """Smallest standard deviation of the shift along x and along y."""
     height_share: float = 0.065
-    """Move along z, of the height."""
+    """Shift along z, as a share of the height."""
     log_sizes: tuple[float, float, float] = (0.06, 0.04, 0.05)
-    """Change of the logarithms of length, width and height."""
+    """Changes of the logarithms of length, width and height."""
     yaw_rad: float = 0.06
-    """Turn."""
+    """Rotation."""
     doubled_share: float = 0.3
-    """So many are moved, resized and turned twice as far."""
+    """Share of boxes with doubled shift, size change and rotation."""
     reversed_share: float = 0.15
-    """So many face backwards."""
+    """Share of boxes that are turned to face backwards."""
     proposal_factor: float = 0.5
-    """First-stage proposals are changed by so much of all that."""
+    """Factor on these errors for first-stage proposals."""
     min_iou: float = 0.2
-    """IoU from above with an object from which a first-stage proposal is on it."""
+    """IoU from above with an object from which a first-stage proposal is matched to it."""
     max_background_iou: float = 0.02
-    """IoU from above with objects of its class, and those ignored for it, up to which it is off."""
+    """Largest IoU from above of a background proposal with objects of its class and with those
+    ignored for it."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -76,14 +77,14 @@ class RegionExamplesConfig:
 
 
 class RegionExamples(NamedTuple):
-    """Proposals of a sweep with their truth; boxes are x, y, z, length, width, height, yaw."""
+    """Proposals of a sweep with ground truth; boxes are x, y, z, length, width, height, yaw."""
 
     proposals: Float64[Tensor, "num_examples 7"]
-    """LiDAR frame, metres and radians."""
+    """Boxes in the LiDAR frame, metres and radians."""
     classes: Int64[Tensor, " num_examples"]
-    """What the first stage took them for: places among the classes."""
+    """First stage's classes: indices into the classes."""
     truths: Float64[Tensor, "num_examples 7"]
-    """Of their objects; the proposal itself where there is none."""
+    """Boxes of their objects; the proposal itself where there is none."""
     is_object: Bool[Tensor, " num_examples"]
 
 
@@ -96,20 +97,21 @@ def region_examples(
     *,
     found: FoundBoxes | None = None,
 ) -> RegionExamples:
-    """Draws examples of a sweep: moved truths, then background, then first-stage proposals.
+    """Draw examples of a sweep: moved ground truths, then background, then first-stage proposals.
 
-    A frame without objects gives no moved truths. Background is a box of a random class's mean
-    sizes around a random point, wherever it is clear of all objects, ignored ones too: some of the
-    wanted number may fall away. So do proposals that are neither on an object of their class nor
-    off all of them and of those ignored for it; on an object of another class they are background.
+    A frame without objects gives no moved ground truths. Background is a box with a random class's
+    mean sizes around a random point, away from all objects, also ignored ones; so there may be
+    fewer than requested. Proposals are dropped if they neither match an object of their class nor
+    are clear of all such objects and of those ignored for it; on an object of another class they
+    are background.
 
     Args:
-        scene: The sweep's truth.
+        scene: Ground truth of the sweep.
         points: LiDAR frame [m].
-        classes: What is looked for.
-        rng: Where all randomness comes from.
+        classes: Classes of the stage.
+        rng: Source of all randomness.
         config: Numbers and deviations.
-        found: What the first stage found in the sweep.
+        found: Detections of the first stage in the sweep.
     """
     parts = [
         _moved_truths(scene, rng, config),
@@ -141,7 +143,7 @@ def _background(
     chosen = torch.from_numpy(rng.integers(max(len(points), 1), size=number))
     kind = torch.from_numpy(rng.integers(len(classes), size=number))
     sizes = torch.tensor([entry.mean_size_m for entry in classes], dtype=torch.float64)[kind]
-    inside = torch.from_numpy(rng.uniform(-0.5, 0.5, (number, 3)))  # where the point is in the box
+    inside = torch.from_numpy(rng.uniform(-0.5, 0.5, (number, 3)))  # the point's place in the box
     yaw = torch.from_numpy(rng.uniform(-math.pi, math.pi, (number, 1)))
     rotation = yaw_rotation(yaw[:, 0])
     offset = (rotation @ (inside * sizes)[:, :, None])[:, :, 0]
@@ -185,7 +187,7 @@ def _moved(
     rng: np.random.Generator,
     config: RegionExamplesConfig,
 ) -> Float64[Tensor, "n 7"]:
-    """Boxes moved, resized and turned at random, some twice as far, some backwards."""
+    """Shift, resize and rotate boxes at random, some doubly, some backwards."""
     number = len(boxes)
     reach = factor * (1 + torch.from_numpy(rng.random(number) < config.doubled_share).double())
     is_reversed = torch.from_numpy(rng.random(number) < config.reversed_share)

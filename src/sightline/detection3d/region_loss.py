@@ -1,4 +1,4 @@
-"""What the compact second stage is trained to lower: boxes, fronts and qualities."""
+"""Training losses of the compact second stage: boxes, fronts and qualities."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,17 +20,17 @@ class RegionLossConfig:
     """Weights of the second stage's losses."""
 
     value_weight: float = 1.0
-    """Of the change's code."""
+    """Weight of the loss on the box code."""
     corner_weight: float = 4.0
-    """Of the corners' distances; 0: without them."""
+    """Weight of the corner loss; 0: no corner loss."""
     front_weight: float = 1.0
-    """Of the front."""
+    """Weight of the loss on the front."""
     quality_weight: float = 0.5
-    """Of the predicted IoU."""
+    """Weight of the loss on the predicted IoU."""
     knee: float = 0.25
-    """Where the squares of the code's errors become lines."""
+    """Error of the code where the loss changes from quadratic to linear."""
     corner_knee_m: float = 0.05
-    """The same of the corners' distances."""
+    """The same knee for the corner loss."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -45,7 +45,7 @@ class RegionLossConfig:
 
 
 class RegionLosses(NamedTuple):
-    """Scalars; the parts before weighing."""
+    """Scalar losses; the parts are unweighted."""
 
     total: Float[Tensor, ""]
     values: Float[Tensor, ""]
@@ -61,17 +61,17 @@ def region_loss(
     is_object: Bool[Tensor, " num_regions"],
     config: RegionLossConfig = RegionLossConfig(),
 ) -> RegionLosses:
-    """Loss of regions: changes of those on objects, means over them, and qualities of all.
+    """Compute the loss of regions: box changes of those on objects (mean), and qualities of all.
 
-    The quality is asked for by the IoU of the box as it is changed now (soft labels), 0 where there
-    is no object; it teaches the boxes nothing. Without objects the other parts are 0, and so is
-    their gradient; without regions all is.
+    The quality target is the IoU of the currently decoded box (soft label), and 0 without an
+    object; it has no gradient for the boxes. Without objects, the other losses and their gradients
+    are 0; without regions, all are.
 
     Args:
-        output: What the network gave.
-        proposals: The boxes whose regions it saw: x, y, z, length, width, height, yaw.
-        truths: The objects' boxes; anything where there is none.
-        is_object: Which regions have an object.
+        output: Output of the network.
+        proposals: Boxes of the regions: x, y, z, length, width, height, yaw.
+        truths: The objects' boxes; any values where there is none.
+        is_object: Mask of the regions with an object.
         config: Weights.
     """
     values, proposed = output.values[is_object], proposals[is_object].to(output.values.dtype)

@@ -1,4 +1,4 @@
-"""The compact second stage's network: how a proposal's points say that it should be changed."""
+"""Network of the compact second stage: from a proposal's points to the change of its box."""
 
 from typing import NamedTuple
 
@@ -11,28 +11,28 @@ from sightline.detection3d.region_config import RegionConfig
 
 
 class RegionOutput(NamedTuple):
-    """What the second stage gives for each region."""
+    """Output of the second stage for each region."""
 
     values: Float[Tensor, "num_regions 8"]
-    """The change of the box, as `region_coding` tells it."""
+    """Change of the box; see `region_coding`."""
     front_logits: Float[Tensor, " num_regions"]
-    """That the front is where the proposal has it, before the sigmoid."""
+    """Logit that the front stays at the proposal's end."""
     quality_logits: Float[Tensor, " num_regions"]
-    """How good the changed box is (`quality`), before the sigmoid."""
+    """Logit of the quality of the changed box (`quality`)."""
 
 
 class RegionNetwork(nn.Module):
-    """Layers for each point, their maxima told to each point again, and one head.
+    """Layers for each point, with their maxima fed back to each point, and one head.
 
-    A PointNet (Qi et al. 2017) with the maxima in between as in its segmentation network. Layer
-    norms keep it the same for one region or many. At first it changes nothing.
+    It is a PointNet (Qi et al. 2017) with the maxima in between, as in its segmentation network.
+    Layer norms make the result independent of the number of regions. Initially it changes nothing.
     """
 
     def __init__(self, config: RegionConfig) -> None:
         super().__init__()
         self.point_layers = _layers(config.point_channels, config.point_widths)
         last = config.point_widths[-1]
-        # one layer for what a point tells and what is common: the latter once for each region
+        # one layer for own and pooled features: the pooled part once for each region
         self.own_part = nn.Linear(last, config.region_width)
         self.common_part = nn.Linear(last, config.region_width, bias=False)
         self.activate = nn.Sequential(nn.LayerNorm(config.region_width), nn.ReLU(inplace=True))
@@ -46,7 +46,7 @@ class RegionNetwork(nn.Module):
         points: Float[Tensor, "num_regions roi_points point_channels"],
         context: Float[Tensor, "num_regions context_channels"],
     ) -> RegionOutput:
-        """A change for each region, given as `regions.CutRegions` has it; no regions give none."""
+        """Compute a change for each region of `regions.CutRegions`; there may be none."""
         own = self.point_layers(points)
         common = self.common_part(own.amax(dim=1, keepdim=True))
         region = self.activate(self.own_part(own) + common).amax(dim=1)

@@ -1,4 +1,4 @@
-"""The compact second stage: proposals changed by what their points tell in their own frames."""
+"""Compact second stage: refine proposals from their points in their own frames."""
 
 import numpy as np
 import torch
@@ -19,7 +19,7 @@ from sightline.detection3d.targets import SweepTruth
 
 
 class RegionStage(nn.Module):
-    """A `SecondStage`: `RegionNetwork` on what `cut_regions` draws."""
+    """`SecondStage`: `RegionNetwork` on the output of `cut_regions`."""
 
     output_type = RegionOutput
     views = REGION_VIEWS
@@ -36,12 +36,12 @@ class RegionStage(nn.Module):
         points: Float[Tensor, "num_regions roi_points point_channels"],
         context: Float[Tensor, "num_regions context_channels"],
     ) -> RegionOutput:
-        """Of the points of regions, and what the regions tell as a whole."""
+        """Run the network on points and contexts of regions."""
         output: RegionOutput = self.network(points, context)
         return output
 
     def regions(self, sweep: Sweep, proposed: Proposed, *, seed: int) -> Regions:
-        """Draws points around proposals, with the reflectance or what else they have."""
+        """Draw points around proposals, with their reflectance or other features."""
         features = proposed.features
         if features is None:
             features = sweep[:, 3 : 3 + self.config.in_channels]
@@ -59,7 +59,7 @@ class RegionStage(nn.Module):
         *,
         seed: int,
     ) -> tuple[Regions, RegionExamples]:
-        """Moved truths, background and proposals; see `region_examples`."""
+        """Make moved ground truths, background and proposals; see `region_examples`."""
         usable = (proposed.boxes[:, 3:6] > 0).all(dim=1)
         found = FoundBoxes(*(values[usable].cpu() for values in proposed[:3]))
         drawn = region_examples(
@@ -77,7 +77,7 @@ class RegionStage(nn.Module):
         return self.regions(sweep, moved, seed=seed), wanted
 
     def refine(self, output: RegionOutput, regions: Regions) -> Refined:
-        """The changed boxes; scores are products of powers of the proposals' and the qualities."""
+        """Decode boxes; scores are products of powers of proposal scores and qualities."""
         boxes = decode_regions(output.values, output.front_logits >= 0, regions.boxes)
         share = self.config.quality_share
         scores = regions.scores ** (1 - share) * output.quality_logits.sigmoid() ** share
@@ -90,5 +90,5 @@ class RegionStage(nn.Module):
         wanted: RegionExamples,
         config: Detection3DLossConfig,
     ) -> RegionLosses:
-        """See `region_loss`."""
+        """Compute `region_loss`."""
         return region_loss(output, regions.boxes, wanted.truths, wanted.is_object, config.regions)

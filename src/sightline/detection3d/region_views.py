@@ -1,4 +1,4 @@
-"""The compact second stage's flip test: regions as proposed, and with the front at the other end.
+"""Flip test of the compact second stage: regions unchanged, and turned by half a turn.
 
 `Detection3DConfig` checks that they are canonical.
 """

@@ -1,4 +1,4 @@
-"""What the compact second stage sees of a proposal: points in the proposal's own frame."""
+"""Input of the compact second stage: points in the frame of each proposal."""
 
 from typing import NamedTuple
 
@@ -10,18 +10,18 @@ from sightline.detection3d.region_config import RegionConfig
 from sightline.ops.roi_points import roi_points
 
 RANGE_SCALE_M = 40.0
-REGION_COUNT_SCALE = 0.25  # of the logarithm of 1 + the number of points
+REGION_COUNT_SCALE = 0.25  # factor on log(1 + number of points)
 
 
 class CutRegions(NamedTuple):
-    """Proposals as the second stage's network takes them."""
+    """Network input of the second stage."""
 
     points: Float[Tensor, "num_regions roi_points point_channels"]
-    """x, y, z in the proposal's frame [m], the distances to its six faces [m], and features; not
-    canonical, x, y, z in the sweep's frame and features."""
+    """Canonical: x, y, z in the proposal's frame [m], the distances to its six faces [m], and
+    features; else x, y, z in the sweep's frame and features."""
     context: Float[Tensor, "num_regions context_channels"]
     """Logarithms of the sizes over the class's mean, range, cosine and sine of the bearing in the
-    proposal's frame, number of points, and 1 at the class."""
+    proposal's frame, number of points, and the one-hot class."""
 
 
 def cut_regions(
@@ -33,21 +33,21 @@ def cut_regions(
     *,
     seed: int,
 ) -> CutRegions:
-    """Draws points in and around each proposal of a sweep, and tells them in its frame.
+    """Draw points in and around each proposal of a sweep, in its frame if canonical.
 
     As in Shi et al. 2019 (PointRCNN), section 3.3, the frame's origin is the proposal's centre and
-    x its heading. The distances to the faces tell a network, which else sees points alone, how
-    large the proposal is: Li et al. 2021 (LiDAR R-CNN; boundary offset). Fewer points
-    than are drawn are repeated (`ops.roi_points`), which their maxima do not notice; of a region
-    without points all are 0. Nothing depends on where the sensor's x axis points.
+    x its heading. The distances to the faces give the network the proposal's size: Li et al. 2021
+    (LiDAR R-CNN; boundary offset). If there are too few points, some are repeated
+    (`ops.roi_points`), which does not change their maxima; regions without points are all 0.
+    Nothing depends on the direction of the sensor's x axis.
 
     Args:
         points: LiDAR frame [m].
-        features: Of the points.
+        features: Features of the points.
         boxes: The proposals: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
-        classes: Their places among the classes.
+        classes: Indices into the classes.
         config: Margins, numbers and classes.
-        seed: Of the draw; the same one draws the same.
+        seed: Seed of the draw, which is reproducible.
 
     Raises:
         ValueError: A coordinate or a box is not finite, a size negative or the seed out of range.
@@ -71,10 +71,10 @@ def cut_regions(
 
 
 def turn_cut(cut: CutRegions) -> CutRegions:
-    """Canonical regions of proposals whose fronts are at their other ends."""
+    """Convert canonical regions to those of proposals turned by half a turn."""
     points = cut.points.clone()
     points[..., :2] *= -1
-    points[..., [3, 4, 6, 7]] = cut.points[..., [6, 7, 3, 4]]  # to all faces but top and bottom
+    points[..., [3, 4, 6, 7]] = cut.points[..., [6, 7, 3, 4]]  # faces but top and bottom
     context = cut.context.clone()
     context[:, 4:6] *= -1  # cosine and sine of the bearing
     return CutRegions(points, context)
@@ -83,7 +83,7 @@ def turn_cut(cut: CutRegions) -> CutRegions:
 def _canonical(
     points: Float[Tensor, "num_regions roi_points 3"], boxes: Float[Tensor, "num_regions 7"]
 ) -> Float[Tensor, "num_regions roi_points 3"]:
-    """Points of each box in its frame."""
+    """Transform points into their boxes' frames."""
     x, y, z = (points - boxes[:, None, :3]).unbind(dim=2)
     cos, sin = boxes[:, 6:].cos(), boxes[:, 6:].sin()
     return torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=2)

@@ -1,6 +1,6 @@
-"""3D detection as a task: what `sightline.tasks` knows of it.
+"""Registration of 3D detection as a task of `sightline.tasks`.
 
-Light: the command line reads it to answer `--help`, so that all else is imported where it is used.
+The command line imports it for `--help`, so heavy modules are imported where they are used.
 """
 
 from pathlib import Path
@@ -34,7 +34,7 @@ def _read_results(path: Path, sample: "CameraLidarSample", told: "Perception") -
 
 
 class Detection3DTask(DetectionNetworkTask):
-    """`sightline.tasks.Task`, by networks that look at the LiDAR alone."""
+    """`sightline.tasks.Task` by networks that use the LiDAR alone."""
 
     summary: Final = "Detects road users in 3D in LiDAR sweeps and writes KITTI's result files."
     training_class: Final = "sightline.detection3d.task.Detection3D"
@@ -62,7 +62,7 @@ class Detection3DTask(DetectionNetworkTask):
     switches: tuple[Switch, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector3D]") -> "tuple[ExportGraph, ...]":
-        """One for each stage: proposals, and refinement where there is one."""
+        """Export one graph for each stage: proposals, and refinement if there is one."""
         from sightline.detection3d.export_graph import export_graphs
 
         return export_graphs(loaded)
@@ -76,7 +76,7 @@ class Detection3DTask(DetectionNetworkTask):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Detection3DPredictor":
-        """A network with its weights, the default's if none are named.
+        """Load a predictor with the named or default weights.
 
         Raises:
             ValueError: A method is named, or as `Detection3DPredictor.load`.
@@ -97,19 +97,19 @@ class Detection3DTask(DetectionNetworkTask):
         )
 
     def scoring(self) -> "ObjectScoring":
-        """By KITTI's evaluation of 3D boxes."""
+        """Scoring by KITTI's evaluation of 3D boxes."""
         from sightline.detection3d.robustness import SCORING
 
         return SCORING
 
     def perception(self, answer: "Detections3D") -> "Perception":
-        """The detections."""
+        """Wrap the detections."""
         from sightline.structures.predictions import Perception
 
         return Perception(detections3d=answer)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
-        """See `run_detection3d_demo`."""
+        """Run `run_detection3d_demo`."""
         from sightline.detection3d.demo import run_detection3d_demo
 
         return run_detection3d_demo(self, self.predictor(threads=1), frames, out)

@@ -1,4 +1,4 @@
-"""How 3D detection is scored where sensors are broken: by KITTI's evaluation of 3D boxes."""
+"""Robustness scoring of 3D detection: KITTI's evaluation of 3D boxes under sensor faults."""
 
 from typing import Final
 
@@ -15,7 +15,7 @@ _VIEW: Final = BirdsEyeView(x_max_m=60.0, y_min_m=-30.0, y_max_m=30.0)
 
 
 def _panels(answered: Answered, width_px: int) -> tuple[Panel, ...]:
-    """Boxes on the image and from above; labels are the thin white ones."""
+    """Draw boxes on the image and from above; labels are thin and white."""
     given = answered.corrupted.sample
     found = level_detections(answered.answer.surer_than(DRAWN_SCORE), given)
     given = level_sample(given)

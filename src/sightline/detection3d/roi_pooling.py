@@ -1,4 +1,4 @@
-"""What lies in and around each proposal: the second stage's input."""
+"""Pooling of the points in and around each proposal: the plain second stage's input."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,12 +15,12 @@ _MOST_POINTS = 2**14
 
 @dataclass(frozen=True, kw_only=True)
 class RoiPoolingConfig:
-    """How proposals are filled with points: Shi et al. 2019 (PointRCNN), section 3.2."""
+    """Settings for pooling points: Shi et al. 2019 (PointRCNN), section 3.2."""
 
     margin_m: float = 1.0
-    """How far every face of a proposal is moved outwards, so that its surroundings are seen."""
+    """Margin around a proposal, to include its surroundings."""
     num_points: int = 512
-    """Points of each proposal."""
+    """Number of points for each proposal."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -33,12 +33,12 @@ class RoiPoolingConfig:
 
 
 class PooledRois(NamedTuple):
-    """The proposals that hold points, in their order."""
+    """Proposals that contain points, in their order."""
 
     proposal: Int64[Tensor, " num_rois"]
-    """Their places among all proposals."""
+    """Indices into all proposals."""
     boxes: Float[Tensor, "num_rois 7"]
-    """As proposed, without the margin."""
+    """Boxes without the margin."""
     points: Float[Tensor, "num_rois roi_points 3"]
     """LiDAR frame [m]."""
     features: Float[Tensor, "num_rois roi_points channels"]
@@ -52,17 +52,18 @@ def pool_rois(
     *,
     seed: int,
 ) -> PooledRois:
-    """Draws so many of the points in each proposal; proposals without any are left out.
+    """Draw a fixed number of points for each proposal; proposals without points are dropped.
 
-    Of more points a random choice stays, of fewer all and random repetitions (`ops.roi_points`).
-    All-zero proposals, which fill up a frame, are left out, too. Differentiable by the features.
+    From more points a random subset is drawn; of fewer, all are taken and some repeated at random
+    (`ops.roi_points`). All-zero proposals, which pad a frame, are dropped too. Differentiable with
+    respect to the features.
 
     Args:
-        points: Of one sweep, LiDAR frame [m].
-        features: Of the points.
+        points: Points of one sweep, LiDAR frame [m].
+        features: Features of the points.
         proposals: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
         config: Margin and number.
-        seed: Of the draw; the same one draws the same.
+        seed: Seed of the draw, which is reproducible.
 
     Raises:
         ValueError: A coordinate or a box is not finite, a size negative or the seed out of range.

@@ -1,4 +1,4 @@
-"""A detector's stages run by an engine, in jobs of several processes."""
+"""Runners of a detector's stages on an engine, for jobs with several processes."""
 
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -17,12 +17,12 @@ from sightline.inference.network import LoadedNetwork
 from sightline.structures.predictions import Detections3D
 
 _REGIONS_AT_ONCE: Final = (
-    10  # by PyTorch on a CPU: 100 take 1.5 times as long, and five times the memory
+    10  # for PyTorch on a CPU: 100 take 1.5 times as long, and five times the memory
 )
 
 
 class StageRunners:
-    """Runs both stages; may be pickled, and used in a forked process."""
+    """Runner of both stages; may be pickled, and used in a forked process."""
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class StageRunners:
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Exports the stages where the engine needs it.
+        """Export the stages if the engine needs it.
 
         Raises:
             ValueError: The engine is not installed or cannot run on the device.
@@ -41,20 +41,20 @@ class StageRunners:
         graphs = export_graphs(loaded)
         make = partial(ProcessEngine, device=device, threads=threads)
         self._engines = [make(graph, name=engine) for graph in graphs]
-        if len({each.name for each in self._engines}) > 1:  # one stage could not be exported
+        if len({each.name for each in self._engines}) > 1:  # if one stage could not be exported
             self._engines = [make(graph, name="torch") for graph in graphs]
         self.engine: EngineName = self._engines[0].name
         self._is_fixed = self.engine != "torch"  # files take a fixed number of regions
         self._at_once = _REGIONS_AT_ONCE if device == "cpu" else None
 
     def propose(self, sweep: Sweep) -> Proposed:
-        """The first stage's proposals for a sweep; none for one without points."""
+        """Compute the first stage's proposals for a sweep; none for an empty one."""
         if not len(sweep):
             return nothing_proposed(sweep)
         return propose(self.detector, sweep, self._first)[0]
 
     def propose_both(self, sweep: Sweep) -> tuple[Proposed, Proposed]:
-        """As a second stage's training scores them, and as it draws from them."""
+        """Compute proposals for scoring and for training a second stage."""
         if not len(sweep):
             return nothing_proposed(sweep), nothing_proposed(sweep)
         in_use, in_training = propose(
@@ -63,11 +63,11 @@ class StageRunners:
         return in_use, in_training
 
     def refine(self, sweep: Sweep, proposed: Proposed) -> Detections3D:
-        """What is answered of proposals."""
+        """Refine proposals to detections."""
         return refine(self.detector, sweep, proposed, self._second)
 
     def proposals(self, proposed: Proposed) -> Detections3D:
-        """What was proposed, as it would be answered."""
+        """Convert proposals to detections without refinement."""
         return as_detections(self.detector, *proposed[:3])
 
     def _first(self, inputs: Mapping[str, Tensor]) -> Any:  # noqa: ANN401 - the stage's own
@@ -86,7 +86,7 @@ class StageRunners:
         )
 
     def _split(self, inputs: Mapping[str, Tensor]) -> Iterator[dict[str, Tensor]]:
-        """Inputs of so many regions as PyTorch takes at once."""
+        """Split inputs into portions of regions that PyTorch runs at once."""
         count = len(next(iter(inputs.values())))
         at_once = self._at_once or count
         for start in range(0, count, at_once):

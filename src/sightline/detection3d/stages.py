@@ -1,7 +1,7 @@
-"""What the stages of detectors have in common, whatever their design.
+"""Common interface of the detectors' stages.
 
-A stage's module is what leaves PyTorch: tensors in by name, a NamedTuple out. Searches, draws and
-suppression, which other engines do not know, come before it (`inputs`) and after it.
+A stage's module is the exported part: named tensors in, a NamedTuple out. Searches, draws and
+suppression, which other engines do not support, come before it (`inputs`) and after it.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,56 +21,56 @@ Sweep = Float32[Tensor, "_ 4"]
 
 
 def full_precision(near: Tensor) -> torch.autocast:
-    """Switches automatic mixed precision off on a tensor's device: it is for networks alone.
+    """Switch automatic mixed precision off on a tensor's device: it is for networks alone.
 
-    Boxes are turned by matrix products, which it would round to bfloat16: decimetres at 60 m.
+    Boxes are rotated by matrix products, which it would round to bfloat16: decimetres at 60 m.
     """
     return torch.autocast(near.device.type, enabled=False)
 
 
 class Proposed(NamedTuple):
-    """What a first stage makes of a sweep."""
+    """Output of a first stage for a sweep."""
 
     boxes: Float[Tensor, "num_proposals 7"]
     """x, y, z, length, width, height, yaw (frame of the sweep, metres, radians)."""
     classes: Int64[Tensor, " num_proposals"]
-    """Places among the detector's classes."""
+    """Indices into the detector's classes."""
     scores: Float[Tensor, " num_proposals"]
     """Confidence, 0 to 1."""
     features: Float[Tensor, "num_points channels"] | None = None
-    """Of the sweep's points; None of a design that gives none."""
+    """Features of the sweep's points; None if the design has none."""
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class FirstStage(Protocol):
-    """From sweeps to proposals; an `nn.Module`."""
+    """Interface of a first stage: sweeps to proposals; an `nn.Module`."""
 
     @property
     def feature_channels(self) -> int:
-        """What it gives for each point besides proposals; 0: nothing."""
+        """Number of features for each point; 0: none."""
         ...
 
     @property
     def max_proposals(self) -> int:
-        """Of a sweep, in use."""
+        """Largest number of proposals for a sweep at inference."""
         ...
 
     @property
     def output_type(self) -> Callable[..., tuple[Any, ...]]:
-        """What the module gives."""
+        """Type of the module's output."""
         ...
 
     @property
     def views(self) -> tuple[View, ...]:
-        """What a flip test asks the module about; the first is the scene as it is."""
+        """Views of the flip test; the first is the unchanged scene."""
         ...
 
     def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
-        """The network."""
+        """Run the network."""
         ...
 
     def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
-        """What the module takes for sweeps of a point each at least."""
+        """Make the module's inputs for sweeps with at least one point each."""
         ...
 
     def propose(
@@ -80,7 +80,7 @@ class FirstStage(Protocol):
         *,
         training: bool,
     ) -> tuple[Proposed, ...]:
-        """The proposals of each sweep, in use or for a second stage's training; no gradient."""
+        """Compute each sweep's proposals, for inference or second-stage training; no gradient."""
         ...
 
     def losses(
@@ -90,60 +90,60 @@ class FirstStage(Protocol):
         truths: Sequence[SweepTruth],
         config: Detection3DLossConfig,
     ) -> Losses:
-        """What the module is trained to lower."""
+        """Compute the training losses."""
         ...
 
 
 class Regions(NamedTuple):
-    """The proposals with points around them, as a second stage takes them."""
+    """Proposals with the points around them: input of a second stage."""
 
     places: Int64[Tensor, " num_rois"]
-    """Among all proposals."""
+    """Indices into all proposals."""
     boxes: Float[Tensor, "num_rois 7"]
-    """As proposed."""
+    """Boxes of the proposals."""
     scores: Float[Tensor, " num_rois"]
-    """Of the proposals."""
+    """Scores of the proposals."""
     inputs: dict[str, Tensor]
-    """What the module takes; the first axis of each counts the regions."""
+    """Inputs of the module; their first axis counts the regions."""
 
 
 class Refined(NamedTuple):
-    """Boxes of regions."""
+    """Refined boxes of regions."""
 
     boxes: Float[Tensor, "num_rois 7"]
     """x, y, z, length, width, height, yaw (frame of the sweep, metres, radians)."""
     scores: Float[Tensor, " num_rois"]
     """Confidence, 0 to 1."""
     front_logits: Float[Tensor, " num_rois"]
-    """How sure it is that the front is where the box has it: log-odds, 0 where it does not tell."""
+    """Log-odds that the front is at the box's front end; 0 if the design does not predict it."""
 
 
 @runtime_checkable
 class SecondStage(Protocol):
-    """From proposals to better boxes; an `nn.Module`."""
+    """Interface of a second stage: proposals to refined boxes; an `nn.Module`."""
 
     @property
     def passes(self) -> int:
-        """How often it is applied, each time to what it gave before."""
+        """Number of passes, each from the output of the one before."""
         ...
 
     @property
     def mean_with_first(self) -> tuple[str, ...]:
-        """Classes of which the mean of the first pass and the last is answered, not the last."""
+        """Classes whose result is the mean of the first and last pass, not the last."""
         ...
 
     @property
     def output_type(self) -> Callable[..., tuple[Any, ...]]:
-        """What the module gives."""
+        """Type of the module's output."""
         ...
 
     @property
     def views(self) -> tuple[View, ...]:
-        """What a flip test asks the module about; the first is each region as it is."""
+        """Views of the flip test; the first is the unchanged region."""
         ...
 
     def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
-        """The network."""
+        """Run the network."""
         ...
 
     def regions(
@@ -153,7 +153,7 @@ class SecondStage(Protocol):
         *,
         seed: int,
     ) -> Regions:
-        """Gathers what is around proposals; those that tell nothing may be left out."""
+        """Collect the points around proposals; useless proposals may be dropped."""
         ...
 
     def examples(
@@ -165,9 +165,9 @@ class SecondStage(Protocol):
         *,
         seed: int,
     ) -> tuple[Regions, tuple[Tensor, ...]]:
-        """Draws regions of a sweep to train on, with what they are to become.
+        """Draw regions of a sweep for training, with their targets.
 
-        The latter is a NamedTuple of the stage's own; the first axis of each tensor counts the
+        The targets are a NamedTuple of the stage's own; the first axis of each tensor counts the
         regions.
         """
         ...
@@ -177,7 +177,7 @@ class SecondStage(Protocol):
         output: Any,  # noqa: ANN401 - of `output_type`
         regions: Regions,
     ) -> Refined:
-        """The boxes that the module gave for regions, with their scores."""
+        """Decode the module's boxes for regions, with their scores."""
         ...
 
     def losses(
@@ -187,5 +187,5 @@ class SecondStage(Protocol):
         wanted: Any,  # noqa: ANN401 - as `examples` gives it
         config: Detection3DLossConfig,
     ) -> Losses:
-        """What the module is trained to lower."""
+        """Compute the training losses."""
         ...

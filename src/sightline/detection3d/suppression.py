@@ -1,4 +1,4 @@
-"""Which refined boxes are answered: sure ones that do not overlap surer ones."""
+"""Suppression of refined boxes: score threshold and NMS."""
 
 import math
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from sightline.ops.nms import nms_bev
 
 @dataclass(frozen=True, kw_only=True)
 class SuppressionConfig:
-    """How the second stage's boxes become detections."""
+    """Settings that turn the second stage's boxes into detections."""
 
     min_score: float = 0.3
-    """Boxes of a lower confidence are left out."""
+    """Boxes with a lower score are removed."""
     iou: float = 0.1
-    """A box is left out if its IoU from above with a surer one is this or more."""
+    """IoU from above from which a box with a lower score is removed."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -34,26 +34,26 @@ def suppress_boxes(
     *,
     labels: Int64[Tensor, " num_boxes"] | None = None,
 ) -> Int64[Tensor, " kept"]:
-    """Places of the boxes that stay, best first; equal scores in their order.
+    """Select the boxes that stay: indices by descending score; equal scores in their order.
 
-    The overlap is taken from above: two road users do not stand over each other, and a wrong height
-    must not save a copy.
+    The IoU is computed from above: two road users do not stand over each other, and a wrong height
+    must not save a duplicate.
 
     Args:
         boxes: x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
         scores: Confidence from 0 to 1.
         config: Thresholds.
-        labels: Boxes of different ones do not suppress each other. None: all are of one.
+        labels: Boxes with different labels do not suppress each other. None: one label for all.
 
     Raises:
         ValueError: A score is NaN, or a box is not finite or has a negative size.
     """
-    is_unsure = scores < config.min_score  # a NaN is not: `nms_bev` refuses it
+    is_unsure = scores < config.min_score  # False for NaN, which `nms_bev` refuses
     sure = (~is_unsure).nonzero()[:, 0]
     kept = nms_bev(
         Boxes3D(boxes[sure]).bev,
         scores[sure],
-        math.nextafter(config.iou, 0.0),  # there an equal IoU is kept
+        math.nextafter(config.iou, 0.0),  # `nms_bev` keeps an equal IoU
         labels=None if labels is None else labels[sure],
     )
     return sure[kept]

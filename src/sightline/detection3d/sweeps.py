@@ -1,4 +1,4 @@
-"""A sweep as the networks see it: what lies in range, so many points of it."""
+"""Preparation of a sweep for the networks: range, view and sampling."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from sightline.structures.sweep_checks import check_finite_points
 
 
 def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSample:
-    """The sample with the points that its camera shows, if the settings ask for that.
+    """Keep the points inside the camera image, if the settings ask for it.
 
     Raises:
         ValueError: The sample has no sweep, or a point of it is not finite.
@@ -33,9 +33,9 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
 
 
 def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
-    """The sample in a LiDAR frame like KITTI's: level, x ahead, as high above the road.
+    """Transform a sample to a LiDAR frame like KITTI's: level, x ahead, at the same height.
 
-    `in_own_frame` leads back.
+    `in_own_frame` is the inverse for detections.
     """
     sample = level_sample(sample)
     rise_m = sample.higher_than_kitti_m
@@ -59,7 +59,7 @@ def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
 
 
 def in_own_frame(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
-    """Detections in `at_kitti_height(sample)`, moved to the sample's own LiDAR frame."""
+    """Transform detections in `at_kitti_height(sample)` to the sample's own LiDAR frame."""
     down = found.boxes.tensor.new_tensor([0, 0, sample.higher_than_kitti_m, 0, 0, 0, 0])
     lowered = replace(found, boxes=Boxes3D(found.boxes.tensor - down))
     return mounted_detections(lowered, sample)
@@ -68,7 +68,7 @@ def in_own_frame(found: Detections3D, sample: CameraLidarSample) -> Detections3D
 def points_in_range(
     points: Float32[Tensor, "num_points 4"], config: SweepConfig
 ) -> Float32[Tensor, "num_seen 4"]:
-    """The points that a network may see, raised by the height offset, in their order."""
+    """Keep the points in the network's range, in their order, raised by the height offset."""
     raised = points + points.new_tensor([0, 0, config.height_offset_m, 0])
     low, high = (points.new_tensor(corner) for corner in (config.lowest_m, config.highest_m))
     xyz = raised[:, :3]
@@ -78,12 +78,12 @@ def points_in_range(
 def draw_points(
     points: Float32[Tensor, "num_seen 4"], config: SweepConfig, rng: np.random.Generator
 ) -> Float32[Tensor, "num_points 4"]:
-    """Exactly `num_points` of them in a drawn order, or none of none; all in order if that is None.
+    """Draw exactly `num_points` points in random order, or none from an empty sweep.
 
-    Shi et al. 2019 (PointRCNN), in its published code: of more points all far ones stay, and near
-    ones are drawn without repetition; where the far ones alone are too many, all are drawn from
-    alike. Of fewer points all stay, and repetitions fill up. The order is drawn, as a ball query
-    takes the first that it finds.
+    If `num_points` is None, keep all in order. Shi et al. 2019 (PointRCNN), in its published code:
+    from more points, all far ones stay, and near ones are drawn without repetition; if there are
+    too many far ones, all points are equally likely. Of fewer points, all stay and some are
+    repeated. The order is random because a ball query takes the first points that it finds.
     """
     if config.num_points is None:
         return points

@@ -1,4 +1,4 @@
-"""Which labelled object each proposal is to become."""
+"""Assignment of labelled objects to proposals."""
 
 from typing import NamedTuple
 
@@ -9,16 +9,16 @@ from torch import Tensor
 from sightline.ops.rotated_iou import pairwise_iou_3d
 
 NO_TRUTH = -1
-"""Stands for the object of a proposal in a frame without objects."""
+"""Object index of proposals in a frame without objects."""
 
 
 class Assignment(NamedTuple):
-    """The object of each proposal."""
+    """Assigned object of each proposal."""
 
     truth: Int64[Tensor, " num_proposals"]
-    """Its place among the objects; NO_TRUTH in a frame without any."""
+    """Index of the object; NO_TRUTH in a frame without objects."""
     boxes: Float[Tensor, "num_proposals 7"]
-    """Its box; zeros in a frame without objects."""
+    """Box of the object; zeros in a frame without objects."""
     iou: Float64[Tensor, " num_proposals"]
     """3D IoU of proposal and object."""
 
@@ -26,7 +26,7 @@ class Assignment(NamedTuple):
 def assign_truths(
     proposals: Float[Tensor, "num_proposals 7"], truths: Float[Tensor, "num_truths 7"]
 ) -> Assignment:
-    """Gives each proposal the object of highest 3D IoU, the first of several, whatever the IoU.
+    """Assign each proposal the object of highest 3D IoU, the first of several, whatever the IoU.
 
     Boxes are x, y, z, length, width, height, yaw (LiDAR frame, metres, radians).
 
@@ -40,7 +40,7 @@ def assign_truths(
 def assign_by_iou(
     iou: Float64[Tensor, "num_proposals num_truths"], truths: Float[Tensor, "num_truths 7"]
 ) -> Assignment:
-    """The same by IoUs that are known."""
+    """Assign as `assign_truths` does, from given IoUs."""
     num_proposals, num_truths = iou.shape
     if num_truths == 0:
         truth = torch.full((num_proposals,), NO_TRUTH, device=iou.device)
@@ -50,7 +50,7 @@ def assign_by_iou(
 
 
 def first_largest(values: Float64[Tensor, "rows columns"]) -> Int64[Tensor, " rows"]:
-    """Place of the largest value of each row, the first of several: argmax leaves that open."""
+    """Index of each row's largest value, the first of several: argmax does not define which."""
     place = torch.arange(values.shape[1], device=values.device)
     is_largest = values == values.amax(dim=1, keepdim=True)
     return torch.where(is_largest, place, values.shape[1]).amin(dim=1)

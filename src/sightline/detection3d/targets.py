@@ -1,4 +1,4 @@
-"""What a detector shall find in a sweep, and where nothing shall be asked of it."""
+"""Ground truth of a sweep: objects to detect, and ignored areas."""
 
 from dataclasses import dataclass
 
@@ -16,19 +16,19 @@ from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SweepTruth:
-    """The truth of one sweep; boxes are x, y, z, length, width, height, yaw, in its frame."""
+    """Ground truth of one sweep; boxes are x, y, z, length, width, height, yaw, in its frame."""
 
     boxes: Float64[Tensor, "num_objects 7"]
-    """What is to be found."""
+    """Boxes of the objects to detect."""
     classes: Int64[Tensor, " num_objects"]
-    """Places among the detector's classes."""
+    """Indices into the detector's classes."""
     ignored_boxes: Float64[Tensor, "num_ignored 7"]
-    """Where nothing is right or wrong."""
+    """Boxes of areas without a loss."""
     ignored_classes: Bool[Tensor, "num_ignored num_classes"]
-    """For which classes."""
+    """Classes for which each area is ignored."""
 
     def cpu(self) -> "SweepTruth":
-        """The same where boxes are walked over one by one."""
+        """Copy to the CPU, for loops over single boxes."""
         return SweepTruth(
             boxes=self.boxes.cpu(),
             classes=self.classes.cpu(),
@@ -39,12 +39,12 @@ class SweepTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class TargetConfig:
-    """Which objects are to be found; what else has a box is ignored or background."""
+    """Selection of objects to detect; other boxes are ignored or background."""
 
     ignored_names: tuple[str, ...] = ("Van", "Truck", "Person_sitting")
-    """KITTI's classes that are ignored for the one they look like."""
+    """KITTI's classes that are ignored for the class that they resemble."""
     min_points: int = 1
-    """Points of the sweep on an object that is to be found; others are ignored."""
+    """Smallest number of points on an object to detect; others are ignored."""
 
     def __post_init__(self) -> None:
         """Checks the names and the number."""
@@ -60,20 +60,20 @@ def make_truth(
     sweep: SweepConfig,
     config: TargetConfig = TargetConfig(),
 ) -> SweepTruth:
-    """The truth that labels give for a sweep.
+    """Make the ground truth of a sweep from labels.
 
-    Objects of the detector's classes with enough points are to be found if their centre lies in the
-    range that is seen; the rest of these are ignored for their own class, what looks like a class
-    of ours for that class, and a DontCare with a 3D box for all. Labels without a 3D box tell
-    nothing here, and other classes are background. A point in several boxes counts for the first,
-    and one that was drawn several times counts once.
+    Objects of the detector's classes with enough points are targets if their centre lies in the
+    network's range. Other objects of these classes are ignored for their own class, those of
+    similar classes for the class that they resemble, and a DontCare with a 3D box for all classes.
+    Labels without a 3D box have no effect, and other classes are background. A point in several
+    boxes counts for the first, and a point that was drawn several times counts once.
 
     Args:
-        objects: In the frame of the labels.
-        points: As the network gets them: x, y, z first [m].
-        class_names: Of the detector's classes.
-        sweep: What the network sees.
-        config: What is ignored.
+        objects: Labels in their own frame.
+        points: The network's input: x, y, z first [m].
+        class_names: Names of the detector's classes.
+        sweep: The network's range.
+        config: Rules for ignored objects.
 
     Raises:
         ValueError: A point or a box is not finite.
@@ -107,7 +107,7 @@ def make_truth(
 def _points_inside(
     points: Float[Tensor, "num_points fields"], boxes: Float64[Tensor, "num_boxes 7"]
 ) -> Int64[Tensor, " num_boxes"]:
-    """How many different points each box holds: a sparse sweep is filled up by repeating some."""
+    """Count the different points in each box: sparse sweeps repeat some points."""
     holder = first_box_of_points(points[None, :, :3], boxes[None])[0]
     is_held = holder >= 0
     held = torch.cat((holder[is_held, None].to(points.dtype), points[is_held]), dim=1)

@@ -34,8 +34,8 @@ _LOSS, _OPTIMIZER = Detection3DLossConfig(), OptimizerConfig()
 class Detection3D(TrainingModule):
     """3D detection in training: scored by KITTI's rules, AP over 40 recall positions in percent.
 
-    `Car/3d/moderate` is at KITTI's overlap (0.7 for cars), `loose/Car/3d/moderate` at a lower one
-    (0.5 for cars); `recall/0.5` is the first stage's.
+    `Car/3d/moderate` uses KITTI's overlap (0.7 for cars), `loose/Car/3d/moderate` a lower one (0.5
+    for cars); `recall/0.5` is the first stage's recall.
     """
 
     task_name: ClassVar[str] = "detection3d"
@@ -52,18 +52,18 @@ class Detection3D(TrainingModule):
         initial_weights: Path | None = None,
         initial_part: str | None = None,
     ) -> None:
-        """Builds the network.
+        """Build the network.
 
         Args:
-            network: What is trained. None: the network of the initial weights; without those, the
-                published one.
-            loss: What it is told.
-            optimizer: How its weights are updated.
-            stages: Whether both stages are trained at once, or the first alone, or the second on a
-                first that is held still: which then must come by initial_weights.
+            network: Settings of the network. None: the network of the initial weights; without
+                those, the published one.
+            loss: Settings of the losses.
+            optimizer: Settings of the optimizer.
+            stages: Whether to train both stages at once, the first alone, or the second on a frozen
+                first stage, whose weights must then come from initial_weights.
             initial_weights: Weights to start from: name of shipped ones, file or checkpoint.
-            initial_part: The stage that they fill, by the name of its settings, such as points.
-                None: all of the network.
+            initial_part: Stage that takes the initial weights, by the name of its settings, such as
+                points. None: the whole network.
 
         Raises:
             ValueError: The initial weights cannot be read or are another network's, or there is no
@@ -86,28 +86,28 @@ class Detection3D(TrainingModule):
         self.loose_metric = KittiObjectMetric(LOOSE)
         self.recall_metric = ProposalRecallMetric()
         self._has_first_stage = initial_weights is not None
-        self._identity: str | None = None  # of a first stage that is held still
+        self._identity: str | None = None  # the frozen first stage's
         for stage in self._still:
             stage.requires_grad_(requires_grad=False)
 
     @property
     def _still(self) -> list[nn.Module]:
-        """The stages that are not trained."""
+        """Frozen stages."""
         names = {"both": (), "first": (self.network.second_name,),
                  "second": (self.network.first_name,)}[self.stages]  # fmt: skip
         return [self.network.get_submodule(name) for name in names if name is not None]
 
     def network_config(self) -> Detection3DConfig:
-        """The network's settings."""
+        """Return the network's settings."""
         config: Detection3DConfig = self.network.config
         return config
 
     def setup(self, stage: str) -> None:
-        """Refuses examples of another network, and a second stage on a first that knows nothing.
+        """Check that the examples fit the network, and that a frozen first stage has weights.
 
         Raises:
             ValueError: The data is prepared for other classes or another input than the network's;
-                or the first stage is held still, and neither initial weights nor a checkpoint are
+                or the first stage is frozen, and neither initial weights nor a checkpoint are
                 named.
         """
         preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
@@ -121,19 +121,19 @@ class Detection3D(TrainingModule):
             )
 
     def train(self, mode: bool = True) -> "Detection3D":  # noqa: FBT001 - as PyTorch's
-        """Sets the mode; stages that are held still never train."""
+        """Set the mode; frozen stages stay in evaluation mode."""
         super().train(mode)
         for stage in self._still:
             stage.eval()
         return self
 
     def losses(self, batch: Detection3DBatch) -> StageLosses:
-        """The loss of a batch and its terms."""
+        """Compute the losses of a batch."""
         self._check_records(batch)
         return detection_losses(self.network, batch, self.loss, self.stages)
 
     def score(self, batch: Detection3DBatch) -> list[Detections3D]:
-        """Scores a batch."""
+        """Score a batch."""
         assert batch.frames is not None, "examples to score hold the frames' truth"
         self._check_records(batch)
         answers, proposals = [], []
@@ -158,31 +158,31 @@ class Detection3D(TrainingModule):
         return answers
 
     def scores(self) -> Mapping[str, Tensor]:
-        """AP in 3D and from above of each class and difficulty at both overlaps, and recall."""
+        """Compute 3D and BEV AP by class and difficulty at both overlaps, and recall."""
         strict: Mapping[str, Tensor] = super().scores()
         loose = {f"loose/{name}": value for name, value in self.loose_metric.compute().items()}
         shown = {name: value for name, value in {**strict, **loose}.items() if "/bbox/" not in name}
         return {**shown, **self.recall_metric.compute()}
 
     def on_validation_epoch_end(self) -> None:
-        """Logs the scores."""
+        """Log the scores."""
         super().on_validation_epoch_end()
         self._reset_metrics()
 
     def on_test_epoch_end(self) -> None:
-        """Logs the scores."""
+        """Log the scores."""
         super().on_test_epoch_end()
         self._reset_metrics()
 
     def score_notes(self) -> tuple[str, ...]:
-        """Where objects are too few for R40."""
+        """Notes on classes with too few objects for R40."""
         assert isinstance(self.metric, KittiObjectMetric), "as the constructor made it"
         return self.metric.notes(self.monitored[0])
 
     def picture(
         self, batch: Detection3DBatch, answer: list[Detections3D]
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """The first sweep of a batch from above, with what was found and what is there."""
+        """Draw the first sweep of a batch from above, with detections and ground truth."""
         truth, points = batch.truths[0], batch.points[0]
         offset_m = self.network.config.input.height_offset_m
         return training_picture(
@@ -192,7 +192,7 @@ class Detection3D(TrainingModule):
         )
 
     def _reset_metrics(self) -> None:
-        with torch.inference_mode(mode=False):  # else training could not go on with its tensors
+        with torch.inference_mode(mode=False):  # else training could not continue with its tensors
             self.loose_metric.reset()
             self.recall_metric.reset()
 

@@ -1,4 +1,4 @@
-"""Stages asked twice, the second time about what is turned or mirrored: the flip test."""
+"""Flip test: run a stage again on a turned or mirrored input, and average."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -7,16 +7,16 @@ import torch
 from torch import Tensor
 
 Run = Callable[[Mapping[str, Tensor]], Any]
-"""Runs a stage's module, here or by another engine; gives its NamedTuple."""
+"""Runner of a stage's module, here or by another engine; returns its NamedTuple."""
 
 
 class View(NamedTuple):
-    """A change of a stage's inputs after which the right answer is known to change alike."""
+    """Transform of a stage's inputs with a known effect on its output."""
 
     change: Callable[[Mapping[str, Tensor]], Mapping[str, Tensor]]
-    """Of the inputs."""
+    """Transform of the inputs."""
     change_back: Callable[[Any], Any]
-    """Of the stage's NamedTuple, to what it stands for before the change."""
+    """Inverse transform of the stage's NamedTuple."""
 
 
 def _same(given: Any) -> Any:  # noqa: ANN401 - inputs or an output
@@ -27,12 +27,12 @@ AS_IT_IS: Final = View(_same, _same)
 
 
 def answer_of_views(run: Run, inputs: Mapping[str, Tensor], views: Sequence[View]) -> Any:  # noqa: ANN401 - the stage's NamedTuple
-    """The mean of a stage's answers to all views, each changed back.
+    """Average a stage's outputs over all views, each transformed back.
 
     Args:
         run: Runs the stage's module.
-        inputs: What it takes.
-        views: One or more. A single one's answer is given as it is.
+        inputs: Inputs of the module.
+        views: One or more. The output of a single view is returned unchanged.
     """
     answers = [view.change_back(run(view.change(inputs))) for view in views]
     if len(answers) == 1:

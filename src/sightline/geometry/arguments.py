@@ -1,4 +1,4 @@
-"""What errors say of arguments that are of a wrong type.
+"""Parts of error messages about arguments of a wrong type.
 
 Without PyTorch, for checks that start at once.
 """
@@ -15,33 +15,33 @@ Name = TypeVar("Name", bound=str)
 
 
 def shown(value: object) -> str:
-    """A wrong argument, short and in one line."""
+    """Format a wrong argument, short and in one line."""
     return " ".join(reprlib.repr(value).split())
 
 
 def type_name(value: object) -> str:
-    """The type of an argument, with its module where it is none of Python's own."""
+    """Format the type of an argument, with its module unless it is a builtin."""
     kind = type(value)
     module = "" if kind.__module__ == "builtins" else f"{kind.__module__}."
     return f"{module}{kind.__name__}"
 
 
 def wrong_type(name: str, value: object, expected: str) -> TypeError:
-    """The error that an argument is of another type.
+    """Make the error for an argument of a wrong type.
 
     Args:
-        name: Of the argument.
-        value: What was given.
-        expected: What it should be, and what to do, as the rest of a sentence.
+        name: Name of the argument.
+        value: The given value.
+        expected: The expected type and the remedy, as the rest of a sentence.
     """
     return TypeError(f"{name} is of type {type_name(value)}, expected {expected}")
 
 
 def plain_text(name: str, value: object) -> str:
-    """A text.
+    """Check that a value is text.
 
     Raises:
-        TypeError: It is none.
+        TypeError: It is not.
     """
     if not isinstance(value, str):
         raise wrong_type(name, value, "text; give a name")
@@ -49,10 +49,10 @@ def plain_text(name: str, value: object) -> str:
 
 
 def plain_path(name: str, value: object, expected: str) -> Path:
-    """A path.
+    """Convert a value to a path.
 
     Raises:
-        TypeError: It is none.
+        TypeError: It is no path.
     """
     if not isinstance(value, str | Path):
         raise wrong_type(name, value, expected)
@@ -60,7 +60,7 @@ def plain_path(name: str, value: object, expected: str) -> Path:
 
 
 def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
-    """Height and width [px] of any whole numbers.
+    """Convert integers of any type to height and width [px].
 
     Raises:
         ValueError: They are not two, not whole or not positive.
@@ -76,7 +76,7 @@ def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
 
 
 def nearest(name: str, known: Collection[str]) -> str:
-    """The beginning of a remedy that tells which names a misspelt one resembles; may be empty."""
+    """Make a remedy's beginning with the names similar to a misspelt one; may be empty."""
     by_word = {each.lower().replace("_", "-"): each for each in known}
     word = name.lower().replace("_", "-")
     close = difflib.get_close_matches(word, by_word, n=2)
@@ -88,11 +88,11 @@ def nearest(name: str, known: Collection[str]) -> str:
 
 
 def plain_names(name: str, values: object, known: Sequence[Name]) -> tuple[Name, ...]:
-    """Several names of those that there are.
+    """Check several names against the known ones.
 
     Raises:
-        TypeError: It is no collection of texts.
-        ValueError: There is no such name.
+        TypeError: The value is no collection of texts.
+        ValueError: A name is unknown.
     """
     if isinstance(values, str) or not isinstance(values, Collection):
         raise wrong_type(name, values, f"several names, such as ({known[0]!r},); give a tuple")

@@ -34,35 +34,35 @@ class Boxes2D:
     def __getitem__(
         self, index: Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
     ) -> "Boxes2D":
-        """The chosen boxes of an unbatched set, by indices, mask or slice."""
+        """Select boxes of an unbatched set, by indices, mask or slice."""
         return Boxes2D(self.tensor[index])
 
     def to(self, device: torch.device | str) -> "Boxes2D":
-        """The same boxes on another device."""
+        """Return the boxes on another device."""
         return Boxes2D(self.tensor.to(device))
 
     def sizes(self) -> Float[Tensor, "*batch num_boxes 2"]:
-        """Width and height [px]; an inverted box has size zero."""
+        """Compute width and height [px]; an inverted box has size zero."""
         return (self.tensor[..., 2:] - self.tensor[..., :2]).clamp(min=0)
 
     def area(self) -> Float[Tensor, "*batch num_boxes"]:
-        """Width times height [px^2]."""
+        """Compute width times height [px^2]."""
         return self.sizes().prod(dim=-1)
 
     def clip(self, image_size: tuple[int, int]) -> "Boxes2D":
-        """The parts within the pixel centres of an image of (height, width), as KITTI clips."""
+        """Clip to the pixel centres of an image of (height, width), as KITTI does."""
         height, width = image_size
         limit = self.tensor.new_tensor([width - 1, height - 1, width - 1, height - 1])
         return Boxes2D(torch.minimum(self.tensor.clamp(min=0), limit))
 
     def resize(self, scale_x: float, scale_y: float) -> "Boxes2D":
-        """The same boxes in the resized image; pixels are squares around their centres."""
+        """Scale the boxes with the image; pixels are squares around their centres."""
         scales = self.tensor.new_tensor((scale_x, scale_y) * 2)
         return Boxes2D((self.tensor + 0.5) * scales - 0.5)
 
 
 def pairwise_iou2d(a: Boxes2D, b: Boxes2D) -> Float[Tensor, "*batch num_a num_b"]:
-    """Intersection over union of every box of `a` with every box of `b`; 0 where both are empty."""
+    """IoU of every box of `a` with every box of `b`; 0 if both are empty."""
     lower = torch.maximum(a.tensor[..., :, None, :2], b.tensor[..., None, :, :2])
     upper = torch.minimum(a.tensor[..., :, None, 2:], b.tensor[..., None, :, 2:])
     intersection = (upper - lower).clamp(min=0).prod(dim=-1)

@@ -1,4 +1,4 @@
-"""Upright boxes in the LiDAR frame, and their exchange with KITTI's labels."""
+"""Upright boxes in the LiDAR frame, and their conversion from and to KITTI's labels."""
 
 import math
 from dataclasses import dataclass
@@ -38,8 +38,9 @@ class Boxes3D:
     the box's own x, y, z. Yaw is counter-clockwise from above, 0 faces +x, in [-pi, pi).
 
     In the frame of a LiDAR that is tilted against the road, centres are exact and a yaw is the
-    heading as seen along the LiDAR's z axis; that the boxes stand on the road, and not along that
-    axis, is neglected by `corners` and `contain`. `to_level` leads to a frame where it holds.
+    heading seen along the LiDAR's z axis. `corners` and `contain` assume that boxes stand along
+    that axis, and neglect that they stand on the road. `to_level` converts to a frame where this is
+    exact.
 
     Examples:
         >>> import torch
@@ -60,11 +61,11 @@ class Boxes3D:
     def __getitem__(
         self, index: Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
     ) -> "Boxes3D":
-        """The chosen boxes of an unbatched set, by indices, mask or slice."""
+        """Select boxes of an unbatched set, by indices, mask or slice."""
         return Boxes3D(self.tensor[index])
 
     def to(self, device: torch.device | str) -> "Boxes3D":
-        """The same boxes on another device."""
+        """Return the boxes on another device."""
         return Boxes3D(self.tensor.to(device))
 
     @property
@@ -84,28 +85,28 @@ class Boxes3D:
 
     @property
     def bev(self) -> Float[Tensor, "*batch num_boxes 5"]:
-        """The boxes from above: x, y, length, width, yaw."""
+        """Boxes from above: x, y, length, width, yaw."""
         return self.tensor[..., [0, 1, 3, 4, 6]]
 
     def corners(self) -> Float[Tensor, "*batch num_boxes 8 3"]:
-        """Corners [m]: front left, front right, rear right, rear left; bottom, then top."""
+        """Compute corners [m]: front left, front right, rear right, rear left; bottom, then top."""
         signs = self.tensor.new_tensor(_CORNER_SIGNS)
         offsets = self.sizes[..., None, :] / 2 * signs
         return self.centers[..., None, :] + offsets @ yaw_rotation(self.yaws).transpose(-1, -2)
 
     def enlarge(self, margin_m: float) -> "Boxes3D":
-        """Every face moved outwards by `margin_m`, so each size grows by twice that."""
+        """Move every face outwards by `margin_m`, so that each size grows by twice that."""
         grown = torch.cat((self.centers, self.sizes + 2 * margin_m, self.tensor[..., 6:]), dim=-1)
         return Boxes3D(grown)
 
     def turn(self, yaw_rad: float) -> "Boxes3D":
-        """The boxes turned about the origin's z axis, counter-clockwise from above."""
+        """Turn the boxes about the origin's z axis, counter-clockwise from above."""
         rotation = yaw_rotation(self.tensor.new_tensor(yaw_rad))
         yaws = wrap_angle(self.tensor[..., 6:] + yaw_rad)
         return Boxes3D(torch.cat((self.centers @ rotation.T, self.sizes, yaws), dim=-1))
 
     def from_level(self, level_from_own: Float64[Tensor, "4 4"]) -> "Boxes3D":
-        """The boxes of a level frame in one that is tilted or turned; see the class.
+        """Convert boxes of a level frame to a tilted or turned frame; see the class.
 
         Args:
             level_from_own: Rotation, and translation, into the level frame.
@@ -115,10 +116,10 @@ class Boxes3D:
         return self._moved(rigid_inverse(level_from_own), headings)
 
     def to_level(self, level_from_own: Float64[Tensor, "4 4"]) -> "Boxes3D":
-        """The boxes of a tilted or turned frame in the level one: the inverse of `from_level`."""
+        """Convert boxes of a tilted or turned frame to the level one: inverse of `from_level`."""
         yaws, up = self.yaws.double(), level_from_own[2, :3]
         cos, sin = yaws.cos(), yaws.sin()
-        rise = -(up[0] * cos + up[1] * sin) / up[2]  # of the heading, which lies in the road
+        rise = -(up[0] * cos + up[1] * sin) / up[2]  # slope of the heading, which lies in the road
         return self._moved(level_from_own, torch.stack((cos, sin, rise), dim=-1))
 
     def _moved(
@@ -130,29 +131,29 @@ class Boxes3D:
         return Boxes3D(torch.cat((centers, self.sizes, yaws[..., None]), dim=-1))
 
     def where(self, mask: Bool[Tensor, " num_boxes"], other: "Boxes3D") -> "Boxes3D":
-        """The boxes that the mask marks, and the other's at the rest of the places."""
+        """Select boxes where the mask is set, and those of `other` elsewhere."""
         return Boxes3D(torch.where(mask[:, None], self.tensor, other.tensor))
 
     def to_canonical(
         self, points: Float[Tensor, "*batch num_points 3"]
     ) -> Float[Tensor, "*batch num_boxes num_points 3"]:
-        """Points [m] in each box's own frame: origin in its centre, x along its heading."""
-        # The difference comes first: far from the origin it is what keeps the digits.
+        """Transform points [m] to each box's frame: origin in its centre, x along its heading."""
+        # Subtract first: this keeps precision far from the origin.
         offsets = points[..., None, :, :] - self.centers[..., :, None, :]
         return offsets @ yaw_rotation(self.yaws)
 
     def contain(
         self, points: Float[Tensor, "*batch num_points 3"]
     ) -> Bool[Tensor, "*batch num_boxes num_points"]:
-        """Which points lie in which box, its faces included. Takes O(num_boxes * num_points)."""
+        """Mask of points in boxes, faces included. Takes O(num_boxes * num_points)."""
         return (self.to_canonical(points).abs() <= self.sizes[..., :, None, :] / 2).all(dim=-1)
 
 
 def yaw_from_kitti_rotation(rotation_y: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """Yaw in the LiDAR frame from KITTI's rotation_y, and equally the other way round.
+    """Convert KITTI's rotation_y to yaw in the LiDAR frame; its own inverse.
 
     KITTI turns about the camera's downward y axis from the camera's x axis, which is -y of the
-    LiDAR frame; the small tilt between the sensors is neglected, as everywhere in the field.
+    LiDAR frame; the small tilt between the sensors is neglected, as is usual in the field.
     """
     return wrap_angle(-rotation_y - math.pi / 2)
 
@@ -163,13 +164,13 @@ def boxes3d_from_kitti(
     rotation_y: Float[Tensor, " num_boxes"],
     camera_from_lidar: Float[Tensor, "4 4"],
 ) -> Boxes3D:
-    """Boxes from the columns of a KITTI label: (h, w, l), bottom centre, rotation about camera y.
+    """Make boxes from KITTI label columns: (h, w, l), bottom centre, rotation about camera y.
 
     Args:
         dimensions_hwl: Height, width, length [m].
         bottom_centers: Centre of the bottom face in the rectified camera frame [m].
         rotation_y: Radians.
-        camera_from_lidar: From the frame's calibration.
+        camera_from_lidar: Extrinsics of the frame's calibration.
     """
     raised = bottom_centers.clone()
     raised[:, 1] -= dimensions_hwl[:, 0] / 2  # camera y points down
@@ -181,7 +182,7 @@ def boxes3d_from_kitti(
 def kitti_from_boxes3d(
     boxes: Boxes3D, camera_from_lidar: Float[Tensor, "4 4"]
 ) -> tuple[Float[Tensor, "num_boxes 3"], Float[Tensor, "num_boxes 3"], Float[Tensor, " num_boxes"]]:
-    """The columns of a KITTI label: the inverse of `boxes3d_from_kitti`.
+    """Compute the columns of a KITTI label: the inverse of `boxes3d_from_kitti`.
 
     Returns:
         Height, width, length [m]; bottom centres in the rectified camera frame [m]; rotation_y

@@ -1,4 +1,4 @@
-"""What relates the LiDAR to the camera and the camera to its image."""
+"""Calibration of a camera and a LiDAR: intrinsics and extrinsics."""
 
 import warnings
 from collections.abc import Sequence
@@ -17,15 +17,15 @@ from sightline.geometry.mount import mount_doubt
 from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
 
 Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
-"""Numbers of any type in rows, as users have them."""
+"""Rows of numbers of any type, as users have them."""
 
-_THIRD_ROW_TOLERANCE = 1e-6  # of a camera matrix that was calculated in float32
+_THIRD_ROW_TOLERANCE = 1e-6  # for a camera matrix computed in float32
 
 
 @checked(remedy="Calibration.from_matrices converts matrices")
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Calibration:
-    """One rectified camera and where the LiDAR sits, in float64.
+    """Intrinsics of one rectified camera and extrinsics of the LiDAR, in float64.
 
     KITTI's `P2` maps the rectified frame of camera 0 to the image of camera 2 and holds the
     baseline between the two in its last column. Depth is therefore its third homogeneous
@@ -49,7 +49,7 @@ class Calibration:
     """Rectified camera frame from LiDAR frame (KITTI's R0_rect @ Tr_velo_to_cam)."""
 
     def __post_init__(self) -> None:
-        """Checks what no later step could repair."""
+        """Checks for errors that no later step could repair."""
         for name in ("image_from_camera", "camera_from_lidar"):
             if not getattr(self, name).isfinite().all():
                 raise ValueError(f"{name} holds NaN or infinite values; calibrate again")
@@ -86,7 +86,7 @@ class Calibration:
         *,
         distortion: Sequence[SupportsFloat] | np.ndarray | Tensor | None = None,
     ) -> "Calibration":
-        """The calibration of a camera and a LiDAR of your own.
+        """Make the calibration of a camera and a LiDAR of your own.
 
         Warns, with the likely mistake, where no vehicle carries its sensors so.
 
@@ -137,24 +137,24 @@ class Calibration:
 
     @property
     def image_from_lidar(self) -> Float64[Tensor, "*batch 3 4"]:
-        """Pixels from LiDAR metres, homogeneous."""
+        """Projection matrix: pixels from LiDAR metres, homogeneous."""
         return self.image_from_camera @ self.camera_from_lidar
 
     def to(self, device: torch.device | str) -> "Calibration":
-        """The same calibration on another device."""
+        """Return the calibration on another device."""
         return Calibration(
             image_from_camera=self.image_from_camera.to(device),
             camera_from_lidar=self.camera_from_lidar.to(device),
         )
 
     def crop(self, x_min: int, y_min: int) -> "Calibration":
-        """The calibration of the image cut so that pixel (x_min, y_min) becomes pixel (0, 0)."""
+        """Calibration after cropping: pixel (x_min, y_min) of the image becomes pixel (0, 0)."""
         return self._with_pixels(
             scale_x=1.0, scale_y=1.0, shift_x=float(-x_min), shift_y=float(-y_min)
         )
 
     def resize(self, scale_x: float, scale_y: float) -> "Calibration":
-        """The calibration of the resized image; pixels are squares around their centres."""
+        """Calibration after resizing the image; pixels are squares around their centres."""
         return self._with_pixels(
             scale_x=scale_x,
             scale_y=scale_y,
@@ -191,7 +191,7 @@ def _numbers(
 
 
 def _shape_hint(numbers: Float64[np.ndarray, "..."], shapes: Sequence[tuple[int, int]]) -> str:
-    """What makes a matrix of numbers in another shape, where that is plain."""
+    """Remedy for a matrix of another shape, if there is an obvious one; else empty."""
     flat = next((shape for shape in shapes if numbers.shape == (shape[0] * shape[1],)), None)
     if flat is not None:
         return f"; give .reshape({flat[0]}, {flat[1]})"
@@ -215,10 +215,10 @@ def _refuse_distortion(distortion: Sequence[SupportsFloat] | np.ndarray | Tensor
 
 
 def plain_calibration(value: object) -> Calibration:
-    """A calibration.
+    """Check that a value is a calibration.
 
     Raises:
-        TypeError: It is none.
+        TypeError: It is not.
     """
     if not isinstance(value, Calibration):
         raise wrong_type(
@@ -233,7 +233,7 @@ def plain_calibration(value: object) -> Calibration:
 def centred_image_size(calibration: Calibration) -> tuple[int, int]:
     """Height and width [px] of an image whose centre is the principal point.
 
-    A guess for a camera of which there is no picture: KITTI's are 22 px wider and 28 px higher.
+    It is a guess for a camera without pictures: KITTI's are 22 px wider and 28 px higher.
     """
     x, y = calibration.image_from_camera[:2, 2].tolist()
     return max(round(2 * y + 1), 1), max(round(2 * x + 1), 1)

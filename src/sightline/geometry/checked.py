@@ -1,4 +1,4 @@
-"""Dataclasses that check types and shapes of their fields, and say in one line what is wrong."""
+"""Dataclasses that check types and shapes of their fields, with error messages of one line."""
 
 import re
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from jaxtyping import TypeCheckError, jaxtyped
 
 Class = TypeVar("Class", bound=type[Any])
 
-# Whole numbers are numbers, too: as Python's own checkers of types have it.
+# Whole numbers count as floats, as in Python's own type checkers.
 _WIDE = BeartypeConf(is_pep484_tower=True)
 
 _FAULT = re.compile(
@@ -22,11 +22,11 @@ _LONGEST = 80  # characters of a wrong value
 
 
 def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Class], Class]:
-    """Have a dataclass refuse fields of other types or shapes, by a TypeError of one line.
+    """Make a dataclass reject fields of other types or shapes, with a TypeError of one line.
 
     Args:
-        wide: Whether a whole number is taken where a float is expected.
-        remedy: What to do with a wrong field.
+        wide: Whether to accept a whole number where a float is expected.
+        remedy: Advice in the message for a wrong field.
     """
 
     def decorate(kind: Class) -> Class:

@@ -1,4 +1,4 @@
-"""What is usable of a point cloud as users have it, and what is wrong where nothing is.
+"""Checks of users' point clouds: usable points, and the fault where there are none.
 
 Without PyTorch, for checks that start at once.
 """
@@ -13,31 +13,31 @@ from jaxtyping import Bool, Float, Float64, Shaped
 from sightline.geometry.mount import MAX_RANGE_M
 
 _MAX_COLUMNS: Final = 64
-"""Of a row of numbers; drivers write up to some twenty fields for each point."""
-_BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed many sensors' scales
+"""Largest number of columns in a row; drivers write up to about twenty fields for each point."""
+_BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed many scales
 
 _OTHER_LAYOUTS: Final = (
     *(("<f4", columns) for columns in (3, 5, 6, 7, 8)),
     *(("<f8", columns) for columns in (3, 4, 5, 6)),
 )
 _USUAL_LOSS: Final = 0.5  # share of a cloud, organised ones include rays into the sky
-_FEWEST_BYTES: Final = 320  # twenty points: fewer say too little
-_FINITE_SHARE: Final = 0.5  # of rows that are points, within reach
-_CLEARLY: Final = 0.8  # so much less unlike than rows of four have to be those of another layout
+_FEWEST_BYTES: Final = 320  # twenty points: fewer give too little evidence
+_FINITE_SHARE: Final = 0.5  # share of rows with points in range
+_CLEARLY: Final = 0.8  # largest ratio of unlikeness to that of rows of four for another layout
 _FEWEST_TO_DOUBT: Final = 100  # points
-_DARK_SHARE: Final = 0.01  # of max_intensity: of 255, intensities up to 1 are such
+_DARK_SHARE: Final = 0.01  # share of max_intensity: for 255, about 1 for the scale [0, 1]
 _FEWEST_RINGS: Final = 4
 _LARGEST_RING: Final = 1e6
-_RING_SHARE: Final = 0.95  # of the variance of elevations, that rings explain and no intensity does
-_POINTS_A_RING: Final = 20  # so that they do not explain it by chance
+_RING_SHARE: Final = 0.95  # of the variance of elevations that rings explain
+_POINTS_A_RING: Final = 20  # enough points to avoid an explanation by chance
 _MOST_RINGS: Final = 128
-_WILD: Final = 1e30  # stands for what is not finite
+_WILD: Final = 1e30  # replaces values that are not finite
 
 
 def rows_of(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None:
-    """Numbers in rows of three or more, the rows of an organised cloud in order; else None.
+    """Convert an array to rows of three or more numbers, an organised cloud row by row; else None.
 
-    None as well for more than 64 points that are written column by column, 4 x num_points.
+    Also None for more than 64 points that are written column by column, 4 x num_points.
     """
     is_cloud = array.ndim >= 2 and 3 <= array.shape[-1] <= _MAX_COLUMNS
     if not is_cloud or array.dtype.kind not in "fiu":
@@ -47,11 +47,11 @@ def rows_of(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None
 
 
 def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_echoes 4"]:
-    """Points that an echo made: x, y, z are finite and not all zero.
+    """Keep the points with an echo: x, y, z are finite and not all zero.
 
-    Where none came back, drivers write values that are not finite, the largest that there are, or
-    the sensor's own place. An intensity that is not finite becomes 0, as if there were none:
-    `losses` counts both.
+    For missing echoes, drivers write values that are not finite, the largest possible ones, or the
+    sensor's own place. An intensity that is not finite becomes 0, as if there were none: `losses`
+    counts both.
     """
     made: Float[np.ndarray, "num_echoes 4"] = points[is_echo(points)]
     unusable = ~_is_finite(made[:, 3])
@@ -61,9 +61,9 @@ def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_
 
 
 def losses(points: Float[np.ndarray, "num_points 4"]) -> tuple[str, ...]:
-    """Losses of `echoes` that are more than usual, each with counts, as the rest of a sentence.
+    """List the unusual losses of `echoes`, each with counts, as the rest of a sentence.
 
-    Points without an echo are usual, up to half of a cloud that looks into the sky; an intensity
+    Points without an echo are usual, up to half of a cloud with rays into the sky; an intensity
     that is not finite is not.
     """
     made = is_echo(points)
@@ -86,9 +86,9 @@ def losses(points: Float[np.ndarray, "num_points 4"]) -> tuple[str, ...]:
 
 
 def warn_of_columns(num_columns: int, num_points: int) -> None:
-    """Warn of what rows of numbers lack or hold beyond x, y, z and intensity.
+    """Warn about missing or additional columns besides x, y, z and intensity.
 
-    Without the name of a cloud: said once, of all that have so many columns.
+    The message does not name a cloud: it appears once for all clouds with that number of columns.
     """
     if num_points and num_columns == 3:
         warnings.warn(
@@ -106,7 +106,7 @@ def warn_of_columns(num_columns: int, num_points: int) -> None:
 
 
 def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: float) -> None:
-    """Warn of intensities that are so far below max_intensity that it is hardly theirs."""
+    """Warn about intensities so far below max_intensity that it is probably wrong."""
     brightest = float(intensities.max(initial=0))
     if max_intensity == math.inf or len(intensities) < _FEWEST_TO_DOUBT:
         return
@@ -120,33 +120,33 @@ def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: 
 
 
 def warn_of_losses(points: Float[np.ndarray, "num_points 4"], source: str) -> None:
-    """Warn of what `losses` counts, in the name of a file, a topic or whatever the cloud is."""
+    """Warn about the losses of `losses`, with the name of the cloud's file or topic."""
     for loss in losses(points):
         warnings.warn(f"{source}: {loss}", stacklevel=3)
 
 
 def is_echo(points: Float[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_points"]:
-    """Tell points that an echo made: x, y, z are finite and not all zero."""
+    """Mask of the points with an echo: x, y, z are finite and not all zero."""
     places = points[:, :3]
     made = np.logical_and(_is_finite(places).all(axis=1), places.any(axis=1))
     return np.asarray(made)
 
 
 def _is_finite(values: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
-    with np.errstate(over="ignore"):  # what float32, a sweep's type, cannot hold becomes infinite
+    with np.errstate(over="ignore"):  # values beyond float32, a sweep's type, become infinite
         return np.isfinite(values.astype(np.float32))
 
 
 def cloud_fault(
     points: Float[np.ndarray, "num_points 4"], max_intensity: float
 ) -> tuple[str, str] | None:
-    """Why finite points are no cloud in metres with intensities from 0 to max_intensity.
+    """Check that finite points form a cloud in metres with intensities from 0 to max_intensity.
 
-    Ring numbers are no intensities. One point in a hundred may be brighter, as retroreflectors
-    are; none may be darker than 0.
+    Ring numbers are no intensities. One point in a hundred may be brighter, as retroreflectors are;
+    none may be darker than 0.
 
     Returns:
-        The problem, as the rest of a sentence, and the remedy; None where there is no fault.
+        The problem, as the rest of a sentence, and the remedy; None if there is no fault.
     """
     if not len(points):
         return None
@@ -183,13 +183,13 @@ def holds_rings(
     least_share: float,
     points_a_ring: int = 1,
 ) -> bool:
-    """Tell whole numbers that part points by elevation, as those of lasers do, from others.
+    """Check whether numbers are ring numbers: whole numbers that separate points by elevation.
 
     Args:
-        numbers: One a point.
-        points: x, y, z first; those without an echo say nothing.
-        least_share: Share of the variance of elevations that the numbers have to explain, 0 to 1.
-        points_a_ring: Points that a ring has at least, on average.
+        numbers: One for each point.
+        points: x, y, z first; points without an echo are ignored.
+        least_share: Smallest share of the variance of elevations that rings explain, 0 to 1.
+        points_a_ring: Smallest mean number of points in a ring.
     """
     made = is_echo(points)
     chosen = numbers[made].astype(np.float64)
@@ -208,7 +208,7 @@ def holds_rings(
 
 
 def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str] | None:
-    """Problem and remedy of points that lie too far away for most to be seen from the origin."""
+    """Problem and remedy of points mostly out of a sensor's range; None if there is none."""
     middle_m = float(np.median(np.linalg.norm(places, axis=1)))
     if middle_m <= MAX_RANGE_M:
         return None
@@ -229,9 +229,9 @@ def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str]
 def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
     """Find the number type and columns of a raw cloud that is not float32 x, y, z, intensity.
 
-    A layout has to fit the length, to give points within a LiDAR's reach with intensities that are
-    not negative, and to repeat: numbers of neighbouring points resemble each other in the same
-    column. Where rows of 16 bytes do all this, they are taken, and the result is None.
+    A layout has to fit the length, give points within a LiDAR's range with non-negative
+    intensities, and repeat: neighbouring points have similar numbers in the same column. If rows of
+    16 bytes fulfil all this, they are preferred, and the result is None.
     """
     narrow = np.frombuffer(content[: len(content) // 4 * 4], "<f4")
     if len(content) % 16 == 0 and (
@@ -255,9 +255,9 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
 
 
 def has_columns(content: bytes, columns: int) -> bool:
-    """Whether float32 rows of so many columns, x, y, z and intensity first, give plausible points.
+    """Check if float32 rows of `columns` values (x, y, z, intensity first) are plausible points.
 
-    Of fewer than twenty points nobody can tell: the answer is no.
+    With fewer than twenty points the result is False, since there is too little evidence.
     """
     row_bytes = 4 * columns
     if len(content) % row_bytes or len(content) < 20 * row_bytes:
@@ -266,7 +266,7 @@ def has_columns(content: bytes, columns: int) -> bool:
 
 
 def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:
-    """True of rows that can be points in metres, however bright they are."""
+    """Check if rows can be points in metres, with any brightness."""
     in_order = rows[:, :3].min() >= -MAX_RANGE_M and rows[:, :3].max() <= MAX_RANGE_M
     if in_order and not (rows[:, 3:4] < 0).any() and np.isfinite(rows[:, 3:4]).all():
         return True  # most files; the rest takes five times as long
@@ -278,7 +278,7 @@ def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:
 
 
 def _unlikeness(values: Float[np.ndarray, " count"], columns: int) -> float:
-    """Mean of log(1 + difference) between numbers and those one row on."""
+    """Mean of log(1 + difference) between numbers and those one row later."""
     level = np.where(np.isfinite(values), values, _WILD).astype(np.float64)
     steps = np.log1p(np.abs(level[columns:] - level[:-columns]))
     return float(steps.mean()) if len(steps) else _WILD
@@ -287,5 +287,5 @@ def _unlikeness(values: Float[np.ndarray, " count"], columns: int) -> float:
 def reflectances(
     intensities: Float[np.ndarray, " num_points"], max_intensity: float
 ) -> Float[np.ndarray, " num_points"]:
-    """Intensities as reflectances in [0, 1]; 1 of what is brighter than max_intensity."""
+    """Scale intensities to reflectances in [0, 1]; 1 for values above max_intensity."""
     return (intensities / max_intensity).clip(0, 1)

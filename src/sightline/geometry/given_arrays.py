@@ -1,4 +1,4 @@
-"""Arrays, tensors and nested lists as users have them."""
+"""Conversion of users' arrays, tensors and nested lists."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,18 +11,18 @@ from torch import Tensor, bfloat16, strided
 from sightline.geometry.arguments import shown
 
 Given = np.ndarray | Tensor | Sequence[Any]
-"""Numbers as users have them: an array, a tensor, nested lists."""
+"""Array, tensor or nested lists of numbers."""
 
 
 def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
-    """The array that is given, or that of a tensor or of nested lists; memory may be shared.
+    """Convert an array, a tensor or nested lists to an array; memory may be shared.
 
     Args:
-        name: What errors call it.
-        given: Of any type and shape.
+        name: Name in error messages.
+        given: Value of any type and shape.
 
     Raises:
-        ValueError: Values are masked, a tensor has none (those on the device meta), or rows are of
+        ValueError: Values are masked, a tensor has none (those on the device meta), or rows have
             several lengths.
     """
     if isinstance(given, np.ma.MaskedArray):
@@ -45,10 +45,10 @@ def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
 
 
 def plain_numbers(name: str, given: object) -> Float64[np.ndarray, "..."]:
-    """The numbers of an array, a tensor or nested lists, of any shape.
+    """Convert an array, a tensor or nested lists of any shape to float64.
 
     Raises:
-        ValueError: It holds something else.
+        ValueError: The value contains something else than numbers.
     """
     array = given_array(name, given)
     if array.dtype.kind in "fiuOU":
@@ -58,7 +58,7 @@ def plain_numbers(name: str, given: object) -> Float64[np.ndarray, "..."]:
 
 
 def without_masked(given: object, fill: float = np.nan) -> object:
-    """Masked numbers filled, so that they become float64; anything else as it is."""
+    """Fill masked numbers, which become float64; return anything else unchanged."""
     if not isinstance(given, np.ma.MaskedArray) or given.dtype.kind not in "fiu":
         return given
     is_masked = np.ma.getmaskarray(given)
@@ -72,6 +72,6 @@ def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:
             "the CPU or a GPU"
         )
     dense = tensor if tensor.layout == strided else tensor.to_dense()
-    wide = dense.float() if dense.dtype == bfloat16 else dense  # NumPy has no such type
+    wide = dense.float() if dense.dtype == bfloat16 else dense  # NumPy has no bfloat16
     array: Shaped[np.ndarray, "..."] = wide.numpy(force=True)
     return array

@@ -1,4 +1,4 @@
-"""Where the image shows a 3D box."""
+"""Projection of 3D boxes to the image."""
 
 import torch
 from jaxtyping import Float, Float64
@@ -6,13 +6,13 @@ from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
 
-_NEAR_M = 0.1  # what is nearer to the camera, or behind it, is not projected
-# Of the corners: ahead and behind along the length, to both sides, bottom and top.
+_NEAR_M = 0.1  # smallest projected depth
+# Offsets of the corners: ahead and behind along the length, to both sides, bottom and top.
 _ALONG = (0.5, 0.5, -0.5, -0.5, 0.5, 0.5, -0.5, -0.5)
 _ACROSS = (0.5, -0.5, -0.5, 0.5, 0.5, -0.5, -0.5, 0.5)
 _UP = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
-_STARTS = (0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3)  # corners that edges lead from
-_ENDS = (1, 2, 3, 0, 5, 6, 7, 4, 4, 5, 6, 7)  # and to
+_STARTS = (0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3)  # first corners of the edges
+_ENDS = (1, 2, 3, 0, 5, 6, 7, 4, 4, 5, 6, 7)  # second corners of the edges
 
 
 def kitti_corners(
@@ -20,7 +20,7 @@ def kitti_corners(
     bottom_centers: Float64[Tensor, "num_boxes 3"],
     rotation_y: Float64[Tensor, " num_boxes"],
 ) -> Float64[Tensor, "num_boxes 8 3"]:
-    """Corners [m] of KITTI's boxes, which stand upright in the rectified camera frame."""
+    """Compute corners [m] of KITTI's boxes, which stand upright in the rectified camera frame."""
     height, width, length = (dimensions_hwl[:, [axis]] for axis in range(3))
     along, across = length * length.new_tensor(_ALONG), width * width.new_tensor(_ACROSS)
     cos, sin = rotation_y.cos()[:, None], rotation_y.sin()[:, None]
@@ -40,24 +40,24 @@ def project_boxes(
     image_from_camera: Float64[Tensor, "3 4"],
     image_size: tuple[int, int],
 ) -> Boxes2D:
-    """Bounds of the boxes' edges within the image of (height, width), as KITTI draws 2D boxes.
+    """Compute the bounds of boxes' edges in an image of (height, width), like KITTI's 2D boxes.
 
-    Edges are cut at the image's border and 0.1 m in front of the camera, then bounded: the corners'
-    bounds, cut afterwards, would be wider where a box stands next to the camera. Over all 7,481
-    label files their IoU with a car's 2D label is 0.98 (median); the labels were drawn with a
+    Edges are clipped at the image's border and 0.1 m in front of the camera, then bounded. Bounding
+    the corners and clipping afterwards would give wider boxes next to the camera. Over all 7,481
+    label files the IoU with a car's 2D label is 0.98 (median); the labels were drawn with a
     slightly different calibration.
 
     Args:
-        corners: As `kitti_corners` orders them; rectified camera frame [m].
-        image_from_camera: From the frame's calibration.
+        corners: Corners in the order of `kitti_corners`; rectified camera frame [m].
+        image_from_camera: Intrinsics of the frame's calibration.
         image_size: Height, width [px].
 
     Returns:
-        One box each, in its order; NaN where the image shows no edge.
+        One box each, in its order; NaN if no edge is in the image.
     """
     height, width = image_size
     homogeneous = corners @ image_from_camera[:, :3].T + image_from_camera[:, 3]
-    # A place is within the image where none of these is negative.
+    # A place is within the image if none of these is negative.
     sides = corners.new_tensor(
         [(0, 0, 1), (1, 0, 0), (-1, 0, width - 1), (0, 1, 0), (0, -1, height - 1)]
     )
@@ -79,7 +79,7 @@ def project_boxes(
 def _pixels_at(
     homogeneous: Float64[Tensor, "num_boxes 8 3"], share: Float[Tensor, "num_boxes 12"]
 ) -> Float64[Tensor, "num_boxes 12 2"]:
-    """Where so large a share of each edge ends in the image; nonsense where it is infinite."""
+    """Compute the pixel at a share of each edge; undefined for infinite shares."""
     start, end = homogeneous[:, list(_STARTS)], homogeneous[:, list(_ENDS)]
     at = start + share[..., None] * (end - start)
     return at[..., :2] / at[..., 2:]

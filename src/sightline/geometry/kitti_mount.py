@@ -1,4 +1,4 @@
-"""How KITTI's car carries its LiDAR; apart from the rest, which needs PyTorch."""
+"""LiDAR mount of KITTI's car; a separate module, since others need PyTorch."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""Whether a camera and a LiDAR can be as they are said to be, and the likely mistake where not.
+"""Plausibility of a camera's and a LiDAR's calibration, and likely mistakes.
 
 Without PyTorch, for checks that start at once.
 """
@@ -10,32 +10,32 @@ import numpy as np
 from jaxtyping import Float64
 
 MAX_OFFSET_M: Final = 20.0
-"""Between two sensors on the longest lorry."""
+"""Largest distance between two sensors, on the longest lorry."""
 
 MAX_RANGE_M: Final = 300.0
-"""Beyond every LiDAR on the road; a sweep in millimetres is far beyond."""
+"""Range beyond every LiDAR on the road; a sweep in millimetres is far beyond."""
 
 LEAST_SHARE_IN_IMAGE: Final = 0.01
-"""Of a sweep's points, where camera and LiDAR look the same way."""
+"""Smallest share of a sweep's points in the image, if camera and LiDAR face the same way."""
 
-_HANDFUL, _HANDFUL_SHARE = 20, 0.05  # points in the image, of a sweep that has many more
-_MAX_TILT_DEG = 25.0  # of the camera's vertical against the LiDAR's
-_MAX_ASIDE_DEG = 60.0  # of the view against the LiDAR's x axis
-_AHEAD_DEG = 5.0  # what is left of any mount that is meant to look ahead
-_SWAPPED_DEG = 15.0  # off axes that are only swapped
-_SMALL_TURN_DEG = 5.0  # what 90 degrees become that are written in radians: 1.6
+_HANDFUL, _HANDFUL_SHARE = 20, 0.05  # number and share of points in the image
+_MAX_TILT_DEG = 25.0  # between the camera's and the LiDAR's vertical
+_MAX_ASIDE_DEG = 60.0  # between the view and the LiDAR's x axis
+_AHEAD_DEG = 5.0  # usual error of a mount that faces ahead
+_SWAPPED_DEG = 15.0  # from axes that are only swapped
+_SMALL_TURN_DEG = 5.0  # 90 degrees in radians, taken for degrees, are 1.6
 _IDENTITY_DEG = 0.01
-_OTHER_RESOLUTION = 1.35  # between the image's middle and the principal point, alike in x and y
+_OTHER_RESOLUTION = 1.35  # ratio of the image's middle and the principal point, similar in x and y
 _ALIKE = 1.2
 _LIDAR_DIRECTIONS = ("forward", "left", "up")
 _OPPOSITE = {"forward": "backward", "left": "right", "up": "down"}
 
 
 def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
-    """What makes a transform doubtful, with the likely cause; None where nothing does.
+    """Find a doubt about a transform, with the likely cause; None if there is none.
 
-    Expected is what conventions say: LiDAR x forward, y left, z up; camera x right, y down,
-    z forward; so that both agree on what is up, and the camera looks ahead.
+    Expected conventions: LiDAR x forward, y left, z up; camera x right, y down, z forward. So both
+    agree on the vertical, and the camera faces ahead.
 
     Returns:
         The rest of a sentence that begins with the transform's name.
@@ -48,7 +48,7 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
         )
     rotation = camera_from_lidar[:3, :3]
     if _tilt_deg(rotation) <= _MAX_TILT_DEG:
-        return None  # where the camera looks aside, points are turned: see `turn_ahead`
+        return None  # for a camera that faces aside, points are turned: see `turn_ahead`
     turn_deg = _turn_deg(rotation)
     if turn_deg <= _IDENTITY_DEG:
         return (
@@ -76,7 +76,7 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
 
 
 def is_hardly_shown(num_shown: int, num_points: int) -> bool:
-    """Whether an image shows too little of a sweep for both to belong together."""
+    """Check if an image shows too few of a sweep's points for both to belong together."""
     share = num_shown / max(num_points, 1)
     is_handful = num_shown < _HANDFUL and share < _HANDFUL_SHARE
     return num_points > 0 and (is_handful or share < LEAST_SHARE_IN_IMAGE)
@@ -85,14 +85,14 @@ def is_hardly_shown(num_shown: int, num_points: int) -> bool:
 def turn_ahead(
     camera_from_lidar: Float64[np.ndarray, "4 4"],
 ) -> tuple[Float64[np.ndarray, "4 4"], float]:
-    """A LiDAR frame turned about its z axis so that x points where the camera looks.
+    """Turn a LiDAR frame about its z axis so that x points along the camera's view.
 
-    That is what detectors, KITTI's files and pictures from above expect. nuScenes' LiDAR has x to
-    the right, a camera may look aside, and a LiDAR may be mounted as its plug wants it.
+    Detectors, KITTI's files and pictures from above expect this. nuScenes' LiDAR has x to the
+    right, a camera may face aside, and a LiDAR may be mounted in any rotation.
 
     Returns:
         new_from_old, and the angle [deg], counter-clockwise, from the old x axis to the new; the
-        identity and 0 where the camera looks ahead (within 5 degrees), or is not upright.
+        identity and 0 if the camera faces ahead (within 5 degrees), or is not upright.
     """
     rotation = camera_from_lidar[:3, :3]
     angle = _aside_rad(rotation)
@@ -108,11 +108,11 @@ def turn_ahead(
 def resolution_doubt(
     camera_matrix: Float64[np.ndarray, "3 columns"], image_size: tuple[int, int]
 ) -> str | None:
-    """That a camera matrix is of other images; None where it may be of these.
+    """Find evidence that a camera matrix belongs to other images; None if it may fit these.
 
-    Where both coordinates of the principal point are off the middle by one factor, it is hardly
-    that of a camera that was cropped; where it is in the middle of images as wide as these are
-    high, height and width were taken for each other.
+    If both coordinates of the principal point are off the middle by the same factor, the camera is
+    hardly a cropped one. If it is in the middle of images as wide as these are high, height and
+    width were swapped.
 
     Args:
         camera_matrix: In pixels.
@@ -129,7 +129,7 @@ def resolution_doubt(
         f"{calibrated[1]:.0f} (height x width), but images are {image_size[0]}x{image_size[1]}: "
     )
     turned = calibrated[::-1] / np.array(image_size)
-    # an image so much longer than high is not alike both ways
+    # the ratios of such a wide image are not similar in x and y
     is_long = max(image_size) > _ALIKE**2 * min(image_size)
     if is_long and (np.abs(np.log(turned)) < math.log(_ALIKE)).all():
         return (
@@ -146,22 +146,22 @@ def resolution_doubt(
 
 
 def _tilt_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
-    """Between what is up for the LiDAR (z) and for the camera (-y)."""
+    """Angle between the verticals of the LiDAR (z) and the camera (-y)."""
     return _angle_deg(-rotation[1, 2])
 
 
 def _aside_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
-    """From the LiDAR's x axis to the camera's view, seen from above."""
+    """Angle from the LiDAR's x axis to the camera's view, seen from above, unsigned."""
     return abs(float(np.degrees(_aside_rad(rotation))))
 
 
 def _aside_rad(rotation: Float64[np.ndarray, "3 3"]) -> float:
-    """The same with its sign, counter-clockwise."""
+    """Signed angle from the LiDAR's x axis to the camera's view, counter-clockwise."""
     return float(np.arctan2(rotation[2, 1], rotation[2, 0]))
 
 
 def _turn_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
-    # By the chord, which has digits left where the angle is small.
+    # From the chord, which keeps precision at small angles.
     chord = np.linalg.norm(rotation - np.eye(3)) / np.sqrt(8)
     return float(2 * np.degrees(np.arcsin(min(chord, 1.0))))
 
@@ -171,7 +171,7 @@ def _angle_deg(cosine: float) -> float:
 
 
 def _as_axes(rotation: Float64[np.ndarray, "3 3"]) -> tuple[str, str, str] | None:
-    """Where the camera's axes point in the LiDAR's; None where they are oblique."""
+    """Directions of the camera's axes in the LiDAR's frame; None if they are oblique."""
     nearest = np.argmax(np.abs(rotation), axis=1)
     swapped = np.zeros((3, 3))
     swapped[range(3), nearest] = np.sign(rotation[range(3), nearest])

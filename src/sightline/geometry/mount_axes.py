@@ -1,4 +1,4 @@
-"""Clouds of other axis conventions than x forward, y left, z up, recognised by their road.
+"""Detection of clouds with other axes than x forward, y left, z up, by their road.
 
 Without PyTorch.
 """
@@ -15,17 +15,18 @@ _NAMES = ("x", "y", "z")
 def axes_doubt(
     points: Float[np.ndarray, "num_points fields"], camera_from_lidar: Float64[np.ndarray, "4 4"]
 ) -> tuple[str, str] | None:
-    """Fault of a cloud whose z axis does not point up, and what to convert: it alone, or both.
+    """Find the fault of a cloud whose z axis does not point up, and its conversion.
 
-    Mirrored clouds (y right with z up) look like any other, and are not recognised.
+    The remedy converts the cloud alone, or the calibration too. Mirrored clouds (y right with z up)
+    look like any other, and are not recognised.
 
     Args:
         points: x, y, z first [m].
-        camera_from_lidar: As it is given for them.
+        camera_from_lidar: Given extrinsics of these points.
 
     Returns:
-        The problem, as the rest of a sentence, and the remedy; None where the road lies below, or
-        none is seen.
+        The problem, as the rest of a sentence, and the remedy; None if the road lies below, or none
+        is visible.
     """
     turn = upright_turn(points)
     if turn is None:
@@ -52,6 +53,6 @@ def axes_doubt(
 
 
 def _axis(row: Float64[np.ndarray, "3"]) -> str:
-    """The axis that a row of a rotation of axes takes, with its sign."""
+    """Format the axis that a row of an axis rotation selects, with its sign."""
     place = int(np.abs(row).argmax())
     return f"{'-' if row[place] < 0 else ''}{_NAMES[place]}"

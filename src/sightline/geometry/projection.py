@@ -1,4 +1,4 @@
-"""From LiDAR points to pixels and back."""
+"""Projection of LiDAR points to pixels, and back."""
 
 from typing import NamedTuple
 
@@ -11,14 +11,14 @@ from sightline.geometry.calibration import Calibration, plain_calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.transforms import rigid_inverse, transform_points
 
-# Kim et al. 2018, Eq. 1-3: what each channel of a DHI image takes as its far end.
+# Kim et al. 2018, Eq. 1-3: far end of each channel of a DHI image.
 DHI_RANGE_M = 80.0
 DHI_HEIGHT_M = 6.0
 DHI_REFLECTANCE = 0.7
 
 
 class ProjectedPoints(NamedTuple):
-    """Where points fall in the image.
+    """Projected points in the image.
 
     Pixel (0, 0) is the centre of the top-left pixel. Points that are not in front of the camera
     have no pixel: NaN.
@@ -30,7 +30,7 @@ class ProjectedPoints(NamedTuple):
     """Metres along the camera's optical axis; not positive behind it."""
 
     def in_image(self, image_size: tuple[int, int]) -> Bool[Tensor, "*batch num_points"]:
-        """Which points fall on a pixel of an image of (height, width)."""
+        """Mask of the points on a pixel of an image of (height, width)."""
         height, width = image_size
         x, y = self.pixels.unbind(dim=-1)
         # Written so that NaN, which compares false with everything, is outside.
@@ -40,7 +40,7 @@ class ProjectedPoints(NamedTuple):
 def project_points(
     points: Float[Tensor, "*batch num_points 3"], calibration: Calibration
 ) -> ProjectedPoints:
-    """Pixels and depths of LiDAR points [m]; calculated in float64, returned in their dtype.
+    """Project LiDAR points [m] to pixels and depths, in float64; results have the points' dtype.
 
     Examples:
         >>> import sightline
@@ -67,7 +67,7 @@ def unproject_pixels(
     depths: Float[Tensor, "*batch num_points"],
     calibration: Calibration,
 ) -> Float[Tensor, "*batch num_points 3"]:
-    """LiDAR-frame points [m] of pixels with depth [m]: the inverse of `project_points`."""
+    """Compute LiDAR-frame points [m] of pixels with depth [m]: the inverse of `project_points`."""
     scaled = torch.cat((pixels.double(), torch.ones_like(pixels[..., :1]).double()), dim=-1)
     scaled = scaled * depths.double()[..., None]
     offset = calibration.image_from_camera[..., None, :, 3]
@@ -82,7 +82,7 @@ def sparse_depth_map(
     calibration: Calibration,
     image_size: tuple[int, int],
 ) -> Float32[Tensor, "height width"]:
-    """Projects a sweep (x, y, z first [m]) to a depth map [m] of (height, width); 0 = no point.
+    """Project a sweep (x, y, z first [m]) to a depth map [m] of (height, width); 0 = no point.
 
     Where several points fall on one pixel the nearest stays.
 
@@ -110,7 +110,7 @@ def sparse_depth_map(
 def _check_given(
     points: object, calibration: object, columns: int, *, exactly: bool = False
 ) -> None:
-    """Refuse what users may give instead of points and a calibration."""
+    """Check that users give points and a calibration."""
     plain_calibration(calibration)
     if not isinstance(points, Tensor):
         expected = "a tensor; give torch.from_numpy(array), or sample.points"
@@ -130,16 +130,16 @@ def dhi_image(
     *,
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M,
 ) -> Float32[Tensor, "3 height width"]:
-    """The sweep as an image of depth, height and intensity in [0, 255]: Kim et al. 2018, Eq. 1-4.
+    """Image of a sweep's depth, height and intensity in [0, 255]: Kim et al. 2018, Eq. 1-4.
 
     Channels fall from 255 to 0 with the distance x over 80 m, the height over 6 m and the
     reflectance over 0.7. Pixels without a point are 0 in all channels; the nearest of several
     points on a pixel stays, the first in the sweep at equal depth. The 2D detectors' input `lidar`
     is this image divided by 255, in [0, 1].
 
-    Departure: the paper takes z as it comes, which is negative for nearly all road users; here
-    `height_offset_m` (the LiDAR's height above the road; 0 for the paper's letter) is added first
-    and the sum is kept in [0, 6] m.
+    Departure: the paper uses z directly, which is negative for nearly all road users; here
+    `height_offset_m` (the LiDAR's height above the road; 0 as in the paper) is added first and the
+    sum is clipped to [0, 6] m.
     """
     height, width = image_size
     flat, depths, kept = _visible(points, calibration, image_size)
@@ -164,7 +164,7 @@ def _visible(
     calibration: Calibration,
     image_size: tuple[int, int],
 ) -> tuple[Int64[Tensor, " visible"], Float[Tensor, " visible"], Int64[Tensor, " visible"]]:
-    """Flat pixel index, depth and index in the sweep of the points that fall in the image."""
+    """Flat pixel index, depth and index in the sweep of the points inside the image."""
     projected = project_points(points[:, :3].double(), calibration)
     kept = projected.in_image(image_size).nonzero()[:, 0]
     column, row = (projected.pixels[kept] + 0.5).floor().long().unbind(dim=-1)

@@ -1,4 +1,4 @@
-"""The road's plane in sweeps: how high a LiDAR sits above it, how it is tilted, which way is up.
+"""Road plane in sweeps: a LiDAR's height above it, its tilt, and the direction up.
 
 Without PyTorch.
 """
@@ -13,37 +13,37 @@ from jaxtyping import Float, Float64
 
 from sightline.geometry.tilt import Tilt
 
-_FROM_M, _TO_M, _CELL_M = 4.0, 30.0, 1.0  # nearer is the car itself, farther hills
-_WINDOW_M = 0.2  # of heights among which most cells of a road lie
-_SCALES_M = (0.4, 0.3, 0.2, 0.15, 0.1, 0.1)  # of residuals that count, from coarse to fine
+_FROM_M, _TO_M, _CELL_M = 4.0, 30.0, 1.0  # nearer points are the car itself, farther ones hills
+_WINDOW_M = 0.2  # range of heights that contains most cells of a road
+_SCALES_M = (0.4, 0.3, 0.2, 0.15, 0.1, 0.1)  # scales of the residuals, from coarse to fine
 _LEAST_CELLS = 30
-_PRIOR_CELLS = 5.0  # by which a road is held level, where cells lie too close to tell its slope
+_PRIOR_CELLS = 5.0  # weight of a level road, for cells too close together to determine the slope
 _LOWEST_M, _HIGHEST_M = -0.3, 5.0
 _LEVEL = Tilt(roll_deg=0.0, pitch_deg=0.0)
-_MAX_TILT_DEG, _STEP_DEG = 24.0, 3.0  # of the search, in roll and in pitch
-_SEARCHED_CELLS = 600  # are enough to choose a step by
-_COARSE_WINDOW_M = 0.5  # a road's heights between two steps of the search
-_LEVEL_PREFERENCE = 0.005  # share of the cells by which a degree of tilt must be better
-_MORE_CELLS = 1.1  # on a tilted plane than on a level one
-_PLAIN_SHARE = 0.5  # of all cells on one plane: there is no other
-_DOUBTFUL_SHARE = 0.25  # of all cells on the road: perhaps z is not up
-_CLEARLY_MORE = 2.0  # cells on a road that lies in another direction
+_MAX_TILT_DEG, _STEP_DEG = 24.0, 3.0  # limits and step of the search, in roll and in pitch
+_SEARCHED_CELLS = 600  # enough to choose a step
+_COARSE_WINDOW_M = 0.5  # range of a road's heights between two steps of the search
+_LEVEL_PREFERENCE = 0.005  # share of cells that each degree of tilt must gain
+_MORE_CELLS = 1.1  # ratio of cells on a tilted plane to those on a level one
+_PLAIN_SHARE = 0.5  # share of cells on one plane that excludes another
+_DOUBTFUL_SHARE = 0.25  # share of cells on the road below which z may not be up
+_CLEARLY_MORE = 2.0  # ratio of cells on a road in another direction
 
 MIN_LIDAR_HEIGHT_M: Final = -0.3
-"""Just below the road: a cloud's origin may lie on it, as in a frame called base_footprint."""
+"""Smallest LiDAR height: the origin may lie on the road, as in a frame called base_footprint."""
 MAX_LIDAR_HEIGHT_M: Final = 10.0
-"""Above any LiDAR on wheels; a greater number is in another unit."""
+"""Height above any LiDAR on wheels; a greater number is in another unit."""
 
 MAX_TILT_DEG: Final = 45.0
-"""More than any LiDAR on the road is tilted in roll or pitch; a greater number is no tilt."""
+"""Roll and pitch beyond any LiDAR on the road; a greater number is no tilt."""
 
-_TILTS_AGREE_DEG, _HEIGHTS_AGREE_M = 4.0, 0.5  # of what is given and what the road says
-_LEAST_TILT_DEG = 3.0  # by the median of several sweeps; less is a road's crown, or a hill
+_TILTS_AGREE_DEG, _HEIGHTS_AGREE_M = 4.0, 0.5  # between given and measured mount
+_LEAST_TILT_DEG = 3.0  # from the median of several sweeps; less is a road's crown, or a hill
 _LEAST_TILT_OF_FEW_DEG = 4.0
 _SEVERAL = 3
 
 _UPRIGHT: Final = {
-    # Which way is up: the rows of a rotation that makes z up, x ahead in the usual conventions.
+    # Direction up, with the rotation rows that make z up, and x forward in the usual conventions.
     "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
     "-y": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),
     "y": ((0, 0, -1), (-1, 0, 0), (0, 1, 0)),
@@ -54,26 +54,26 @@ _UPRIGHT: Final = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RoadPlane:
-    """The road in a sweep."""
+    """Road plane in a sweep."""
 
     height_m: float
     """Height of the LiDAR above the road [m]."""
     tilt: Tilt
     """Tilt of the LiDAR against the road."""
     num_cells: float
-    """Cells of a square metre that lie on it, by their weights."""
+    """Weighted number of one-metre cells on the plane."""
     share: float
-    """These as a share of all cells that have points."""
+    """Share of these among all cells with points."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarPose:
-    """How a LiDAR is mounted over the road, as far as its sweeps tell."""
+    """Mount of a LiDAR over the road, as far as its sweeps determine it."""
 
     height_m: float | None
-    """Height of the LiDAR above the road [m]; None where hardly any road is seen."""
+    """Height of the LiDAR above the road [m]; None if hardly any road is visible."""
     tilt: Tilt | None
-    """None where it is level, or too little tilted to be told from a road's own shape."""
+    """Tilt; None if it is level, or indistinguishable from a road's own shape."""
 
 
 def mount_doubts(
@@ -81,12 +81,12 @@ def mount_doubts(
     height_m: float | None,
     tilt: Tilt | None,
 ) -> tuple[str, ...]:
-    """Differences between the mount that somebody gives for a LiDAR and the road that it sees.
+    """Find differences between a LiDAR's given mount and the road in its sweeps.
 
     Args:
         sweeps: x, y, z first [m], LiDAR frame with z about up.
-        height_m: As given; None: not given.
-        tilt: Likewise.
+        height_m: Given height; None: not given.
+        tilt: Given tilt; None: not given.
     """
     doubts = []
     if tilt is not None:
@@ -111,14 +111,14 @@ def mount_doubts(
 def lidar_pose(
     sweeps: Iterable[Float[np.ndarray, "_num_points _fields"]], tilt: Tilt | None = None
 ) -> LidarPose:
-    """The height and the tilt of a LiDAR by the median of the roads in some sweeps.
+    """Estimate a LiDAR's height and tilt by the median of the road planes in some sweeps.
 
-    Tilts below 3 degrees count as none, of less than three sweeps those below 4: on 90 frames of
+    Tilts below 3 degrees count as none; with less than three sweeps, those below 4. On 90 frames of
     KITTI, whose LiDAR is level, single sweeps are off by up to 3.4 degrees.
 
     Args:
         sweeps: x, y, z first [m], LiDAR frame with z about up.
-        tilt: Where it is known.
+        tilt: Known tilt, if any.
     """
     held = [sweep[:, :3].astype(np.float64) for sweep in sweeps]
     if tilt is None:
@@ -134,18 +134,18 @@ def lidar_pose(
 
 
 def road_plane(points: Float[np.ndarray, "num_points fields"]) -> RoadPlane | None:
-    """The road in a sweep of a LiDAR that is tilted by up to 24 degrees in roll and in pitch.
+    """Fit the road in a sweep of a LiDAR that is tilted by up to 24 degrees in roll and in pitch.
 
-    The fit of `road_height_m` begins twice: with a level LiDAR, and with the tilt, in steps of 3
-    degrees, by which most cells' lowest points lie at one height. The second is taken where a tenth
-    more cells lie on its plane. Deterministic.
+    The fit of `road_height_m` starts twice: from a level LiDAR, and from the best tilt of a grid in
+    steps of 3 degrees, where most cells' lowest points have one height. The second fit is used if
+    its plane has a tenth more cells. Deterministic.
 
     Args:
-        points: x, y, z first [m], LiDAR frame with z about up; rows that are not finite are passed
-            over.
+        points: x, y, z first [m], LiDAR frame with z about up; rows that are not finite are
+            ignored.
 
     Returns:
-        None where hardly any road is seen.
+        The plane; None if hardly any road is visible.
     """
     xyz = points[:, :3].astype(np.float64)
     xyz = xyz[np.isfinite(xyz).all(axis=1)]
@@ -162,13 +162,13 @@ def road_plane(points: Float[np.ndarray, "num_points fields"]) -> RoadPlane | No
 def upright_turn(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Float64[np.ndarray, "3 3"] | None:
-    """The rotation of axes that makes z up in a cloud whose road lies in another direction.
+    """Find the axis rotation that makes z up in a cloud whose road lies in another direction.
 
     For clouds of other conventions: z down (x forward, y right), a camera's (x right, y down, z
     forward) and so on.
 
     Returns:
-        None where z is up, or nothing is a road in any direction.
+        The rotation; None if z is up, or there is no road in any direction.
     """
     plane = road_plane(points)
     if plane is not None and plane.share >= _DOUBTFUL_SHARE:
@@ -184,20 +184,20 @@ def upright_turn(
 
 
 def road_height_m(points: Float[np.ndarray, "num_points fields"]) -> float | None:
-    """The height [m] of a level LiDAR above the road around it; None where hardly any is seen.
+    """Estimate the height [m] of a level LiDAR above the road; None if hardly any is visible.
 
-    A plane through the lowest points of cells of one metre, 4 to 30 m away, by least squares that
-    are reweighted (Tukey's biweight) from where most of them lie.
+    The fit is a plane through the lowest points of cells of one metre, 4 to 30 m away, by
+    iteratively reweighted least squares (Tukey's biweight), starting at the most frequent height.
 
     Args:
-        points: x, y, z first [m], LiDAR frame with z up; rows that are not finite are passed over.
+        points: x, y, z first [m], LiDAR frame with z up; rows that are not finite are ignored.
     """
     fitted = _fit(points[:, :3].astype(np.float64))
     return None if fitted is None else -float(fitted[0][2])
 
 
 def drive_height_m(sweeps: Iterable[Float[np.ndarray, "_num_points fields"]]) -> float | None:
-    """The median of the heights in some sweeps of a drive; None where none shows the road."""
+    """Median of the heights in some sweeps of a drive; None if no sweep shows the road."""
     heights_m = [height for sweep in sweeps if (height := road_height_m(sweep)) is not None]
     return float(np.median(heights_m)) if heights_m else None
 
@@ -205,7 +205,7 @@ def drive_height_m(sweeps: Iterable[Float[np.ndarray, "_num_points fields"]]) ->
 def _plane_near(
     xyz: Float64[np.ndarray, "num_points 3"], tilt: Tilt, *, fits: int
 ) -> RoadPlane | None:
-    """The plane that some fits end in, each in the frame that the one before made level."""
+    """Refine a plane by several fits, each in the frame levelled by the one before."""
     plane = None
     for _ in range(fits):
         rotation = tilt.level_from_lidar[:3, :3]
@@ -221,7 +221,7 @@ def _plane_near(
 def _fit(
     xyz: Float64[np.ndarray, "num_points 3"],
 ) -> tuple[Float64[np.ndarray, "3"], float, float] | None:
-    """Z = slope_x * x + slope_y * y + z_0 of the road; how many and which share of the cells."""
+    """Fit z = slope_x * x + slope_y * y + z_0 to the road; also return cells and their share."""
     lowest = _lowest_of_cells(xyz, max_abs_z_m=2 * _HIGHEST_M)
     if len(lowest) < _LEAST_CELLS:
         return None
@@ -243,7 +243,7 @@ def _fit(
 
 
 def _coarse_tilt(xyz: Float64[np.ndarray, "num_points 3"]) -> Tilt | None:
-    """The tilt, of those in the search's steps, by which most cells lie at one height."""
+    """Find the tilt of the search's grid with the most cells at one height."""
     reach_m = 2 * _HIGHEST_M + _TO_M * float(np.tan(np.radians(_MAX_TILT_DEG)))
     lowest = _lowest_of_cells(xyz, max_abs_z_m=reach_m)
     if len(lowest) < _LEAST_CELLS:
@@ -267,7 +267,7 @@ def _lowest_of_cells(
     xyz: Float64[np.ndarray, "num_points 3"], *, max_abs_z_m: float
 ) -> Float64[np.ndarray, "num_cells 3"]:
     away_m = np.hypot(xyz[:, 0], xyz[:, 1])
-    is_near = np.abs(xyz[:, 2]) < max_abs_z_m  # far above or below there is no road
+    is_near = np.abs(xyz[:, 2]) < max_abs_z_m  # no road is far above or below
     near = xyz[(away_m > _FROM_M) & (away_m < _TO_M) & is_near]
     cells = np.floor(near[:, :2] / _CELL_M)
     order = np.lexsort((near[:, 2], cells[:, 1], cells[:, 0]))

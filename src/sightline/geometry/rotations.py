@@ -1,4 +1,4 @@
-"""Whether a matrix is a rotation. Without PyTorch, for checks that start at once."""
+"""Check of rotation matrices. Without PyTorch, for checks that start at once."""
 
 from typing import Final
 
@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float64
 
 ROTATION_TOLERANCE: Final = 1e-3
-"""What entries of a rotation times its transpose may be off those of the identity, at most."""
+"""Largest difference of a rotation times its transpose from the identity, by entry."""
 
 
 def rotation_fault(matrix: Float64[np.ndarray, "3 3"]) -> str | None:
-    """Why a matrix is no rotation, in a clause about it; None where it is one."""
+    """Describe why a matrix is no rotation, in a clause about it; None if it is one."""
     error = np.abs(matrix @ matrix.T - np.eye(3)).max()
     determinant = np.linalg.det(matrix)
     if error <= ROTATION_TOLERANCE and determinant > 0:

@@ -1,4 +1,4 @@
-"""A LiDAR's tilt against the road, and the level frame that detectors work in. Without PyTorch."""
+"""Tilt of a LiDAR against the road, and the level frame of the detectors. Without PyTorch."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Tilt:
 
     @classmethod
     def of_up(cls, up: Float64[np.ndarray, "3"]) -> "Tilt":
-        """The tilt of a LiDAR in whose frame the vector `up`, of any length, points up."""
+        """Compute the tilt from the vector up, of any length, in the LiDAR's frame."""
         x, y, z = (up / np.linalg.norm(up)).tolist()
         return cls(
             roll_deg=math.degrees(math.atan2(y, z)),
@@ -37,7 +37,7 @@ class Tilt:
 
     @property
     def level_from_lidar(self) -> Float64[np.ndarray, "4 4"]:
-        """The rotation into a level frame whose x axis lies right above or below the LiDAR's."""
+        """Rotation into a level frame whose x axis lies right above or below the LiDAR's."""
         roll, pitch = math.radians(self.roll_deg), math.radians(self.pitch_deg)
         rolled, pitched = np.eye(4), np.eye(4)
         cos, sin = math.cos(roll), math.sin(roll)
@@ -48,17 +48,17 @@ class Tilt:
 
     @property
     def up(self) -> Float64[np.ndarray, "3"]:
-        """The unit vector that points up, in the LiDAR's frame."""
+        """Unit vector up, in the LiDAR's frame."""
         vertical: Float64[np.ndarray, "3"] = self.level_from_lidar[2, :3]
         return vertical
 
     @property
     def angle_deg(self) -> float:
-        """Between the LiDAR's z axis and up."""
+        """Angle between the LiDAR's z axis and up."""
         return math.degrees(math.acos(min(max(float(self.up[2]), -1.0), 1.0)))
 
     def __str__(self) -> str:
-        """Both angles in words."""
+        """Format both angles in words."""
         nose = "down" if self.pitch_deg > 0 else "up"
         side = "right" if self.roll_deg > 0 else "left"
         return (
@@ -70,14 +70,14 @@ class Tilt:
 def level_ahead(
     camera_from_lidar: Float64[np.ndarray, "4 4"], tilt: Tilt | None
 ) -> Float64[np.ndarray, "4 4"] | None:
-    """level_from_lidar: the rotation into the frame that detectors expect, z up, x along the view.
+    """Compute level_from_lidar, the rotation into the detectors' frame: z up, x along the view.
 
     Args:
-        camera_from_lidar: Of the LiDAR as it is mounted.
-        tilt: Of the LiDAR. None: it is level.
+        camera_from_lidar: Extrinsics of the mounted LiDAR.
+        tilt: Tilt of the LiDAR. None: it is level.
 
     Returns:
-        None where the LiDAR's own frame will do: see `turn_ahead`.
+        The rotation; None if the LiDAR's own frame is suitable: see `turn_ahead`.
     """
     level_from_lidar = np.eye(4) if tilt is None else tilt.level_from_lidar
     ahead_from_level, angle_deg = turn_ahead(camera_from_lidar @ level_from_lidar.T)

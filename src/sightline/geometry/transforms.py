@@ -14,14 +14,14 @@ from torch import Tensor
 def rigid_transform(
     rotation: Float[Tensor, "*batch 3 3"], translation: Float[Tensor, "*batch 3"]
 ) -> Float[Tensor, "*batch 4 4"]:
-    """The 4x4 matrix that rotates by `rotation`, then moves by `translation` [m]."""
+    """Make the 4x4 matrix that rotates by `rotation`, then moves by `translation` [m]."""
     upper = torch.cat((rotation, translation[..., None]), dim=-1)
     bottom = upper.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(*upper.shape[:-2], 1, 4)
     return torch.cat((upper, bottom), dim=-2)
 
 
 def rigid_inverse(target_from_source: Float[Tensor, "*batch 4 4"]) -> Float[Tensor, "*batch 4 4"]:
-    """`source_from_target`, by the transposed rotation: exact where a general inverse is not."""
+    """Compute `source_from_target` by the transposed rotation, which is exact."""
     source_from_target_rotation = target_from_source[..., :3, :3].transpose(-1, -2)
     translation = target_from_source[..., :3, 3:]
     return rigid_transform(
@@ -33,10 +33,10 @@ def transform_points(
     target_from_source: Float[Tensor, "*#batch rows 4"],
     points: Float[Tensor, "*#batch num_points 3"],
 ) -> Float[Tensor, "*#batch num_points 3"]:
-    """Applies a 4x4 rigid transform, or the 3x4 upper part of one, to points [m].
+    """Apply a 4x4 rigid transform, or the 3x4 upper part of one, to points [m].
 
-    Calculates in the finer of the two dtypes and answers in that of the points, so a float64
-    calibration keeps its digits and float32 sweeps stay float32.
+    It computes in the wider of the two dtypes and returns the points' dtype, so that a float64
+    calibration keeps its precision and float32 sweeps stay float32.
     """
     dtype = torch.promote_types(target_from_source.dtype, points.dtype)
     matrix = target_from_source[..., :3, :].to(dtype)
@@ -45,7 +45,7 @@ def transform_points(
 
 
 def yaw_rotation(yaw: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 3 3"]:
-    """Rotation about +z (up) by `yaw` radians, counter-clockwise seen from above."""
+    """Make the rotation about +z (up) by `yaw` radians, counter-clockwise seen from above."""
     cos, sin = yaw.cos(), yaw.sin()
     zero, one = torch.zeros_like(yaw), torch.ones_like(yaw)
     rows = (cos, -sin, zero, sin, cos, zero, zero, zero, one)
@@ -53,7 +53,7 @@ def yaw_rotation(yaw: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 3 3"]:
 
 
 def wrap_angle(angle: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """The same direction as `angle` [rad], in [-pi, pi)."""
+    """Wrap an angle [rad] to [-pi, pi)."""
     wrapped = torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
-    # The sum rounds: an angle just below -pi would come out as +pi, which is not in the range.
+    # The sum rounds: without this, an angle just below -pi would become +pi, outside the range.
     return torch.where(wrapped >= math.pi, -torch.full_like(wrapped, math.pi), wrapped)

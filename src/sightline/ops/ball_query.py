@@ -1,4 +1,4 @@
-"""Ball query: which points lie around given centres."""
+"""Ball query: the points within a radius of given centres."""
 
 from typing import NamedTuple
 
@@ -10,16 +10,16 @@ from torch import Tensor, library
 from sightline.ops.ball_query_kernel import query_ball
 from sightline.ops.point_checks import checked_points, require_points, require_same_batch
 
-_CHUNK = 2**24  # distances held at once by the plain version
+_CHUNK = 2**24  # distances held at once by plain PyTorch
 
 
 class BallQuery(NamedTuple):
     """Points around centres."""
 
     indices: Int64[Tensor, "batch num_centers count"]
-    """Of the points, ascending; then the first one again. 0 where there is none."""
+    """Indices of the points, ascending, padded with the first one; 0 if there are none."""
     num_found: Int64[Tensor, "batch num_centers"]
-    """How many of them are no repetition."""
+    """Number of points found, up to `count`, without the padding."""
 
 
 def ball_query(
@@ -29,13 +29,13 @@ def ball_query(
     radius_m: float,
     count: int,
 ) -> BallQuery:
-    """The first `count` points nearer to each centre than `radius_m` [m].
+    """Find the first `count` points nearer to each centre than `radius_m` [m].
 
-    Qi et al. 2017 (PointNet++), section 3.2. Of more points those that come first in the cloud are
-    taken: a cloud in an order that means something should be shuffled. Distances are taken in
-    float32, the same way on every device. There is no gradient.
+    Qi et al. 2017 (PointNet++), section 3.2. From more points, the first ones in the cloud are
+    taken, so clouds in a systematic order should be shuffled. Distances are computed in float32,
+    the same way on every device. There is no gradient.
 
-    On a CPU a compiled kernel looks into a grid; on other devices plain PyTorch takes all
+    On a CPU a compiled kernel searches a grid; on other devices plain PyTorch computes all
     distances, in parts.
 
     Raises:
@@ -94,7 +94,7 @@ def query_by_torch(
     index: Int64[Tensor, "num_centers count"],
     num_found: Int64[Tensor, " num_centers"],
 ) -> None:
-    """The same without a kernel."""
+    """Find the points of `ball_query` without a kernel."""
     num_points, count = points.shape[0], index.shape[1]
     numbers = torch.arange(num_points, device=points.device)
     rows = max(_CHUNK // num_points, 1)
@@ -102,7 +102,7 @@ def query_by_torch(
         part = slice(begin, begin + rows)
         dx, dy, dz = (points[None] - centers[part, None]).unbind(2)
         is_near = dx * dx + dy * dy + dz * dz < squared_radius.to(points.device)
-        # the index where near, else a number beyond all
+        # the index if near, else one past the last
         candidates = torch.where(is_near, numbers, num_points)
         first = candidates.topk(min(count, num_points), largest=False, sorted=True).values
         found = (first < num_points).sum(dim=1)

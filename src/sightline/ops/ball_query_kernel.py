@@ -1,4 +1,4 @@
-"""Points within a radius of centres: the compiled kernel, without torch."""
+"""Compiled kernel for the points within a radius of centres, without torch."""
 
 import math
 from typing import Final
@@ -10,7 +10,7 @@ from numpy import ndarray
 from sightline.ops.compiled import compiled
 from sightline.ops.point_grid_kernel import make_grid
 
-_SLACK: Final = 1.00001  # a squared distance is rounded: a column more than the radius is looked at
+_SLACK: Final = 1.00001  # squared distances are rounded: the search goes a little beyond the radius
 
 
 @compiled
@@ -21,7 +21,7 @@ def query_ball(
     index: Int64[ndarray, "num_centers count"],
     num_found: Int64[ndarray, " num_centers"],
 ) -> None:
-    """Fills `index` and `num_found`, which come as zeros, from a cloud that has a point."""
+    """Fill the zeroed `index` and `num_found` from a cloud with at least one point."""
     count = index.shape[1]
     radius = math.sqrt(squared_radius) * _SLACK
     low_x, low_y, edge, num_x, num_y, starts, order = make_grid(points, radius)
@@ -47,7 +47,7 @@ def query_ball(
 
 @compiled
 def _keep_first(hits: Int64[ndarray, " n"], kept: Int64[ndarray, " count"]) -> None:
-    """Writes the smallest of some numbers in ascending order, then the smallest again."""
+    """Write the smallest numbers in ascending order, padded with the smallest one."""
     if hits.size > 4 * kept.size:
         hits = np.partition(hits, kept.size - 1)[: kept.size]
     hits.sort()

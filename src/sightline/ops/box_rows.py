@@ -1,4 +1,4 @@
-"""Boxes as the kernels take them: rows of seven float64 values, checked."""
+"""Checked boxes for the kernels: rows of seven float64 values."""
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from sightline.ops.rotated_iou_kernel import LARGEST, first_bad_row, seven_colum
 
 
 def box_rows(boxes: Tensor) -> Float64[Tensor, "n 7"]:
-    """3D boxes in float64; a rectangle becomes a box of height 1 at z = 0."""
+    """Convert 3D boxes to float64; a rectangle becomes a box of height 1 at z = 0."""
     boxes = boxes.double()
     if boxes.shape[1] == 7:
         return boxes
@@ -19,10 +19,10 @@ def box_rows(boxes: Tensor) -> Float64[Tensor, "n 7"]:
 
 
 def checked_box_rows(boxes: Tensor, name: str) -> Float64[Tensor, "n 7"]:
-    """The same without gradient, once every value is known to be good.
+    """Check boxes and convert them as `box_rows` does, without gradient.
 
     Raises:
-        ValueError: A NaN, an infinity, a value beyond 1e100 or a negative size; says in which row.
+        ValueError: A NaN, an infinity, a value beyond 1e100 or a negative size; names the row.
     """
     rows = box_rows(boxes.detach())
     good = (rows.abs() <= LARGEST).all(dim=1) & (rows[:, 3:6] >= 0).all(dim=1)
@@ -31,10 +31,10 @@ def checked_box_rows(boxes: Tensor, name: str) -> Float64[Tensor, "n 7"]:
 
 
 def checked_numpy_rows(boxes: Tensor, name: str) -> Float64[ndarray, "n 7"]:
-    """The same of boxes on a CPU, many times faster.
+    """Check and convert boxes on a CPU, many times faster.
 
     Raises:
-        ValueError: As above.
+        ValueError: As `checked_box_rows`.
     """
     rows = seven_columns(np.ascontiguousarray(boxes.detach().double().numpy()))
     _require_none(first_bad_row(rows), boxes, name)

@@ -1,4 +1,4 @@
-"""Folder in which a user's compiled kernels and converted networks are kept between runs."""
+"""Folder for a user's compiled kernels and converted networks, kept between runs."""
 
 import os
 import stat
@@ -11,12 +11,12 @@ from pathlib import Path
 def cache_folder() -> Path | None:
     """Find the first place that this user may write to; its folder is made where it is missing.
 
-    $XDG_CACHE_HOME/sightline, ~/.cache/sightline, or sightline-UID in the folder for temporary
-    files. What lies there is run as code: so a folder that another user owns, or that all may
-    write to, is never taken.
+    The places are $XDG_CACHE_HOME/sightline, ~/.cache/sightline, and sightline-UID in the folder
+    for temporary files. Its contents are run as code, so a folder that another user owns or that
+    everybody may write to is never used.
 
     Returns:
-        None where there is no such place.
+        The folder; None if there is no such place.
     """
     return next(filter(_is_ours, _candidates()), None)
 

@@ -1,4 +1,4 @@
-"""How numba compiles the kernels of this project."""
+"""Compilation of this project's kernels by numba."""
 
 import inspect
 import os
@@ -18,19 +18,19 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def compiled(kernel: Kernel) -> Kernel:
-    """Compiles a function of numbers and numpy arrays to machine code, kept on disk between runs.
+    """Compile a function of numbers and numpy arrays to machine code, cached on disk between runs.
 
-    It is kept where NUMBA_CACHE_DIR says, or else in the package's own __pycache__, or in
-    `cache_folder` where that cannot be written to. Where there is no such place either, or no room,
-    each process compiles anew.
+    The cache is in NUMBA_CACHE_DIR if set, else in the package's own __pycache__, or in
+    `cache_folder` if that is not writable. Without such a place, or without space, each process
+    compiles again.
 
     The global interpreter lock is released while it runs. A division by zero gives infinity or NaN
-    as numpy's does: to raise an error instead, each division would need a branch, which keeps
-    loops from being vectorised.
+    as numpy's does: raising an error would need a branch for each division, which prevents
+    vectorised loops.
 
     Under pytest, jaxtyping's import hook wraps every function of the project in a shape check,
-    which numba cannot compile: the check is taken off first, so shapes are checked in the function
-    that calls the kernel.
+    which numba cannot compile. So the check is removed first, and shapes are checked in the
+    function that calls the kernel.
     """
     function = inspect.unwrap(kernel)
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
@@ -59,11 +59,11 @@ def _place(package: Path) -> str | None:
 
 
 class _Cache(FunctionCache):
-    """Does without the files on disk where they are damaged or cannot be written."""
+    """Cache that disables itself if its files are damaged or cannot be written."""
 
     @contextmanager
     def _guard_against_spurious_io_errors(self) -> Iterator[None]:
         try:
             yield
-        except Exception:  # noqa: BLE001 - of the disk, or whatever a damaged pickle raises
+        except Exception:  # noqa: BLE001 - a disk error, or anything from a damaged pickle
             self.disable()  # type: ignore[no-untyped-call] # numba's

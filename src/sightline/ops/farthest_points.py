@@ -11,16 +11,16 @@ from sightline.ops.point_checks import checked_points, require_points
 def farthest_points(
     points: Float[Tensor, "batch num_points 3"], count: int
 ) -> Int64[Tensor, "batch {count}"]:
-    """Indices of `count` points of each cloud [m], each the farthest from those before it.
+    """Select `count` points of each cloud [m], each the farthest from those before it.
 
-    Eldar et al. 1997. The first is point 0; of equally far points the first in order is taken, so
-    the result is the same on every run and device. Where no point lies away from those taken
-    (fewer points than asked for, or copies), point 0 is taken again. Distances are taken in
-    float32. There is no gradient.
+    Eldar et al. 1997. The first is point 0; of equally far points, the first in order is taken, so
+    the result is the same on every run and device. If all remaining points coincide with selected
+    ones (too few points, or copies), point 0 is repeated. Distances are computed in float32. There
+    is no gradient.
 
-    On a CPU a compiled kernel leaves out most of the points in each step, as Han et al. 2023
-    (QuickFPS) do, and gives exactly what the plain method gives; on other devices plain PyTorch
-    takes some launches per point taken.
+    On a CPU a compiled kernel skips most of the points in each step, as Han et al. 2023 (QuickFPS)
+    do, and gives exactly the result of the plain method; on other devices plain PyTorch uses some
+    launches per selected point.
 
     Raises:
         ValueError: A coordinate is not finite, `count` is negative, or there is no point to take.
@@ -53,7 +53,7 @@ def _(points: Tensor, count: int) -> Tensor:
 def sample_by_torch(
     clouds: Float32[Tensor, "batch num_points 3"], count: int
 ) -> Int64[Tensor, "batch {count}"]:
-    """The same without a kernel: every distance in every step."""
+    """Select the points of `farthest_points` without a kernel: all distances in every step."""
     x, y, z = clouds.unbind(2)
     nearest = torch.full_like(x, torch.inf)
     current = torch.zeros_like(x[:, :1], dtype=torch.int64)
@@ -61,9 +61,9 @@ def sample_by_torch(
     for _ in range(count):
         taken.append(current)
         dx, dy, dz = (column - column.gather(1, current) for column in (x, y, z))
-        # one rounding a step, as in the kernel: equal distances are equal there and here
+        # the kernel's roundings: equal distances are equal in both
         nearest = torch.minimum(nearest, dx * dx + dy * dy + dz * dz)
         farthest = nearest.amax(dim=1, keepdim=True)
-        # argmax leaves open which of several it gives
+        # argmax does not define which of several it returns
         current = (nearest == farthest).int().cumsum(dim=1).eq(0).sum(dim=1, keepdim=True)
     return torch.cat(taken, dim=1)

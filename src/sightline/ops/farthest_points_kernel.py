@@ -1,15 +1,15 @@
-"""Farthest point sampling over the leaves of a k-d tree: the compiled kernel, without torch.
+"""Compiled kernel for farthest point sampling over the leaves of a k-d tree, without torch.
 
-After Han et al. 2023 (QuickFPS): points near each other share a leaf that knows its bounding box
-and its farthest point, the one with the largest distance to what has been taken. A point just taken
-changes nothing in a leaf whose box is farther from it than that distance; and where it does not
-reach the farthest point itself, it may wait until the leaf is looked at anyway. Both tests are made
-with the same roundings as the distances, which never decrease from a box to a point in it: the
-result is exactly that of the plain method.
+After Han et al. 2023 (QuickFPS): nearby points share a leaf, which stores its bounding box and its
+farthest point, the one with the largest distance to the selected points. A new selected point
+changes nothing in a leaf whose box is farther from it than that distance. If it does not affect the
+farthest point itself, the update of the leaf may wait. Both tests use the same roundings as the
+distances, which never decrease from a box to a point in it: the result is exactly that of the plain
+method.
 
-The farthest point of a leaf is one 64-bit key: the bits of its squared distance (which order as
-the numbers do, since none is negative), then how far from the end of the cloud it stands. So the
-largest key is the farthest point, the first of several, and finding it is vectorised.
+The farthest point of a leaf is one 64-bit key: the bits of its squared distance (which sort like
+the numbers, since none is negative), then its distance from the end of the cloud. So the largest
+key is the farthest point, the first of several, and the search is vectorised.
 """
 
 from typing import Final
@@ -31,12 +31,12 @@ _INDEX_MASK: Final = (1 << _INDEX_BITS) - 1
 def sample_farthest(
     points: Float32[ndarray, "num_points 3"], count: int
 ) -> Int64[ndarray, "{count}"]:
-    """Indices of `count` points of a cloud that has any, starting with point 0."""
+    """Select `count` points of a non-empty cloud, starting with point 0."""
     num_points = points.shape[0]
     order, starts = _leaves(points)
     num_leaves = starts.size - 1
     xyz = np.empty((3, num_points), dtype=np.float32)  # leaf by leaf
-    place = np.empty(num_points, dtype=np.int64)  # of each point in that order
+    place = np.empty(num_points, dtype=np.int64)  # place of each point in that order
     from_end = np.empty(num_points, dtype=np.int64)
     for i in range(num_points):
         place[order[i]] = i
@@ -48,7 +48,7 @@ def sample_farthest(
         for axis in range(3):
             low[axis, leaf] = xyz[axis, starts[leaf] : starts[leaf + 1]].min()
             high[axis, leaf] = xyz[axis, starts[leaf] : starts[leaf + 1]].max()
-    nearest = np.full(num_points, np.inf, dtype=np.float32)  # squared distance to what is taken
+    nearest = np.full(num_points, np.inf, dtype=np.float32)  # squared, to the selected points
     nearest_bits = nearest.view(np.int32)
     farthest, farthest_distance = low.copy(), np.full(num_leaves, np.inf, dtype=np.float32)
     keys = np.zeros(num_leaves, dtype=np.int64)
@@ -84,7 +84,7 @@ def sample_farthest(
 def _leaves(
     points: Float32[ndarray, "num_points 3"],
 ) -> tuple[Int64[ndarray, " num_points"], Int64[ndarray, " num_starts"]]:
-    """Points leaf by leaf, and where each leaf starts: halved across the widest side in turn."""
+    """Sort points by leaf, and find each leaf's start: parts are halved along their widest side."""
     num_points = points.shape[0]
     num_leaves = 1
     while num_points > num_leaves * _LEAF_POINTS:
@@ -126,7 +126,7 @@ def _mark_reached(
     farthest_distance: Float32[ndarray, " num_leaves"],
     reached: Int8[ndarray, " num_leaves"],
 ) -> None:
-    """0 where a point just taken changes nothing, 1 where it may, 2 where the farthest changes."""
+    """Write 0 if a new point changes nothing, 1 if it may, 2 if it changes the farthest."""
     x, y, z = point[0], point[1], point[2]
     low_x, low_y, low_z = low[0], low[1], low[2]
     high_x, high_y, high_z = high[0], high[1], high[2]
@@ -147,7 +147,7 @@ def _mark_reached(
 def _lower(
     xyz: Float32[ndarray, "3 num_points"], taken: int, start: int, nearest: Float32[ndarray, " n"]
 ) -> None:
-    """Takes note of a point just taken, in the leaf that begins at `start`."""
+    """Update the distances in the leaf that begins at `start` for a new point."""
     end = start + nearest.size
     x, y, z = xyz[0, start:end], xyz[1, start:end], xyz[2, start:end]  # contiguous: vectorised
     px, py, pz = xyz[0, taken], xyz[1, taken], xyz[2, taken]

@@ -1,4 +1,4 @@
-"""Rows added to rows, and weighted sums of rows: the compiled kernels, without torch."""
+"""Compiled kernels for adding rows to rows, and weighted sums of rows, without torch."""
 
 from jaxtyping import Float, Int64
 from numpy import ndarray
@@ -12,7 +12,7 @@ def add_to_rows(
     rows: Int64[ndarray, " n"],
     total: Float[ndarray, "m channels"],
 ) -> None:
-    """Adds each row of `values` to the row of `total` that `rows` names, in order."""
+    """Add each row of `values` to the row of `total` given by `rows`, in order."""
     for i in range(rows.size):
         value, target = values[i], total[rows[i]]
         for c in range(value.size):
@@ -26,7 +26,7 @@ def weighted_sums(
     weights: Float[ndarray, "n 3"],
     sums: Float[ndarray, "n channels"],
 ) -> None:
-    """Writes the weighted sums of three rows of `values` each."""
+    """Write weighted sums of three rows of `values`."""
     for i in range(rows.shape[0]):
         a, b, c = values[rows[i, 0]], values[rows[i, 1]], values[rows[i, 2]]
         wa, wb, wc = weights[i, 0], weights[i, 1], weights[i, 2]
@@ -42,7 +42,7 @@ def add_weighted_to_rows(
     weights: Float[ndarray, "n 3"],
     total: Float[ndarray, "m channels"],
 ) -> None:
-    """Adds each row of `values`, three times weighted, to the rows that `rows` names, in order."""
+    """Add each row of `values`, times three weights, to the rows given by `rows`, in order."""
     for i in range(rows.shape[0]):
         value = values[i]
         for j in range(3):

@@ -1,4 +1,4 @@
-"""Grouping: the features of chosen points, gathered."""
+"""Gathering of the features of selected points."""
 
 import math
 
@@ -12,22 +12,23 @@ from sightline.ops.point_checks import require_features
 from sightline.ops.spare_memory import rows_to_fill
 
 KERNEL_DTYPES = (torch.float32, torch.float64)
-"""Of the features that `gather_kernel` takes; others are left to PyTorch."""
+"""Types of features for `gather_kernel`; PyTorch gathers other types."""
 
 
 def group_points(
     features: Float[Tensor, "batch num_points channels"], index: Int64[Tensor, "batch *chosen"]
 ) -> Float[Tensor, "batch *chosen channels"]:
-    """The features of the points that `index` names, in every sweep its own.
+    """Gather the features of the points given by `index`, separately in every sweep.
 
-    Differentiable by the features: a point named several times gets the sum, added up in the same
-    order on every run on a CPU.
+    Differentiable with respect to the features: gradients of a repeated point are summed, in the
+    same order on every run on a CPU.
 
     Raises:
-        ValueError: Batch sizes differ, there is no such point, or these are no features and index.
+        ValueError: Batch sizes differ, an index is out of range, or the arguments are no features
+            and index.
     """
     require_features(features, index)
-    if torch.compiler.is_exporting():  # other engines have none of our operators
+    if torch.compiler.is_exporting():  # other engines lack our operators
         return gather_rows(features, index)
     grouped: Tensor = _group_points(features, index)
     return grouped
@@ -85,7 +86,7 @@ _group_points.register_autograd(_backward, setup_context=_save)
 def gather_rows(
     features: Float[Tensor, "batch num_points channels"], index: Int64[Tensor, "batch *chosen"]
 ) -> Float[Tensor, "batch *chosen channels"]:
-    """The same by plain operators, for graphs that leave PyTorch; indices are not checked."""
+    """Gather by plain operators, for graphs that leave PyTorch; indices are not checked."""
     batch, num_points, channels = features.shape
     first = torch.arange(batch, device=index.device) * num_points
     rows = index + first.reshape(-1, *([1] * (index.ndim - 1)))
@@ -94,10 +95,10 @@ def gather_rows(
 
 
 def flat_rows(index: Tensor, num_points: int) -> Int64[Tensor, " num_chosen"]:
-    """Rows of a batch of points laid one sweep after the other.
+    """Convert indices within sweeps to rows of a flattened batch.
 
     Raises:
-        ValueError: There is no such point.
+        ValueError: An index is out of range.
     """
     if index.numel() > 0 and (int(index.min()) < 0 or int(index.max()) >= num_points):
         raise ValueError(

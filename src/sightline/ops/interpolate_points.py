@@ -10,19 +10,20 @@ from sightline.ops.group_points import KERNEL_DTYPES, flat_rows, gather_rows
 from sightline.ops.point_checks import require_features
 from sightline.ops.three_nearest import ThreeNearest
 
-_LEAST_SQUARE_M2 = 1e-10  # a query on a point takes, all but for 1e-8 or so, that point's features
+_LEAST_SQUARE_M2 = 1e-10  # a query on a point gets its features to within about 1e-8
 
 
 def interpolate_points(
     features: Float[Tensor, "batch num_points channels"], nearest: ThreeNearest
 ) -> Float[Tensor, "batch num_queries channels"]:
-    """Means of the features of three points, weighted by their inverse squared distances.
+    """Average the features of three points, weighted by their inverse squared distances.
 
-    Qi et al. 2017 (PointNet++), eq. 2 with k = 3 and p = 2. Where the cloud has fewer points, of
-    those. Differentiable by the features alone, with sums in the same order on every run on a CPU.
+    Qi et al. 2017 (PointNet++), eq. 2 with k = 3 and p = 2. A cloud with fewer points uses those.
+    Differentiable with respect to the features alone, with sums in the same order on every run on a
+    CPU.
 
     Raises:
-        ValueError: Batch sizes differ, there is no such point, or a shape is wrong.
+        ValueError: Batch sizes differ, an index is out of range, or a shape is wrong.
     """
     index, squared_distance = nearest
     require_features(features, index)
@@ -33,7 +34,7 @@ def interpolate_points(
         )
     closeness = 1 / squared_distance.clamp(min=_LEAST_SQUARE_M2)
     weights = (closeness / closeness.sum(dim=2, keepdim=True)).to(features.dtype)
-    if torch.compiler.is_exporting():  # other engines have none of our operators
+    if torch.compiler.is_exporting():  # other engines lack our operators
         return (gather_rows(features, index) * weights[..., None]).sum(dim=2)
     interpolated: Tensor = _interpolate_points(features, index, weights)
     return interpolated

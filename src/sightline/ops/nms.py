@@ -1,13 +1,13 @@
-"""Greedy non-maximum suppression, of boxes in the image and of rotated boxes seen from above.
+"""Greedy non-maximum suppression of boxes in the image, and of rotated boxes seen from above.
 
-Boxes are visited in descending order of score, equal scores in ascending order of index; a box is
-dropped if its IoU with one kept before it is greater than the threshold (torchvision's rule: equal
-is kept). The result is the kept indices in that order, the same on every run. With `labels` only
-boxes of one label suppress each other. IoUs are taken in float64; a box with a size of 0 has IoU 0
-with everything, so it is kept and suppresses nothing. There is no gradient.
+Boxes are visited by descending score, then ascending index. A box is dropped if its IoU with a kept
+box is greater than the threshold (torchvision's rule: equal is kept). The result is the kept
+indices in that order, the same on every run. With `labels`, only boxes of the same label suppress
+each other. IoUs are computed in float64; a box with a size of 0 has IoU 0 with everything, so it is
+kept and suppresses nothing. There is no gradient.
 
 On a CPU a compiled kernel takes O(kept * n) time and O(n) memory; on other devices plain PyTorch
-takes some launches, and one wait, per box kept.
+takes some launches, and one synchronisation, per kept box.
 """
 
 import torch
@@ -28,7 +28,7 @@ def nms2d(
     labels: Int[Tensor, " n"] | None = None,
     max_detections: int | None = None,
 ) -> Int64[Tensor, " kept"]:
-    """Indices of the boxes x_min, y_min, x_max, y_max that stay, best first.
+    """Select boxes x_min, y_min, x_max, y_max: indices of the kept ones by descending score.
 
     Raises:
         ValueError: Lengths differ, a score is NaN, labels are no integers, a box is not finite or
@@ -47,7 +47,7 @@ def nms_bev(
     labels: Int[Tensor, " n"] | None = None,
     max_detections: int | None = None,
 ) -> Int64[Tensor, " kept"]:
-    """Indices of the rotated boxes x, y, length, width, yaw that stay, best first.
+    """Select rotated boxes x, y, length, width, yaw: indices of the kept ones by descending score.
 
     Raises:
         ValueError: Lengths differ, a score is NaN, labels are no integers, a box is not finite or
@@ -135,7 +135,7 @@ def _suppress_by_kernel(
     iou_threshold: float,
     max_detections: int,
 ) -> Int64[Tensor, " kept"]:
-    """Rows that stay, of boxes in descending order of score."""
+    """Select rows of boxes, sorted by descending score, with a kernel."""
     axis_aligned = rows.shape[1] == 4
     kernel = nms_kernel.suppress_axis_aligned if axis_aligned else nms_kernel.suppress_rotated
     return torch.from_numpy(kernel(rows.numpy(), labels.numpy(), iou_threshold, max_detections))
@@ -147,7 +147,7 @@ def _suppress_by_torch(
     iou_threshold: float,
     max_detections: int,
 ) -> Int64[Tensor, " kept"]:
-    """The same without a kernel."""
+    """Select rows of boxes, sorted by descending score, without a kernel."""
     waiting = torch.arange(rows.shape[0], device=rows.device)
     kept = [waiting[:0]]
     while len(kept) <= max_detections and waiting.numel() > 0:

@@ -1,4 +1,4 @@
-"""Greedy non-maximum suppression: the compiled kernels, without torch."""
+"""Compiled kernels for greedy non-maximum suppression, without torch."""
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -15,7 +15,7 @@ def suppress_axis_aligned(
     iou_threshold: float,
     max_detections: int,
 ) -> Int64[ndarray, " kept"]:
-    """Rows that stay, in order, of boxes in descending order of score."""
+    """Select rows of boxes, sorted by descending score; return the kept rows in order."""
     n = boxes.shape[0]
     gone, kept = np.zeros(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
     count = 0
@@ -45,7 +45,7 @@ def suppress_rotated(
     iou_threshold: float,
     max_detections: int,
 ) -> Int64[ndarray, " kept"]:
-    """The same of upright 3D boxes (rectangles: z 0, height 1)."""
+    """Select rows of upright 3D boxes (rectangles: z 0, height 1) in the same way."""
     n = boxes.shape[0]
     gone, kept = np.zeros(n, dtype=np.bool_), np.empty(n, dtype=np.int64)
     radii = np.empty(n)

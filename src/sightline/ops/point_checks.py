@@ -1,4 +1,4 @@
-"""Points as the point operations take them: checked, in the precision that they compute in."""
+"""Checks and conversions of arguments of the point operations."""
 
 from typing import Final
 
@@ -7,11 +7,11 @@ from jaxtyping import Float32, Float64
 from torch import Tensor
 
 LARGEST_M: Final = 1e9
-"""Coordinates beyond it are refused: squared distances stay finite in float32."""
+"""Largest accepted coordinate: squared distances stay finite in float32."""
 
 
 def require_points(points: Tensor, name: str) -> None:
-    """Refuses what is no batch of points.
+    """Check that a tensor is a batch of points.
 
     Raises:
         ValueError: Not floating point, or not of shape (batch, number, 3).
@@ -24,7 +24,7 @@ def require_points(points: Tensor, name: str) -> None:
 
 
 def require_boxes(boxes: Tensor, points: Tensor) -> None:
-    """Refuses what is no batch of 3D boxes beside a batch of points.
+    """Check that a tensor is a batch of 3D boxes with the points' batch size.
 
     Raises:
         ValueError: Not floating point, not of shape (batch, number, 7), or of another batch size.
@@ -38,10 +38,10 @@ def require_boxes(boxes: Tensor, points: Tensor) -> None:
 
 
 def require_features(features: Tensor, index: Tensor) -> None:
-    """Refuses what are no features of points, and no whole numbers that name points.
+    """Check features of points, and integer indices of points.
 
     Raises:
-        ValueError: They are not, or batch sizes differ.
+        ValueError: A shape or type is wrong, or batch sizes differ.
     """
     if features.ndim != 3 or not features.is_floating_point():
         raise ValueError(
@@ -57,10 +57,10 @@ def require_features(features: Tensor, index: Tensor) -> None:
 
 
 def require_same_batch(*named: tuple[str, Tensor]) -> None:
-    """Refuses tensors whose first axes differ in length.
+    """Check that the first axes of tensors have equal length.
 
     Raises:
-        ValueError: They do; says which is how long.
+        ValueError: The lengths differ; the message gives each.
     """
     if len({tensor.shape[0] for _, tensor in named}) > 1:
         sizes = ", ".join(f"{name} {tensor.shape[0]}" for name, tensor in named)
@@ -68,10 +68,10 @@ def require_same_batch(*named: tuple[str, Tensor]) -> None:
 
 
 def checked_points(points: Tensor, name: str) -> Float32[Tensor, "batch num_points 3"]:
-    """The points in float32 without gradient, once every coordinate is known to be good.
+    """Check points and convert them to float32 without gradient.
 
     Raises:
-        ValueError: A NaN, an infinity or a coordinate beyond 1e9; says of which point.
+        ValueError: A NaN, an infinity or a coordinate beyond 1e9; names the point.
     """
     rows = points.detach().float()  # in float16 the limit itself is infinite
     _require_finite(rows, name)
@@ -79,10 +79,10 @@ def checked_points(points: Tensor, name: str) -> Float32[Tensor, "batch num_poin
 
 
 def checked_columns(points: Tensor, name: str) -> Float64[Tensor, "batch 3 num_points"]:
-    """The same in float64, one row for each of x, y and z.
+    """Check points and convert them to float64, one row for each of x, y and z.
 
     Raises:
-        ValueError: As above.
+        ValueError: As `checked_points`.
     """
     rows = points.detach().double()
     _require_finite(rows, name)
@@ -100,10 +100,10 @@ def _require_finite(points: Tensor, name: str) -> None:
 
 
 def checked_batch_boxes(boxes: Tensor, name: str) -> Float64[Tensor, "batch num_boxes 7"]:
-    """Boxes in float64 without gradient, once every value is known to be good.
+    """Check boxes and convert them to float64 without gradient.
 
     Raises:
-        ValueError: A NaN, an infinity, a value beyond 1e9 or a negative size; says of which box.
+        ValueError: A NaN, an infinity, a value beyond 1e9 or a negative size; names the box.
     """
     rows = boxes.detach().double().contiguous()
     good = (rows.abs() <= LARGEST_M).all(dim=2) & (rows[..., 3:6] >= 0).all(dim=2)

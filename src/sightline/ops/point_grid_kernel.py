@@ -1,7 +1,7 @@
-"""Points sorted into the columns of a grid seen from above: compiled, without torch.
+"""Compiled sorting of points into the columns of a bird's-eye-view grid, without torch.
 
-Street scenes are flat, so columns part their points nearly as well as cubes, and fit into memory
-whatever the points are.
+Street scenes are flat, so columns divide their points nearly as well as cubes, and fit into memory
+for any points.
 """
 
 import math
@@ -18,33 +18,32 @@ class Grid(NamedTuple):
     """Points sorted into square columns."""
 
     low_x: float
-    """Least x of the points [m]."""
+    """Smallest x of the points [m]."""
     low_y: float
-    """Least y of the points [m]."""
+    """Smallest y of the points [m]."""
     edge: float
-    """Of a column [m]."""
+    """Edge of a column [m]."""
     num_x: int
-    """Columns along x."""
+    """Number of columns along x."""
     num_y: int
-    """Columns along y."""
+    """Number of columns along y."""
     starts: Int64[ndarray, " num_starts"]
-    """Where each column starts in `order`, and one place more; column ix, iy is number
-    iy * num_x + ix."""
+    """Start of each column in `order`, and one more; column ix, iy is number iy * num_x + ix."""
     order: Int64[ndarray, " num_points"]
     """Indices of the points column by column, ascending within each."""
 
 
 @compiled
 def make_grid(points: Float[ndarray, "num_points 3"], least_edge_m: float) -> Grid:
-    """Sorts points, of which there is at least one.
+    """Sort one or more points into a grid.
 
-    Columns are no narrower than asked for, and not many more than points.
+    Columns are at least `least_edge_m` wide, and not many more than points.
     """
     num_points = points.shape[0]
     low_x, low_y = float(points[:, 0].min()), float(points[:, 1].min())
     wide, deep = float(points[:, 0].max()) - low_x, float(points[:, 1].max()) - low_y
     edge = max(least_edge_m, math.sqrt(wide * deep / num_points), max(wide, deep) / num_points)
-    if edge == 0.0:  # all points are one
+    if edge == 0.0:  # all points coincide
         edge = 1.0
     num_x, num_y = int(wide / edge) + 1, int(deep / edge) + 1
     starts = np.zeros(num_x * num_y + 1, dtype=np.int64)

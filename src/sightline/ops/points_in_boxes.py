@@ -1,4 +1,4 @@
-"""Which box each point lies in."""
+"""Assignment of points to the boxes that contain them."""
 
 import torch
 from jaxtyping import Bool, Float, Float64, Int64
@@ -16,11 +16,11 @@ from sightline.ops.points_in_boxes_kernel import find_first_boxes
 def first_box_of_points(
     points: Float[Tensor, "batch num_points 3"], boxes: Float[Tensor, "batch num_boxes 7"]
 ) -> Int64[Tensor, "batch num_points"]:
-    """For each point [m] the first box (x, y, z, length, width, height, yaw) that holds it, or -1.
+    """Find for each point [m] the first box (x, y, z, length, width, height, yaw) around it, or -1.
 
-    Faces are included. A box with a size of 0 holds nothing, so sweeps with fewer boxes may be
-    filled up with rows of zeros. Computed in float64, without gradient: on a CPU by a compiled
-    kernel, on other devices by plain PyTorch with some bytes a pair of point and box.
+    Faces are included. A box with a size of 0 contains nothing, so sweeps with fewer boxes may be
+    padded with rows of zeros. Computed in float64, without gradient: on a CPU by a compiled kernel,
+    on other devices by plain PyTorch with some bytes per pair of point and box.
 
     Raises:
         ValueError: A value is not finite, a size is negative, or batch sizes differ.
@@ -53,7 +53,7 @@ def _(points: Tensor, boxes: Tensor) -> Tensor:
 def first_by_torch(
     columns: Float64[Tensor, "3 num_points"], boxes: Float64[Tensor, "num_boxes 7"]
 ) -> Int64[Tensor, " num_points"]:
-    """The same without a kernel, for one box or more."""
+    """Find the first boxes without a kernel; at least one box is needed."""
     is_inside = inside_by_torch(columns, boxes, 0.0)
     number = torch.arange(boxes.shape[0], device=boxes.device)[:, None]
     first = torch.where(is_inside, number, boxes.shape[0]).amin(dim=0)
@@ -63,7 +63,7 @@ def first_by_torch(
 def inside_by_torch(
     columns: Float64[Tensor, "3 num_points"], boxes: Float64[Tensor, "num_boxes 7"], margin_m: float
 ) -> Bool[Tensor, "num_boxes num_points"]:
-    """Which points lie in which box with a margin around it; none in a box with a size of 0."""
+    """Mask of points in boxes, each enlarged by a margin; a box with a size of 0 is empty."""
     dx, dy, dz = (columns[axis] - boxes[:, axis, None] for axis in range(3))
     cos, sin = boxes[:, 6, None].cos(), boxes[:, 6, None].sin()
     half = boxes[:, 3:6] / 2 + margin_m

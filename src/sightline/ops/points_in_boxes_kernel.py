@@ -1,4 +1,4 @@
-"""Which points lie in which box: the compiled kernels, without torch."""
+"""Compiled kernels for the points in boxes, without torch."""
 
 import math
 from typing import Final, NamedTuple
@@ -10,25 +10,25 @@ from numpy import ndarray
 from sightline.ops.compiled import compiled
 from sightline.ops.point_grid_kernel import Grid, make_grid
 
-_EDGE_M: Final = 2.0  # of a column: a car and what is around it lie in some ten
+_EDGE_M: Final = 2.0  # edge of a column: a car and its surroundings cover about ten
 _WORD: Final = 8  # bytes
 
 
 class SortedCloud(NamedTuple):
-    """A cloud in the columns of a grid, and working memory for one box after the other."""
+    """Cloud in the columns of a grid, and working memory for one box at a time."""
 
     grid: Grid
     columns: Float64[ndarray, "3 num_points"]
     """x, y and z in the grid's order."""
     mask: UInt8[ndarray, " num_bytes"]
-    """For each point whether it lies in the box, in the cloud's order; zeros between boxes."""
+    """Mask of the points in the box, in the cloud's order; zeros between boxes."""
     found: Int64[ndarray, " num_points_and_one"]
-    """The points in the box."""
+    """Indices of the points in the box."""
 
 
 @compiled
 def sort_cloud(columns: Float64[ndarray, "3 num_points"]) -> SortedCloud:
-    """Sorts a cloud that has a point."""
+    """Sort a cloud with at least one point."""
     num_points = columns.shape[1]
     grid = make_grid(columns.T, _EDGE_M)
     return SortedCloud(
@@ -41,9 +41,9 @@ def sort_cloud(columns: Float64[ndarray, "3 num_points"]) -> SortedCloud:
 
 @compiled
 def find_points_in_box(cloud: SortedCloud, box: Float64[ndarray, "7"], margin: float) -> int:
-    """Writes the indices of the points in a box to `cloud.found`, ascending; gives their number.
+    """Write the indices of the points in a box to `cloud.found`, ascending; return their number.
 
-    Faces are included. A box with a size of 0 holds nothing, whatever the margin.
+    Faces are included. A box with a size of 0 is empty, whatever the margin.
     """
     if not (box[3] > 0.0 and box[4] > 0.0 and box[5] > 0.0):
         return 0
@@ -67,7 +67,7 @@ def find_points_in_box(cloud: SortedCloud, box: Float64[ndarray, "7"], margin: f
                 & (abs(cos * dy - sin * dx) <= half_w)
                 & (abs(dz) <= half_h)
             )
-    # read eight at a time: most of the cloud is elsewhere
+    # read eight at a time: most points are outside
     words = mask.view(np.uint64)
     count = 0
     for word in range(words.size):
@@ -81,7 +81,7 @@ def find_points_in_box(cloud: SortedCloud, box: Float64[ndarray, "7"], margin: f
 
 @compiled
 def _column_number(position: float, low: float, edge: float, number: int) -> int:
-    """Of the column at a place, or of the outermost one towards it."""
+    """Compute the number of the column at a place, or of the nearest outermost column."""
     return int(min(max((position - low) / edge, 0.0), number - 1.0))
 
 
@@ -89,7 +89,7 @@ def _column_number(position: float, low: float, edge: float, number: int) -> int
 def find_first_boxes(
     columns: Float64[ndarray, "3 num_points"], boxes: Float64[ndarray, "num_boxes 7"]
 ) -> Int64[ndarray, " num_points"]:
-    """The first box that holds each point; -1 where none does."""
+    """Find the first box that contains each point; -1 if there is none."""
     first = np.full(columns.shape[1], -1, dtype=np.int64)
     if columns.shape[1] == 0:
         return first

@@ -1,4 +1,4 @@
-"""Points of regions of interest: exactly so many of each, drawn from those inside."""
+"""Sampling of a fixed number of points from each region of interest."""
 
 from typing import NamedTuple
 
@@ -19,12 +19,12 @@ _LARGEST_SEED = 2**31 - 1
 
 
 class RoiPoints(NamedTuple):
-    """Points of boxes."""
+    """Points sampled from boxes."""
 
     indices: Int64[Tensor, "batch num_boxes count"]
-    """Of the points; 0 where the box is empty."""
+    """Indices of the points; 0 if the box is empty."""
     num_inside: Int64[Tensor, "batch num_boxes"]
-    """How many points there are in each box, also more than were drawn."""
+    """Number of points in each box, which may exceed the number drawn."""
 
 
 def roi_points(
@@ -35,16 +35,16 @@ def roi_points(
     count: int,
     seed: int,
 ) -> RoiPoints:
-    """Indices of exactly `count` points [m] in each box with `margin_m` around it.
+    """Draw exactly `count` points [m] from each box enlarged by `margin_m`.
 
-    Shi et al. 2019 (PointRCNN), section 3.3. Of more points a random `count` stay, in their order;
-    of fewer all stay, and then repetitions drawn at random fill up. The same seed draws the same on
-    every device; a point's luck depends on its index and on the number of the box, nothing else.
-    Faces are included; a box with a size of 0 is empty, so sweeps with fewer boxes may be filled up
-    with rows of zeros.
+    Shi et al. 2019 (PointRCNN), section 3.3. From more points, a random `count` is drawn, in their
+    order; of fewer, all are taken and random repetitions fill up. The same seed gives the same
+    result on every device; a point's random number depends only on its index and the number of the
+    box. Faces are included; a box with a size of 0 is empty, so sweeps with fewer boxes may be
+    padded with rows of zeros.
 
     Computed in float64, without gradient: on a CPU by a compiled kernel, on other devices by plain
-    PyTorch with some bytes a pair of point and box.
+    PyTorch with some bytes per pair of point and box.
 
     Raises:
         ValueError: A value is not finite, a size is negative, batch sizes differ, or a setting is
@@ -103,7 +103,7 @@ def choose_by_torch(
     count: int,
     seed: int,
 ) -> tuple[Int64[Tensor, "num_boxes count"], Int64[Tensor, " num_boxes"]]:
-    """The same without a kernel, of one point or more."""
+    """Draw points as `roi_points` does, without a kernel; at least one point is needed."""
     is_inside = inside_by_torch(columns, boxes, margin_m)
     num_inside = is_inside.sum(dim=1)
     num_points = columns.shape[1]
@@ -111,11 +111,11 @@ def choose_by_torch(
     place = torch.arange(count, device=boxes.device)
     box = torch.arange(boxes.shape[0], device=boxes.device)[:, None]
     salt = _scramble(box + scramble(seed))
-    # where all points stay their order decides, else luck does; what is outside comes last
+    # sort by order if all points stay, else at random; points outside come last
     luck = torch.where(num_inside[:, None] > count, _scramble(salt ^ _scramble(number)), 0)
     keys = torch.where(is_inside, (luck << 31) | number, torch.iinfo(torch.int64).max)
     drawn = keys.topk(min(count, num_points), largest=False, sorted=True).indices
-    # points outside, of boxes with few inside, go to the end
+    # with few points inside, points outside go to the end
     outside = num_inside[:, None] <= place[: drawn.shape[1]]
     kept = torch.where(outside, num_points, drawn).sort(dim=1).values
     repeated = (_scramble(salt + place) * num_inside[:, None]) >> 32
@@ -125,7 +125,7 @@ def choose_by_torch(
 
 
 def _scramble(numbers: Int64[Tensor, "*shape"]) -> Int64[Tensor, "*shape"]:
-    """`scramble` of every number."""
+    """Apply `scramble` to every number."""
     numbers = numbers & WORD
     numbers = ((numbers ^ (numbers >> 16)) * 0x7FEB352D) & WORD
     numbers = ((numbers ^ (numbers >> 15)) * 0x846CA68B) & WORD

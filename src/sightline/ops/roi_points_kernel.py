@@ -1,4 +1,4 @@
-"""A fixed number of the points in each box: the compiled kernel, without torch."""
+"""Compiled kernel for sampling a fixed number of points from each box, without torch."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ from sightline.ops.points_in_boxes_kernel import find_points_in_box, sort_cloud
 
 WORD: Final = 0xFFFFFFFF
 """Mask of 32 bits."""
-_INDEX_BITS: Final = 31  # of a key, behind 32 bits of luck
+_INDEX_BITS: Final = 31  # low bits of a key, after 32 random bits
 _INDEX_MASK: Final = (1 << _INDEX_BITS) - 1
 _HISTOGRAM_BITS: Final = 10
 _BIN_SHIFT: Final = _INDEX_BITS + 32 - _HISTOGRAM_BITS
@@ -19,10 +19,10 @@ _BIN_SHIFT: Final = _INDEX_BITS + 32 - _HISTOGRAM_BITS
 
 @compiled
 def scramble(number: int) -> int:
-    """A number of 32 bits that looks random, another one for each of 32 bits (Wellons 2018).
+    """Map 32-bit numbers one-to-one to random-looking 32-bit numbers (Wellons 2018).
 
-    The constants are those of his "lowbias32". Products are cut to 32 bits, so that arithmetic
-    with more of them, signed or not, gives the same.
+    The constants are those of his "lowbias32". Products are cut to 32 bits, so that wider
+    arithmetic, signed or not, gives the same result.
     """
     number &= WORD
     number = ((number ^ (number >> 16)) * 0x7FEB352D) & WORD
@@ -39,7 +39,7 @@ def choose_points(
     index: Int64[ndarray, "num_boxes count"],
     num_inside: Int64[ndarray, " num_boxes"],
 ) -> None:
-    """Fills `index` and `num_inside`, which come as zeros."""
+    """Fill the zeroed `index` and `num_inside`."""
     num_points, count = columns.shape[1], index.shape[1]
     if num_points == 0:
         return
@@ -64,10 +64,10 @@ def choose_points(
 
 @compiled
 def _keep_least(keys: Int64[ndarray, " n"], kept: Int64[ndarray, " count"]) -> None:
-    """Writes the indices of the least keys, in their order, from more keys than are kept.
+    """Write the indices of the smallest keys, in their order, from more keys than are kept.
 
-    The numbers in front of the indices are spread evenly, so counting them by their first bits
-    leaves a handful to sort.
+    The keys' leading random bits are uniform, so a histogram of their first bits leaves few to
+    sort.
     """
     histogram = np.zeros(1 << _HISTOGRAM_BITS, dtype=np.int64)
     for i in range(keys.size):

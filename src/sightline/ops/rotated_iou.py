@@ -5,14 +5,14 @@ radians, geometric centre, length along the heading, yaw counter-clockwise from 
 
 For all three functions:
 
-- Results lie in [0, 1]. They are computed in float64 (within 1e-9 of exact, whatever the distance
-  from the origin) and returned in the wider type of the two inputs. Boxes that only touch, and
-  boxes with a size of 0, have IoU 0.
-- They are differentiable by both sets of boxes. The gradient is always finite: at a kink it is a
-  mean of the one-sided derivatives, 0 for two identical boxes; it is 0 for boxes apart. There is
-  no second derivative.
-- A NaN, an infinity, a value beyond 1e100 or a negative size is a `ValueError`. Looking for them
-  waits for the device.
+- Results lie in [0, 1]. They are computed in float64 (within 1e-9 of exact, at any distance from
+  the origin) and returned in the wider type of the two inputs. Boxes that only touch, and boxes
+  with a size of 0, have IoU 0.
+- They are differentiable with respect to both sets of boxes. The gradient is always finite: at a
+  kink it is a mean of the one-sided derivatives, 0 for two identical boxes; it is 0 for disjoint
+  boxes. There is no second derivative.
+- A NaN, an infinity, a value beyond 1e100 or a negative size is a `ValueError`. This check
+  synchronises with the device.
 - On a CPU a compiled kernel computes them, on one thread and without memory beyond the result; on
   other devices and for gradients plain PyTorch does, with some kilobytes per pair.
 """
@@ -25,7 +25,7 @@ from torch.autograd.function import BackwardCFunction
 from sightline.ops import rotated_iou_kernel, rotated_iou_torch
 from sightline.ops.box_rows import box_rows, checked_box_rows, checked_numpy_rows
 
-_BEV_COLUMNS = [0, 1, 3, 4, 6]  # of a 3D box
+_BEV_COLUMNS = [0, 1, 3, 4, 6]  # columns of a 3D box
 
 
 def pairwise_iou_bev(
@@ -132,6 +132,6 @@ _aligned_iou.register_autograd(_aligned_backward, setup_context=_save_boxes)
 
 
 def _like(gradient: Float64[Tensor, "n 7"], boxes: Tensor) -> Tensor:
-    """The gradient by the columns that boxes have."""
+    """Reduce the gradient to the boxes' columns and type."""
     columns = gradient if boxes.shape[1] == 7 else gradient[:, _BEV_COLUMNS]
     return columns.to(boxes.dtype)

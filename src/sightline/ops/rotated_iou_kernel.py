@@ -1,13 +1,13 @@
-"""Overlap of rotated rectangles and of upright 3D boxes: the compiled kernels.
+"""Compiled kernels for the overlap of rotated rectangles and of upright 3D boxes.
 
 In the frame of rectangle A, with B's outline counter-clockwise, Green's theorem gives
 
     area(A and B) = sum over B's four edges of the integral of clamp(u, -l/2, l/2) dv, |v| <= w/2,
 
 where u runs along A and v across it. Each term is a closed form of a clamped line: no polygon is
-built, no term exceeds area(A) / 2, and nothing is divided by a number that can be zero. Only
-differences of centres enter, so boxes far from the origin lose nothing. The error of an IoU is a
-few 1e-16; for needles side by side it is about 1e-16 times their length over their width.
+built, no term exceeds area(A) / 2, and no divisor can be zero. Only differences of centres are
+used, so boxes far from the origin lose no precision. The error of an IoU is a few 1e-16; for
+needles side by side it is about 1e-16 times their length over their width.
 
 No torch here: the evaluator of KITTI objects starts without it. Values must be finite and sizes not
 negative; callers check, for instance with `first_bad_row`.
@@ -23,12 +23,12 @@ from numpy import ndarray
 from sightline.ops.compiled import compiled
 
 LARGEST: Final = 1e100
-"""Values beyond it are refused, in metres or radians: a volume of three such sizes is finite."""
+"""Largest accepted value, in metres or radians: the volume of three such sizes is finite."""
 
 
 @compiled
 def seven_columns(boxes: Float64[ndarray, "n columns"]) -> Float64[ndarray, "n 7"]:
-    """3D boxes as they are; a rectangle becomes a box of height 1 at z = 0."""
+    """Return 3D boxes unchanged; a rectangle becomes a box of height 1 at z = 0."""
     if boxes.shape[1] == 7:
         return boxes
     rows = np.zeros((boxes.shape[0], 7))
@@ -41,7 +41,7 @@ def seven_columns(boxes: Float64[ndarray, "n columns"]) -> Float64[ndarray, "n 7
 
 @compiled
 def first_bad_row(boxes: Float64[ndarray, "n 7"]) -> int:
-    """Index of the first box with a NaN, a value beyond LARGEST or a negative size; else -1."""
+    """Index of the first box with a NaN, a value beyond LARGEST or a negative size; -1 if none."""
     for row in range(boxes.shape[0]):
         for column in range(7):
             value = boxes[row, column]
@@ -109,7 +109,7 @@ def intersection_area(
     bw: float,
     byaw: float,
 ) -> float:
-    """Area that two rotated rectangles share [m^2].
+    """Compute the shared area of two rotated rectangles [m^2].
 
     Args:
         ax: Centre of the first rectangle [m].
@@ -125,7 +125,7 @@ def intersection_area(
     """
     limit = min(al * aw, bl * bw)
     if limit == 0.0:
-        return 0.0  # a line or a point: exactly nothing, not a rounding error
+        return 0.0  # a line or a point: exactly 0, without rounding errors
     dx, dy = bx - ax, by - ay
     reach = circumradius(al, aw) + circumradius(bl, bw)
     if dx * dx + dy * dy >= reach * reach:
@@ -147,7 +147,7 @@ def circumradius(length: float, width: float) -> float:
 def _area_in_frame(
     al: float, aw: float, u: float, v: float, bl: float, bw: float, turn: float
 ) -> float:
-    """Shared area, B given in the frame of A: centre (u, v), turned counter-clockwise."""
+    """Compute the shared area with B in the frame of A: centre (u, v), turned counter-clockwise."""
     half_l, half_w = 0.5 * al, 0.5 * aw
     cos, sin = math.cos(turn), math.sin(turn)
     lu, lv = 0.5 * bl * cos, 0.5 * bl * sin

@@ -1,8 +1,8 @@
 """Overlap of upright 3D boxes in plain PyTorch: for every device, and for gradients.
 
-The formula is that of `rotated_iou_kernel`. Its gradient is written out rather than left to
-autograd: a boundary that moves outwards by one metre adds its length inside the other box to the
-shared area. That stays finite where edges are parallel and the slopes of the formula are not.
+The formula is that of `rotated_iou_kernel`. Its gradient is explicit and not from autograd: moving
+a boundary outwards by one metre adds its length inside the other box to the shared area. This stays
+finite where edges are parallel and the slopes of the formula are not.
 """
 
 import torch
@@ -17,16 +17,16 @@ ACROSS = (-1.0, 1.0, 1.0, -1.0)  # so the edges are front, left, back, right
 
 
 def iou(a: Rows, b: Rows) -> Float64[Tensor, "*pairs"]:
-    """Intersection over union; 0 where both boxes are empty. Its gradient is `iou_gradients`."""
+    """Compute the IoU; 0 if both boxes are empty. Its gradient is `iou_gradients`."""
     shared, union = _shared_and_union(a, b)
     return torch.where(union > 0, shared / _nonzero(union), 0).clamp(0, 1)
 
 
 def iou_gradients(a: Rows, b: Rows) -> tuple[Rows, Rows]:
-    """Derivatives of the IoU of each pair by the values of a and of b, broadcast to all pairs.
+    """Compute derivatives of each pair's IoU with respect to a and b, broadcast to all pairs.
 
-    Where the IoU has a kink (edges on one line, one of many) it is a mean of the one-sided
-    derivatives, so that two identical boxes are at rest; with a union of 0 it is 0.
+    At a kink of the IoU (collinear edges, for example) it is a mean of the one-sided derivatives,
+    so that two identical boxes have gradient 0; with a union of 0 it is 0.
     """
     shared, union = _shared_and_union(a, b)
     scale = torch.where(union > 0, 1 / _nonzero(union), 0)[..., None]
@@ -46,7 +46,7 @@ def _shared_and_union(
 
 
 def _nonzero(values: Tensor) -> Tensor:
-    """A divisor for results that are thrown away where it was zero."""
+    """Replace zero divisors; the results are discarded there."""
     return torch.where(values == 0, 1, values)
 
 
@@ -57,7 +57,7 @@ def _shared_height(a: Rows, b: Rows) -> Float64[Tensor, "*pairs"]:
 
 
 def _shared_area(a: Rows, b: Rows) -> Float64[Tensor, "*pairs"]:
-    """Integral over b's outline of clamp(u, -l/2, l/2) dv, |v| <= w/2, in the frame of a."""
+    """Integrate clamp(u, -l/2, l/2) dv over b's outline, |v| <= w/2, in the frame of a."""
     u0, v0 = _corners(a, b)
     u1, v1 = u0.roll(-1, -1), v0.roll(-1, -1)
     half_l, half_w = a[..., 3, None] / 2, a[..., 4, None] / 2
@@ -86,7 +86,7 @@ def _radius(a: Rows) -> Tensor:
 
 
 def _corners(a: Rows, b: Rows) -> tuple[Float64[Tensor, "*pairs 4"], Float64[Tensor, "*pairs 4"]]:
-    """The corners of b in the frame of a: along it, and across it."""
+    """Compute the corners of b in the frame of a: along it, and across it."""
     dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     cos_a, sin_a = a[..., 6].cos(), a[..., 6].sin()
     u, v = cos_a * dx + sin_a * dy, cos_a * dy - sin_a * dx
@@ -98,7 +98,7 @@ def _corners(a: Rows, b: Rows) -> tuple[Float64[Tensor, "*pairs 4"], Float64[Ten
 
 
 def _shared_gradient(a: Rows, b: Rows) -> Rows:
-    """Derivatives of the shared volume by the values of b."""
+    """Compute derivatives of the shared volume with respect to b."""
     area, height = _shared_area(a, b)[..., None], _shared_height(a, b)[..., None]
     by_height = torch.where(height > 0, _height_gradient(a, b), 0)
     return _area_gradient(a, b) * height + by_height * area
@@ -112,7 +112,7 @@ def _area_gradient(a: Rows, b: Rows) -> Rows:
     ahead, aside = front - back, left - right
     cos, sin = b[..., 6].cos(), b[..., 6].sin()
     by_x, by_y = cos * ahead - sin * aside, sin * ahead + cos * aside
-    by_yaw = -(inside * (middle - 0.5) * edges).sum(-1)  # far ends of an edge sweep outwards
+    by_yaw = -(inside * (middle - 0.5) * edges).sum(-1)  # the far ends of an edge move outwards
     none = torch.zeros_like(by_x)
     return torch.stack(
         (by_x, by_y, none, (front + back) / 2, (left + right) / 2, none, by_yaw), dim=-1
@@ -122,7 +122,7 @@ def _area_gradient(a: Rows, b: Rows) -> Rows:
 def _height_gradient(a: Rows, b: Rows) -> Rows:
     half_a, half_b, dz = a[..., 5] / 2, b[..., 5] / 2, b[..., 2] - a[..., 2]
     tie = half_a.new_tensor(0.5)
-    top = torch.heaviside(half_a - half_b - dz, tie)  # 1 where b's top is the lower one
+    top = torch.heaviside(half_a - half_b - dz, tie)  # 1 if b's top is lower
     bottom = torch.heaviside(dz - half_b + half_a, tie)
     none = torch.zeros_like(top)
     return torch.stack((none, none, top - bottom, none, none, (top + bottom) / 2, none), dim=-1)
@@ -131,9 +131,9 @@ def _height_gradient(a: Rows, b: Rows) -> Rows:
 def _edges_inside(
     a: Rows, b: Rows
 ) -> tuple[Float64[Tensor, "*pairs 4"], Float64[Tensor, "*pairs 4"]]:
-    """Share of each edge of b inside a, and where on the edge (0 to 1) that part has its middle.
+    """Compute the share of each edge of b inside a, and that part's middle on the edge (0 to 1).
 
-    Clips as Liang and Barsky 1984 do. An edge on the outline of a counts half.
+    Clipping after Liang and Barsky 1984. An edge on the outline of a counts half.
     """
     u, v = _corners(a, b)
     enter_u, leave_u, weight_u = _stay_between(u, u.roll(-1, -1), a[..., 3, None] / 2)
@@ -144,7 +144,7 @@ def _edges_inside(
 
 
 def _stay_between(start: Tensor, end: Tensor, bound: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """When (0 to 1) a moving number enters and leaves [-bound, bound]; a weight if it rests."""
+    """Compute when (0 to 1) a moving number enters and leaves [-bound, bound]; weight at rest."""
     way = end - start
     first, second = (-bound - start) / _nonzero(way), (bound - start) / _nonzero(way)
     rests = way == 0

@@ -1,4 +1,4 @@
-"""Hoare's selection: the compiled kernel."""
+"""Compiled kernel of Hoare's selection."""
 
 from jaxtyping import Int64, Shaped
 from numpy import ndarray
@@ -10,16 +10,16 @@ from sightline.ops.compiled import compiled
 def select_smallest(
     values: Shaped[ndarray, " n"], order: Int64[ndarray, " m"], first: int, last: int, nth: int
 ) -> None:
-    """Reorders `order[first..last]` so that no value before place `nth` exceeds one behind it.
+    """Reorder `order[first..last]` so that no value before place `nth` exceeds one after it.
 
-    Hoare 1961 (FIND): linear time on average, and always the same.
+    Hoare 1961 (FIND): linear time on average, and deterministic.
 
     Args:
-        values: What is compared; stays as it is. No NaN.
+        values: Values to compare; unchanged. No NaN.
         order: Indices into `values`.
         first: First place that may change.
-        last: Last place that may change, itself included.
-        nth: Place that gets the value that it would have if all were sorted.
+        last: Last place that may change, inclusive.
+        nth: Place that gets the value that it would have after sorting.
     """
     while first < last:
         pivot = values[order[(first + last) // 2]]

@@ -1,7 +1,7 @@
-"""Memory for large results on a CPU, used again once a result is gone.
+"""Reused memory for large results on a CPU.
 
-The system hands out memory empty, page by page. For a result of 80 MB that takes as long as filling
-it; so the last such block is kept, up to 256 MB, as allocators for GPUs keep theirs.
+The system provides memory empty, page by page. For a result of 80 MB this takes as long as filling
+it, so the last such block is kept, up to 256 MB, like in GPU allocators.
 """
 
 import weakref
@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Shaped
 from numpy import ndarray
 
-_LEAST_BYTES: Final = 2**22  # what is smaller comes from memory that the process has
+_LEAST_BYTES: Final = 2**22  # smaller results use memory that the process already has
 _MOST_BYTES: Final = 2**28
-# A block so much larger stays: whoever keeps the result would hold all of it.
+# A much larger block is not used: whoever keeps the result would keep all of it.
 _MOST_TIMES: Final = 4
 _spare: Final[deque[Shaped[ndarray, " num_bytes"]]] = deque(maxlen=1)
 
@@ -22,9 +22,9 @@ _spare: Final[deque[Shaped[ndarray, " num_bytes"]]] = deque(maxlen=1)
 def rows_to_fill(
     num_rows: int, num_columns: int, dtype: np.dtype
 ) -> Shaped[ndarray, "{num_rows} {num_columns}"]:
-    """An array that holds anything; every value of it must be written.
+    """Make an uninitialised array; every value of it must be written.
 
-    Its memory is given to another result when the array, and all that shares its memory, is gone.
+    Its memory is reused once the array, and everything that shares its memory, is deleted.
     """
     num_bytes = num_rows * num_columns * dtype.itemsize
     if not _LEAST_BYTES <= num_bytes <= _MOST_BYTES:
@@ -34,8 +34,8 @@ def rows_to_fill(
         _keep(block)
         block = None
     if block is None or block.nbytes < num_bytes:
-        block = np.empty(num_bytes, np.uint8)  # numpy asks for large pages, torch does not
-    # Over a buffer: views of it hold on to it, where views of a view would hold on to the block.
+        block = np.empty(num_bytes, np.uint8)  # numpy requests large pages, torch does not
+    # Over a buffer: views keep the buffer alive, where views of a view would keep the block alive.
     flat = np.frombuffer(block.data, dtype, num_rows * num_columns)
     weakref.finalize(flat, _keep, block).atexit = False
     return flat.reshape(num_rows, num_columns)
@@ -44,11 +44,11 @@ def rows_to_fill(
 def _take_spare() -> Shaped[ndarray, " num_bytes"] | None:
     try:
         return _spare.pop()
-    except IndexError:  # asked for instead of looked up: another thread may be faster
+    except IndexError:  # try instead of a check: another thread may be faster
         return None
 
 
 def _keep(block: Shaped[ndarray, " num_bytes"]) -> None:
-    """Keeps the larger one of two blocks."""
+    """Keep the larger of two blocks."""
     other = _take_spare()
     _spare.append(block if other is None or other.nbytes < block.nbytes else other)

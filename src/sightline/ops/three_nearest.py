@@ -1,4 +1,4 @@
-"""The three nearest points of each query."""
+"""Search of the three nearest points of each query."""
 
 from typing import NamedTuple
 
@@ -9,25 +9,26 @@ from torch import Tensor, library
 from sightline.ops.point_checks import checked_points, require_points, require_same_batch
 from sightline.ops.three_nearest_kernel import find_three_nearest
 
-_CHUNK = 2**24  # distances held at once by the plain version
+_CHUNK = 2**24  # distances held at once by plain PyTorch
 
 
 class ThreeNearest(NamedTuple):
-    """Points nearest to queries, the nearest first."""
+    """Nearest points of queries, by ascending distance."""
 
     indices: Int64[Tensor, "batch num_queries 3"]
-    """Of the points; 0 where the cloud has fewer than three."""
+    """Indices of the points; 0 for missing ones in clouds with fewer than three."""
     squared_distance_m2: Float32[Tensor, "batch num_queries 3"]
-    """Infinite where the cloud has fewer than three."""
+    """Squared distances; infinite for missing points."""
 
 
 def three_nearest(
     points: Float[Tensor, "batch num_points 3"], queries: Float[Tensor, "batch num_queries 3"]
 ) -> ThreeNearest:
-    """The three points [m] of a cloud that are nearest to each query, equal ones in their order.
+    """Find the three nearest points [m] of each query; at equal distance the first in the cloud.
 
-    Distances are taken in float32, the same way on every device. There is no gradient. On a CPU a
-    compiled kernel looks into a grid; on other devices plain PyTorch takes all distances, in parts.
+    Distances are computed in float32, the same way on every device. There is no gradient. On a CPU
+    a compiled kernel searches a grid; on other devices plain PyTorch computes all distances, in
+    parts.
 
     Raises:
         ValueError: A coordinate is not finite, batch sizes differ, or there are queries but no
@@ -75,7 +76,7 @@ def find_by_torch(
     index: Int64[Tensor, "num_queries 3"],
     squared_distance: Float32[Tensor, "num_queries 3"],
 ) -> None:
-    """The same without a kernel."""
+    """Find the nearest points without a kernel."""
     rows = max(_CHUNK // points.shape[0], 1)
     for begin in range(0, queries.shape[0], rows):
         part = slice(begin, begin + rows)
@@ -83,7 +84,7 @@ def find_by_torch(
         distance = dx * dx + dy * dy + dz * dz
         for place in range(min(3, points.shape[0])):
             least = distance.amin(dim=1, keepdim=True)
-            # argmin leaves open which of several it gives
+            # argmin does not define which of several it returns
             first = (distance == least).int().cumsum(dim=1).eq(0).sum(dim=1, keepdim=True)
             index[part, place], squared_distance[part, place] = first[:, 0], least[:, 0]
             distance.scatter_(1, first, torch.inf)

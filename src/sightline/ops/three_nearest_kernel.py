@@ -1,4 +1,4 @@
-"""The three nearest points: the compiled kernel, without torch."""
+"""Compiled kernel for the three nearest points, without torch."""
 
 from typing import Final
 
@@ -9,7 +9,7 @@ from numpy import ndarray
 from sightline.ops.compiled import compiled
 from sightline.ops.point_grid_kernel import make_grid
 
-_SLACK: Final = 0.99999  # squared distances are rounded: a ring more is looked at
+_SLACK: Final = 0.99999  # squared distances are rounded: one ring more is searched
 
 
 @compiled
@@ -19,16 +19,16 @@ def find_three_nearest(
     index: Int64[ndarray, "num_queries 3"],
     squared_distance: Float32[ndarray, "num_queries 3"],
 ) -> None:
-    """Fills `index`, which comes as zeros, and `squared_distance`, as infinities.
+    """Fill the zeroed `index`, and `squared_distance`, initially infinite.
 
-    The grid is looked through in square rings around each query, until no further ring can hold a
+    The grid is searched in square rings around each query, until no further ring can contain a
     nearer point.
     """
     low_x, low_y, edge, num_x, num_y, starts, order = make_grid(points, 0.0)
     x, y, z = points[order, 0], points[order, 1], points[order, 2]
     for m in range(queries.shape[0]):
         qx, qy, qz = queries[m, 0], queries[m, 1], queries[m, 2]
-        # a query beside the grid is no farther from any ring than the border next to it
+        # for a query outside the grid, the nearest border cell gives a bound
         ix = int(min(max((qx - low_x) / edge, 0.0), num_x - 1.0))
         iy = int(min(max((qy - low_y) / edge, 0.0), num_y - 1.0))
         best, nearest = index[m], squared_distance[m]
@@ -56,7 +56,7 @@ def _insert(
     index: Int64[ndarray, "3"],
     squared_distance: Float32[ndarray, "3"],
 ) -> None:
-    """Puts a point among the three, by distance, then by index."""
+    """Insert a point into the three, by distance, then by index."""
     for place in range(3):
         held = squared_distance[place]
         if distance < held or (distance == held and point < index[place]):
