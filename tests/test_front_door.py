@@ -23,6 +23,17 @@ def test_importing_the_package_imports_nothing_else_of_weight():
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("task", ["detection2d", "detection3d", "depth_completion"])
+def test_predictors_import_nothing_of_training(task):
+    code = (
+        f"import sys; import sightline.{task}.predictor; "
+        "training = {'lightning', 'torchmetrics', 'sightline.training'}; "
+        "print(sorted(training & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_every_name_is_where_the_type_checker_is_told_it_is():
     source = inspect.getsource(sightline)
     for name in NAMES:

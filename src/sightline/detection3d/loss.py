@@ -18,7 +18,7 @@ from sightline.detection3d.stages import (
     Sweep,
     full_precision,
 )
-from sightline.training.module import Losses
+from sightline.structures.batch import Losses
 
 Stages = Literal["both", "first", "second"]
 """Stages to train: both at once, or one alone."""

@@ -14,7 +14,7 @@ from torch import Tensor
 from sightline.detection3d.loss_config import Detection3DLossConfig
 from sightline.detection3d.targets import SweepTruth
 from sightline.detection3d.views import View
-from sightline.training.module import Losses
+from sightline.structures.batch import Losses
 
 Sweep = Float32[Tensor, "_ 4"]
 """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""

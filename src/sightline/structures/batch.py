@@ -1,4 +1,4 @@
-"""Several samples as a network takes them: what every task's batch can do."""
+"""What tasks exchange with training: batches of samples and losses."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
@@ -26,6 +26,17 @@ class Batch(Protocol):
 
     def pin_memory(self) -> "Batch":
         """The same batch in memory that a GPU can fetch by itself."""
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class Losses(Protocol):
+    """A NamedTuple of scalars: the training loss and its terms."""
+
+    @property
+    def total(self) -> Tensor:
+        """The training loss."""
+
+    def _asdict(self) -> dict[str, Any]: ...
 
 
 class FieldwiseBatch:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal
 
 import lightning
 import numpy as np
@@ -19,7 +19,7 @@ from torchmetrics import Metric
 
 from sightline.data.settings import NetworkConfig, plain_settings
 from sightline.data.weights import CHECKPOINT_KEY
-from sightline.structures.batch import Batch
+from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, fill_from
 from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
 from sightline.visualization.lettering import with_title
@@ -27,17 +27,6 @@ from sightline.visualization.lettering import with_title
 _NUM_STEPS_KEY = "sightline_num_steps"
 _STEPS_A_LOOK = 50  # at whether the loss is finite, on a GPU
 _NUM_PICTURES = 4  # validation batches of which the first sample is drawn
-
-
-@runtime_checkable  # for beartype, which checks arguments under pytest
-class Losses(Protocol):
-    """A NamedTuple of scalars: the training loss and its terms."""
-
-    @property
-    def total(self) -> Tensor:
-        """The training loss."""
-
-    def _asdict(self) -> dict[str, Any]: ...
 
 
 class TrainingModule(lightning.LightningModule, ABC):
