@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Networks run by PyTorch where no engine is named: to convert them for another takes ten seconds
 # each. What another gives is tested in tests/export, and each task's own test_export.
 os.environ["SIGHTLINE_ENGINE"] = "torch"
+
+# A shell that starts the tests in the background has them ignore Ctrl-C, which some of them send.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # No deadline: compiling a kernel and the first call of a library take long and prove nothing.
 # The check takes the same examples each time; elsewhere new ones are drawn.
