@@ -1,21 +1,21 @@
-"""The settings of a simulation; imports nothing heavy, for the command line's sake."""
+"""Settings of a simulation; heavy imports are avoided for a fast command line."""
 
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
-"""`lidar.LIDARS` says what they are."""
+"""Names in `lidar.LIDARS`."""
 KITTI_IMAGE_SIZE: Final = (375, 1242)
-"""Height and width."""
+"""Height and width [px]."""
 KITTI_FOCAL_PX: Final = 721.5377
-_MIN_SIDE_PX, _MAX_SIDE_PX = 32, 8192  # together what `data.image_header` takes for a picture
+_MIN_SIDE_PX, _MAX_SIDE_PX = 32, 8192  # together the limits of `data.image_header` for an image
 _MAX_SEQUENCE_LENGTH = 10_000  # a quarter of an hour, as long as any of KITTI's drives
 _MIN_FOCAL_PX, _MAX_FOCAL_PX = 1.0, 1e5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulationConfig:
-    """What is simulated, except the number of frames; its fields are options of `simulate`."""
+    """Settings of a simulation except the number of frames; the fields are `simulate`'s options."""
 
     seed: int = 0
     """Another seed gives other streets."""

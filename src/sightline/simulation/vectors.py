@@ -1,4 +1,4 @@
-"""Vectors of three numbers, as the compiled kernels calculate with them."""
+"""Vectors of three numbers for the compiled kernels."""
 
 import math
 
@@ -12,14 +12,14 @@ Vector = tuple[float, float, float]
 
 @compiled
 def row_of(rows: Float32[np.ndarray, "n 3"], row: int) -> Vector:
-    """A row of an array as three numbers."""
+    """Read a row of an array as three numbers."""
     # numba's float() keeps float32; the kernels work in float64.
     return np.float64(rows[row, 0]), np.float64(rows[row, 1]), np.float64(rows[row, 2])
 
 
 @compiled
 def store_row(rows: Float32[np.ndarray, "n 3"], row: int, vector: Vector) -> None:
-    """Writes a row of an array."""
+    """Write a row of an array."""
     rows[row, 0], rows[row, 1], rows[row, 2] = vector
 
 
@@ -61,7 +61,7 @@ def weighted(weights: Vector, a: Vector, b: Vector, c: Vector) -> Vector:
 
 @compiled
 def normalized(a: Vector, otherwise: Vector) -> Vector:
-    """At unit length; the other vector where there is no length."""
+    """Scale to unit length; `otherwise` if the length is zero."""
     squared = dot(a, a)
     if squared < 1e-16:
         return otherwise
