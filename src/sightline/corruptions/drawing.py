@@ -1,4 +1,4 @@
-"""Which case a training image meets."""
+"""Random draws of a training image's case."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sightline.corruptions.suites import Case, Suite, find_suite
 
 @dataclass(frozen=True, kw_only=True)
 class CaseDrawing:
-    """How cases of a suite are drawn for training.
+    """Distribution of a suite's cases for training.
 
     Raises:
         ValueError: There is no such suite or case, or the probabilities are negative, do not sum to
@@ -30,7 +30,7 @@ class CaseDrawing:
     Kim et al. 2018, section IV-A, say. What the case draws in turn is each image's own."""
 
     def __post_init__(self) -> None:
-        """Checks names and probabilities."""
+        """Check names and probabilities."""
         suite = find_suite(self.suite)
         suite.without(self.without)
         if self.probabilities is not None:
@@ -50,12 +50,12 @@ class CaseDrawing:
             )
 
     def draw(self, rng: np.random.Generator, num_images: int = 1) -> tuple[Case, ...]:
-        """Cases for the images of one weight update, in order.
+        """Draw cases for the images of one weight update, in order.
 
         Args:
-            rng: With `per` "update" all who prepare images of one update, on whatever worker or
-                device, must bring generators of equal state here.
-            num_images: How many.
+            rng: Source of randomness. With `per` "update", all workers and devices that prepare
+                images of one update must pass generators of equal state.
+            num_images: Number of images.
         """
         suite = find_suite(self.suite)
         shares = _probabilities(suite, self.probabilities, self.without)
@@ -67,7 +67,7 @@ class CaseDrawing:
 def _probabilities(
     suite: Suite, given: Mapping[str, float] | None, without: tuple[str, ...]
 ) -> list[float]:
-    """Of each case of the suite, of sum 1 to the last bit that numpy asks for; or all 0."""
+    """Compute each case's probability, of sum 1 within numpy's tolerance; or all 0."""
     if given is None:
         given = {case.name: case.probability for case in suite.cases}
     drawn = set(suite.without(without))
