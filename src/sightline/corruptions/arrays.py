@@ -214,7 +214,7 @@ def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_poi
             f"{int(np.flatnonzero(~is_plausible)[0])} is not: leave such points out"
         )
     reflectances = columns[:, 3]
-    # of the range alone: here, none may be brighter than 1
+    # checks of the range only: here, no reflectance may be above 1
     fault = cloud_fault(columns, np.inf) if len(columns) and reflectances.min() >= 0 else None
     if fault is not None:
         raise ValueError(f"points: {fault[0]}; {fault[1]}")

@@ -113,7 +113,7 @@ class Corruption(Fault):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NoCorruption(Corruption):
-    """Sound sensors."""
+    """Unchanged output of sound sensors."""
 
     kind = "none"
     sensors = ()

@@ -21,13 +21,14 @@ class CaseDrawing:
 
     suite: str = "dgfn7"
     probabilities: Mapping[str, float] | None = None
-    """By case, of sum 1; a case that is not named is never drawn. A kind's name stands for all its
-    severities, each as likely. None: the suite's own."""
+    """Probability of each case, of sum 1; other cases are never drawn. A kind's name stands for all
+    its severities, with equal probability. None: the suite's own."""
     without: tuple[str, ...] = ()
-    """Kinds that are never drawn, to be tested on as unseen; the others share what they had."""
+    """Kinds that are never drawn, for tests on unseen kinds; their probability is shared by the
+    others."""
     per: Literal["image", "update"] = "image"
-    """Whether each image has a case of its own, or all images of one weight update share one, as
-    Kim et al. 2018, section IV-A, say. What the case draws in turn is each image's own."""
+    """Whether each image has its own case, or all images of one weight update share one, as in Kim
+    et al. 2018, section IV-A. The random draws within a case are always separate for each image."""
 
     def __post_init__(self) -> None:
         """Check names and probabilities."""

@@ -6,7 +6,7 @@ from jaxtyping import Float64
 from sightline.corruptions.corruption import Sweep
 from sightline.corruptions.sensor import SpinningLidar
 
-_LIMIT_REFLECTANCE = 0.9  # of a target that is just detected at the maximum range
+_LIMIT_REFLECTANCE = 0.9  # reflectance of a target just detected at the maximum range
 
 
 def faintest_power(lidar: SpinningLidar) -> float:

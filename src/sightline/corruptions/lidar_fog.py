@@ -27,8 +27,8 @@ _CROSSOVER_M: Final = 0.1  # over which the receiver's view grows to the whole b
 _BACKSCATTER: Final = 0.046  # times 1 / visibility: Rasshofer et al. 2011
 _TARGET_BACKSCATTER: Final = 1e-6 / math.pi  # differential reflectivity of a hard target, 1/sr
 _STEP_M: Final = 0.1
-_SLICES: Final = 200  # of a pulse
-_SPREAD_M: Final = 20.0  # of the fog's echoes
+_SLICES: Final = 200  # number of slices of a pulse
+_SPREAD_M: Final = 20.0  # spread of the fog's echoes
 _SPREAD_SHAPE: Final = (2.0, 20.0)
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float64
 
 _SMALLEST_MM: Final = 0.5  # melted; smaller ones are counted by their extinction alone
-_SNOW_DENSITY: Final = 0.1  # of water's
+_SNOW_DENSITY: Final = 0.1  # density relative to water's
 _WATER: Final = 1.328  # refractive index at 905 nm
 _ICE: Final = 1.3031
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Precipitation:
-    """Particles whose melted diameters D are distributed as N0 exp(-slope D)."""
+    """Distribution of particles: melted diameters D follow N0 exp(-slope D)."""
 
     intercept: float
     """N0: number per cubic metre and millimetre of diameter."""

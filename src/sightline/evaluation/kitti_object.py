@@ -22,7 +22,7 @@ from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 
 _FRAMES_AT_A_TIME = 64
-_MAX_PAIRS = 2_000_000  # of results times labels in one frame; KITTI's fullest has some thousands
+_MAX_PAIRS = 2_000_000  # results times labels in one frame; KITTI's fullest has some thousands
 _MAX_RESAMPLES = 100_000  # this gives the interval's ends to a tenth of their last digit
 
 

@@ -18,7 +18,7 @@ class OptimalLrp:
     error: float
     """oLRP; 1 if no true positive is found at any threshold."""
     threshold: float | None
-    """Score threshold of the minimum, the highest one; None if no detections at all is no worse."""
+    """Score threshold of the minimum, the highest one; None if an empty result is no worse."""
     localization: float | None
     """Mean of 1 - IoU over the true positives at this threshold; None if there are none."""
     false_positives: float | None

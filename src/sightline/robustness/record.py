@@ -15,7 +15,7 @@ from sightline.robustness.measures import ByKind
 from sightline.robustness.scoring import Figure, Scores
 
 RECORD_NAME: Final = "robustness.json"
-"""File of a run's folder."""
+"""Name of the record's file in a run's folder."""
 
 _LARGEST = 10**12  # maximum of a plausible number
 _LONGEST = 10_000  # maximum characters of a text

@@ -22,9 +22,9 @@ _ONCOMING_FACTOR: Final = 1.4
 _PARKED_VANS: Final = 0.042
 _PARKED_MISC: Final = 0.05
 _QUEUE_FACTOR: Final = 0.8
-"""Length of queues on the crossing road relative to the main road's."""
+"""Factor on the probability of closing up on the crossing road: its queues are shorter."""
 _JAMMED_LANES: Final = 0.6
-"""Occupancy of lanes in a traffic jam."""
+"""Probability of a queue on a lane in a traffic jam."""
 
 
 def drive_lanes(crowd: Crowd) -> None:

@@ -19,7 +19,7 @@ _MAKERS: Final = {
     "Person_sitting": make_sitting_person,
 }
 _MOST_MODELS: Final = 4
-"""Maximum models of any other class; making one takes longer than copying one."""
+"""Maximum models of a class such as Truck or Tram; making one takes longer than copying one."""
 _FAMILIES: Final = {family.class_name: family for family in (CARS, VANS)}
 _MOST_DESIGNS: Final = 16
 """Maximum designs of a street's cars or vans."""

@@ -1,4 +1,4 @@
-"""Labelled ends of a car seen from one side, as annotated in KITTI."""
+"""Labelled ends of a car viewed from one side, as annotated in KITTI."""
 
 import math
 from typing import Final

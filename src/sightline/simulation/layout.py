@@ -181,7 +181,7 @@ class Layout:
 
     @property
     def roads(self) -> tuple[Road, ...]:
-        """All roads."""
+        """All roads of the layout."""
         return (self.main,) if self.junction is None else (self.main, self.junction.cross)
 
 

@@ -258,7 +258,7 @@ class _Firings(NamedTuple):
     reading_biases: Float64[np.ndarray, " num_rays"]
 
 
-@lru_cache(maxsize=1)  # the same for all frames; nobody writes to them
+@lru_cache(maxsize=1)  # the same for all frames; never written to
 def _firings(config: LidarConfig) -> _Firings:
     steps = np.deg2rad(np.arange(config.azimuth_step_deg / 2, 360.0, config.azimuth_step_deg))
     laser = np.repeat(np.arange(len(config.lasers)), len(steps))

@@ -10,7 +10,7 @@ from sightline.simulation.settings import SimulationConfig
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulatedSet:
-    """What a data set consists of; its fields, and those of `config`, are options of `simulate`."""
+    """Settings of a data set; its fields, and those of `config`, are options of `simulate`."""
 
     frames: int = 100
     """Number of frames, over all drives."""

@@ -20,14 +20,14 @@ class SimulationConfig:
     seed: int = 0
     """Another seed gives other streets."""
     sequence_length: int = 1
-    """Frames of a drive at 10 Hz, in KITTI's raw layout; 1 = every frame is another street, in the
+    """Frames of a drive at 10 Hz, in KITTI's raw layout; 1 = each frame is another street, in the
     object layout."""
     image_size: tuple[int, int] = KITTI_IMAGE_SIZE
-    """Height, width [px]. Relative to KITTI's size, the picture is cropped or extended at its top
-    and both sides."""
+    """Height, width [px]. Relative to KITTI's size, the image is cropped or extended at its top and
+    both sides."""
     focal_px: float = KITTI_FOCAL_PX
-    """Focal length. Scales the picture before it is cropped: half of KITTI's shows as much in half
-    the pixels."""
+    """Focal length. It scales the image before cropping: half of KITTI's shows the same view in
+    half the pixels."""
     samples_per_pixel: Literal[1, 4] = 1
     """Rays for each pixel: 1, or 4 for finer pictures."""
     lidar: LidarModel = "hdl-64e"
@@ -35,15 +35,15 @@ class SimulationConfig:
     rolling_shutter: bool = False
     """Whether the LiDAR moves with the car during its turn."""
     camera: bool = True
-    """Whether pictures are taken; without them all else is the same, in half the time."""
+    """Whether images are rendered; without them all other output is unchanged, in half the time."""
     hard: bool = False
     """Whether streets are hard: objects far away, hidden and on slopes, with few points."""
     hard_negatives: bool = False
-    """Whether much stands beside streets that is easily taken for a person or a car: beacons of
+    """Whether many objects beside streets are easily mistaken for a person or a car: beacons of
     road works, masts, low signs, bare trunks, bushes, heaps."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if self.seed < 0:
             raise ValueError(f"seed must not be negative, got {self.seed}")
         if not 1 <= self.sequence_length <= _MAX_SEQUENCE_LENGTH:

@@ -36,7 +36,7 @@ def add_mirror_images(
     shares = np.zeros(len(radiance), np.float32)
     _mirror_shares(world.materials, found, shares)
     batch = _mirrored_rays(found, shares)
-    # A curved mirror spreads the rays of a pixel, so textures in it are looked up more coarsely.
+    # A curved mirror spreads the rays of a pixel, so textures in its image are sampled coarsely.
     seen, _ = shaded_directly(world, batch.rays, 4.0 * pixel_angle, _OUTSIDE_AMBIENT)
     images = np.zeros_like(radiance)
     images[batch.sources] = seen

@@ -31,7 +31,7 @@ MAX_FRAMES = 10**6
 MAX_DRIVES = 10**4
 """Maximum number of drives: names have four digits."""
 # Maximum number of parts of a job: the last part begins with the frame, or drive, of its number,
-# and leaves as many between two. Anything farther out was not begun by a job.
+# and leaves as many between two. Files beyond this were not begun by a job.
 _MAX_SHARDS = 1000
 _DIGIT = "[0-9]"  # for patterns: other files in an output folder are not frames
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
