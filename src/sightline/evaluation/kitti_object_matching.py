@@ -2,8 +2,8 @@
 
 Pass 1 finds the scores of matched truths, which give the thresholds; pass 2 counts at each
 threshold. Both are greedy: in file order, each truth takes one detection that no previous truth has
-taken. A detection too small for the difficulty may be taken by a truth of any class, but is neither a true nor
-a false positive.
+taken. A detection too small for the difficulty may be taken by a truth of any class, but is neither
+a true nor a false positive.
 """
 
 from typing import NamedTuple
