@@ -1,1 +1,1 @@
-"""What goes wrong with cameras and LiDARs, to train and to test on: kinds, suites, whole trees."""
+"""Corruptions of cameras and LiDARs for training and testing: kinds, suites, data sets on disk."""

@@ -1,4 +1,4 @@
-"""Corruptions of plain numpy arrays, for programs that know nothing else of Sightline.
+"""Corruptions of plain numpy arrays, without other classes of Sightline.
 
 from sightline.corruptions.arrays import corrupt_arrays
 
@@ -32,18 +32,18 @@ from sightline.structures.arrays import cloud_columns, image_remedy, warn_of_vie
 from sightline.structures.mounting import warn_of_axes
 from sightline.structures.sample import CameraLidarSample
 
-# A camera that sees no point: it looks up from far above.
+# A camera with no point in view: it looks up from far above.
 _FAR_ABOVE = torch.eye(4, dtype=torch.float64)
 _FAR_ABOVE[2, 3] = -1e9
 _NO_VIEW = Calibration(
     image_from_camera=torch.eye(4, dtype=torch.float64)[:3], camera_from_lidar=_FAR_ABOVE
 )
-_LARGEST = 1e6  # metres; beyond, float32 loses what kinds compute with
+_LARGEST = 1e6  # metres; beyond, float32 is too coarse for the kinds
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CorruptedArrays:
-    """What faulty sensors deliver, in memory of its own, with what was done."""
+    """Output of the faulty sensors, in memory of its own, with a record of the corruption."""
 
     image: UInt8[np.ndarray, "height width 3"] | None
     points: Float32[np.ndarray, "num_delivered 4"] | None
@@ -51,11 +51,11 @@ class CorruptedArrays:
     camera_mask: Bool[np.ndarray, "height width"]
     """Pixels of the image that may have changed."""
     lidar_mask: Bool[np.ndarray, "height width"]
-    """Pixels that what changed in the sweep falls on."""
+    """Pixels hit by the changed points of the sweep."""
     broken_points: Bool[np.ndarray, " num_points"] | None
-    """Points of the sound sweep that are lost or changed; None where no sweep was corrupted."""
+    """Points of the sound sweep that are lost or changed; None if no sweep was corrupted."""
     point_sources: Int64[np.ndarray, " num_delivered"] | None
-    """Of each point that is delivered its row in the sound sweep, -1 where it is from none."""
+    """Row of each delivered point in the sound sweep; -1 if it has none."""
 
 
 def corrupt_arrays(
@@ -72,34 +72,35 @@ def corrupt_arrays(
     name: str = "",
     lidar: SpinningLidar = HDL_64E,
 ) -> CorruptedArrays:
-    """An image and a sweep as faulty sensors take them; the same arguments give the same answer.
+    """Corrupt an image and a sweep; the same arguments give the same result.
 
     Args:
         kind: One of `kinds.KINDS`, or several in their order, joined by `+`: camera_fog+lidar_fog.
         severity: From 1, slight, to 5.
-        image: RGB, uint8, height x width x 3; like all that follows an array, a tensor or nested
-            lists. None: no camera.
-        points: N x 4: x forward, y left, z up [m] and reflectance in [0, 1]; of N x 3 reflectances
-            are 0, further columns are left out (`point_sources` finds their rows). None: no LiDAR.
-            What is delivered is float32.
+        image: RGB, uint8, height x width x 3; an array, a tensor or nested lists, as for all
+            following arrays. None: no camera.
+        points: N x 4: x forward, y left, z up [m] and reflectance in [0, 1]; in N x 3 the
+            reflectances are 0, further columns are dropped (`point_sources` gives the rows). None:
+            no LiDAR. The output is float32.
         image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
-            KITTI's P2; of an intrinsic matrix K, K with a column of zeros. None, like the next,
-            for kinds that need no calibration: then `lidar_mask` says nothing.
+            KITTI's P2; for an intrinsic matrix K, K with a column of zeros. None, as for the next
+            argument, for kinds that need no calibration: then `lidar_mask` is meaningless.
         camera_from_lidar: 4 x 4, rigid.
         image_size: Height and width of the camera's image [px]; needed with a calibration but
             without an image.
         depth: Height x width, floating point: metres along the optical axis, 0 unknown; for weather
-            in the camera. None: the sweep's own is used.
+            in the camera. None: the sweep's depth is used.
         seed: Not negative.
-        name: Of the frame: each has draws of its own, the same for all severities of a kind.
-        lidar: The LiDAR's beams and reach.
+        name: Frame name: each frame has random draws of its own, the same for all severities of a
+            kind.
+        lidar: Beams and range of the LiDAR.
 
-    Warns where sweep and calibration hardly belong together.
+    Warns if sweep and calibration are unlikely to belong together.
 
     Raises:
-        TypeError: The kind or the name is no text, or the LiDAR is none.
-        ValueError: There is no such kind or severity, an array is not as described, most points
-            lie beyond 300 m, or the kind needs a calibration.
+        TypeError: The kind or the name is not a string, or the LiDAR is not a `SpinningLidar`.
+        ValueError: There is no such kind or severity, an array is not as described, most points lie
+            beyond 300 m, or the kind needs a calibration.
     """
     corruption = find_corruption(kind, severity, _lidar(lidar))
     seed = _seed(seed)
@@ -153,7 +154,7 @@ def _lidar(lidar: object) -> SpinningLidar:
 def _seed(seed: object) -> int:
     if not isinstance(seed, bool | np.bool_):
         with suppress(TypeError):
-            number = index(seed)  # type: ignore[arg-type]  # TypeError of anything else
+            number = index(seed)  # type: ignore[arg-type]  # TypeError for anything else
             if number < 0:
                 raise ValueError(f"seed must not be negative, got {number}")
             return number
@@ -163,7 +164,7 @@ def _seed(seed: object) -> int:
 def _warn_of_doubts(
     sweep: Float32[torch.Tensor, "num_points 4"], calibration: Calibration, size: tuple[int, int]
 ) -> None:
-    """Warns as `from_arrays` does of a sweep and a calibration that hardly belong together."""
+    """Warn of a sweep and a calibration that hardly belong together, as `from_arrays` does."""
     doubt = mount_doubt(calibration.camera_from_lidar.numpy())
     if doubt is not None:
         warnings.warn(f"camera_from_lidar {doubt}", stacklevel=3)
@@ -172,7 +173,7 @@ def _warn_of_doubts(
 
 
 def _depth_array(depth: Given) -> Shaped[np.ndarray, "..."]:
-    """The array of a depth map; what is masked is unknown."""
+    """Convert a depth map to an array; masked values are unknown."""
     return given_array("depth", without_masked(depth, 0.0))
 
 
@@ -202,10 +203,10 @@ def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height wi
 
 
 def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_points 4"]:
-    if points.ndim != 2:  # what is delivered names rows of the sweep that was given
+    if points.ndim != 2:  # the output refers to rows of the given sweep
         raise ValueError(f"points must be N x 3 or more, one row a point; got {_said(points)}")
     columns = cloud_columns(points)
-    # In float64, as float16 has no number as large as the limit; so that NaN is refused, too.
+    # In float64, because float16 cannot store the limit; written so that NaN is refused, too.
     is_plausible = (np.abs(columns) <= _LARGEST).all(axis=1)
     if not is_plausible.all():
         raise ValueError(
@@ -213,7 +214,7 @@ def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_poi
             f"{int(np.flatnonzero(~is_plausible)[0])} is not: leave such points out"
         )
     reflectances = columns[:, 3]
-    # of the range alone: here, none may be brighter than 1
+    # checks of the range only: here, no reflectance may be above 1
     fault = cloud_fault(columns, np.inf) if len(columns) and reflectances.min() >= 0 else None
     if fault is not None:
         raise ValueError(f"points: {fault[0]}; {fault[1]}")
@@ -261,7 +262,7 @@ def _arrays(corrupted: Corrupted) -> CorruptedArrays:
     image, points = sample.image, sample.points
     broken, sources = corrupted.broken_points, corrupted.point_sources
     return CorruptedArrays(
-        # Copied: what a kind leaves alone may be the caller's own memory.
+        # Copied, because unchanged data may be the caller's own memory.
         image=None if image is None else image.numpy().transpose(1, 2, 0).copy(),
         points=None if points is None else points.numpy().copy(),
         record=corrupted.record,

@@ -1,4 +1,4 @@
-"""Sensors that deliver nothing: Kim et al. 2018, section IV-A, "blank data"."""
+"""Sensors without data: Kim et al. 2018, section IV-A, "blank data"."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraBlank(CameraCorruption):
-    """A dead camera whose picture still comes, black; `data.faults.NoCamera` has no picture."""
+    """Dead camera with a black image; `data.faults.NoCamera` has no image."""
 
     kind = "camera_blank"
     leaves_nothing = True
@@ -31,14 +31,14 @@ class CameraBlank(CameraCorruption):
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """Zeros; draws nothing."""
+        """Return zeros; no random draws."""
         del rng
         return ImageChange(torch.zeros_like(image), everywhere(sample), {})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarBlank(LidarCorruption):
-    """A dead LiDAR: a sweep without points, so that all its projected maps are zero."""
+    """Dead LiDAR: a sweep without points, so that all its projected maps are zero."""
 
     kind = "lidar_blank"
     leaves_nothing = True
@@ -46,14 +46,14 @@ class LidarBlank(LidarCorruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """No points; draws nothing."""
+        """Return no points; no random draws."""
         del rng
         return _no_points(points, everywhere(sample))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraFramesLost(CameraCorruption):
-    """A camera some of whose pictures are black; each with the same chance."""
+    """Camera with some black images, each with the same probability."""
 
     kind = "camera_blank"
     leaves_nothing = True
@@ -61,13 +61,13 @@ class CameraFramesLost(CameraCorruption):
     chance: float = 1.0
 
     def __post_init__(self) -> None:
-        """Checks the chance."""
+        """Check the probability."""
         check_number("chance", self.chance, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """Zeros, or the image as it is."""
+        """Return zeros, or the unchanged image."""
         is_lost = rng.random() < self.chance
         if not is_lost:
             return ImageChange(image.clone(), nowhere(sample), {"is_lost": 0})
@@ -76,7 +76,7 @@ class CameraFramesLost(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarFramesLost(LidarCorruption):
-    """A LiDAR some of whose sweeps have no points; each with the same chance."""
+    """LiDAR with some sweeps without points, each with the same probability."""
 
     kind = "lidar_blank"
     leaves_nothing = True
@@ -84,13 +84,13 @@ class LidarFramesLost(LidarCorruption):
     chance: float = 1.0
 
     def __post_init__(self) -> None:
-        """Checks the chance."""
+        """Check the probability."""
         check_number("chance", self.chance, 0, 1)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """No points, or the sweep as it is."""
+        """Return no points, or the unchanged sweep."""
         if rng.random() < self.chance:
             return _no_points(points, everywhere(sample))._replace(parameters={"is_lost": 1})
         return PointsChange(

@@ -1,4 +1,4 @@
-"""Rain and snow before a camera: a veil by all particles, and streaks of those that are near."""
+"""Rain and snow in a camera image: a veil from all particles, and streaks from near ones."""
 
 import math
 from abc import abstractmethod
@@ -23,8 +23,8 @@ from sightline.corruptions.streak_kernel import draw_streaks
 from sightline.geometry.calibration import Calibration
 from sightline.structures.sample import CameraLidarSample
 
-_NEAREST_M = 0.4  # the windscreen or the hood keeps off what would be nearer
-# What is beyond is part of the veil alone: drops too fast and flakes too small to be seen.
+_NEAREST_M = 0.4  # the windscreen or the hood keeps nearer particles away
+# Particles beyond contribute only to the veil: drops too fast and flakes too small to be visible.
 _RAIN_DRAWN_M = 8.0
 _SNOW_DRAWN_M = 8.0
 _MARGIN_PX = 40.0  # around the image, where streaks begin that end in it
@@ -34,17 +34,17 @@ _SRGB_KNEE = np.float32(0.04045)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Exposure:
-    """How the camera moves, and for how long its shutter is open."""
+    """Camera motion and exposure time."""
 
     time_s: float = 0.002
-    """The longest exposure of KITTI's cameras."""
+    """Exposure time; the default is the longest of KITTI's cameras."""
     speed_mps: float = 10.0
-    """Of the car, straight ahead."""
+    """Speed of the car, straight ahead."""
     wind_mps: tuple[float, float] = (-3.0, 3.0)
-    """To the right; drawn evenly."""
+    """Wind to the right; uniform distribution."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_number("time_s", self.time_s, 0, 1)
         check_number("speed_mps", self.speed_mps, 0, 100)
         check_range("wind_mps", self.wind_mps, -100, 100)
@@ -52,27 +52,27 @@ class Exposure:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _CameraPrecipitation(CameraCorruption):
-    """What falls before the camera; see `fall`."""
+    """Precipitation in a camera image; see `fall`."""
 
     drawn_m: ClassVar[float]
-    """Particles so near are drawn one by one."""
+    """Maximum distance of individually drawn particles."""
 
     rate_mm_per_h: float
-    """Of water; of snow as if it were melted."""
+    """Water rate; for snow, of the melted water."""
     exposure: Exposure = Exposure()
 
     def __post_init__(self) -> None:
-        """Checks the rate."""
+        """Check the rate."""
         check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
 
     @abstractmethod
     def particles(self) -> Precipitation:
-        """What falls."""
+        """Particles of the precipitation."""
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `fall`."""
+        """Apply `fall`."""
         change = fall(image, sample, self.particles(), self.exposure, rng, drawn_m=self.drawn_m)
         rate = {"rate_mm_per_h": self.rate_mm_per_h}
         return change._replace(parameters={**rate, **change.parameters})
@@ -80,10 +80,10 @@ class _CameraPrecipitation(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraRain(_CameraPrecipitation):
-    """Rain: a thin veil, and streaks of drops that fall at their final speed; see `fall`.
+    """Rain: a thin veil, and streaks of drops at terminal speed; see `fall`.
 
     Sizes are by Marshall and Palmer 1948, speeds by Atlas et al. 1973; a drop shows the light of
-    its surroundings for as long as it covers a pixel, as Garg and Nayar 2007 found.
+    its surroundings while it covers a pixel, as Garg and Nayar 2007 found.
     """
 
     kind = "camera_rain"
@@ -92,13 +92,13 @@ class CameraRain(_CameraPrecipitation):
     drawn_m = _RAIN_DRAWN_M
 
     def particles(self) -> Precipitation:
-        """Rain of that rate."""
+        """Rain at this rate."""
         return rain(self.rate_mm_per_h)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraSnow(_CameraPrecipitation):
-    """Snow: a veil, and flakes that sink at 1 m/s, sizes by Gunn and Marshall 1958; see `fall`."""
+    """Snow: a veil, and flakes falling at 1 m/s, sizes by Gunn and Marshall 1958; see `fall`."""
 
     kind = "camera_snow"
     needs_calibration = True
@@ -106,17 +106,17 @@ class CameraSnow(_CameraPrecipitation):
     drawn_m = _SNOW_DRAWN_M
 
     def particles(self) -> Precipitation:
-        """Snow of that rate."""
+        """Snow at this rate."""
         return snow(self.rate_mm_per_h)
 
 
 class Streaks(NamedTuple):
-    """What particles leave in an image."""
+    """Streaks of particles in an image."""
 
     ends_px: Float64[np.ndarray, "num_streaks 4"]
-    """x, y of the one end and of the other."""
+    """x, y of both ends."""
     widths_px: Float64[np.ndarray, " num_streaks"]
-    """At least 1."""
+    """Widths of at least 1."""
     opacities: Float64[np.ndarray, " num_streaks"]
 
 
@@ -129,12 +129,12 @@ def fall(
     *,
     drawn_m: float,
 ) -> ImageChange:
-    """The image through rain or snow.
+    """Render rain or snow into an image.
 
-    What all particles together take and scatter is a veil (`haze.veil`); those up to `drawn_m` away
-    are drawn one by one, over whatever is there, in the light that the air scatters. Shares of the
-    exposure add up in light, not in levels as they are stored, which is what makes a bright drop
-    before a dark wall seen though it covers a pixel for a twentieth of the time.
+    All particles together cause a veil by extinction and scattering (`haze.veil`). Particles up to
+    `drawn_m` away are drawn one by one, over everything else, in the scattered light. Shares of the
+    exposure are added in linear light, not in stored levels; otherwise a bright drop before a dark
+    wall would be invisible, as it covers a pixel for a twentieth of the time.
     """
     ranges_m, source = scene_ranges(sample)
     airlight = airlight_level(image)
@@ -156,7 +156,7 @@ def fall(
 
 
 def to_light(levels: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
-    """Light in [0, 1] that stored levels stand for: sRGB, IEC 61966-2-1."""
+    """Convert stored levels to linear light in [0, 1]: sRGB, IEC 61966-2-1."""
     shares = levels / np.float32(255)
     light: Float32[np.ndarray, "*shape"] = np.where(
         shares <= _SRGB_KNEE, shares / np.float32(12.92), ((shares + 0.055) / 1.055) ** 2.4
@@ -165,7 +165,7 @@ def to_light(levels: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*sha
 
 
 def from_light(light: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
-    """Levels that light in [0, 1] is stored as; the inverse of `to_light`."""
+    """Convert linear light in [0, 1] to stored levels; the inverse of `to_light`."""
     shares = np.where(
         light <= _SRGB_KNEE / 12.92, light * np.float32(12.92), 1.055 * light ** (1 / 2.4) - 0.055
     )
@@ -183,15 +183,16 @@ def draw_particles(
     *,
     drawn_m: float,
 ) -> Streaks:
-    """Particles evenly spread in what the camera sees, as they move while it is exposed.
+    """Draw particles evenly spread in the camera's view, with their motion during the exposure.
 
     The opacity is the share of the exposure in which the particle covers a pixel of its streak: the
-    particle's area by the streak's, and so the same light in sum however it is spread.
+    particle's area over the streak's area. The total light is thus independent of the streak's
+    length.
     """
     height, width = image_size
     intrinsics = calibration.image_from_camera.numpy()
     focal_px = intrinsics[[0, 1], [0, 1]]
-    # Of a tiny image 40 px are far more than it sees: they would hold billions of particles.
+    # In a tiny image, 40 px are far more than its view: they would hold billions of particles.
     margin_px = min(_MARGIN_PX, width, height)
     size_px = np.array([width, height]) + 2 * margin_px
     cube = drawn_m**3 - _NEAREST_M**3
@@ -202,7 +203,7 @@ def draw_particles(
     diameters_m = particles.draw_diameters_m(count, rng)
     sizes_px = float(np.sqrt(focal_px.prod())) * diameters_m / depths_m
     widths_px = np.maximum(sizes_px, 1)
-    # Motion spreads a particle thinner: half of the raindrops would be too faint at rest.
+    # Motion spreads a particle's light: half of the raindrops would be too faint even at rest.
     may_be_seen = math.pi / 4 * sizes_px**2 / (widths_px * widths_px) >= _FAINTEST
     depths_m, pixels, diameters_m = (each[may_be_seen] for each in (depths_m, pixels, diameters_m))
     sizes_px, widths_px = sizes_px[may_be_seen], widths_px[may_be_seen]
@@ -211,7 +212,7 @@ def draw_particles(
     steps_m = half_s * np.stack(
         (np.full(len(depths_m), wind_mps), particles.speeds_mps(diameters_m)), axis=1
     )
-    step_ahead_m = -half_s * exposure.speed_mps  # the car comes nearer
+    step_ahead_m = -half_s * exposure.speed_mps  # the car approaches
     ends = [
         intrinsics[:2, 2]
         + focal_px

@@ -1,4 +1,4 @@
-"""Several kinds of corruption at once, as in rain that falls before the camera and the LiDAR."""
+"""Combinations of corruptions, for example rain in both the camera and the LiDAR."""
 
 from dataclasses import dataclass, replace
 from typing import get_args
@@ -22,49 +22,49 @@ from sightline.geometry.arguments import wrong_type
 from sightline.structures.sample import CameraLidarSample
 
 JOINED = "+"
-"""Sign between the names of kinds that meet a sample together: camera_fog+lidar_fog."""
+"""Separator of kinds that corrupt a sample together: camera_fog+lidar_fog."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Combined(Corruption):
-    """Corruptions one after the other, each on what the one before it delivered.
+    """Corruptions in sequence, each applied to the output of the one before.
 
-    Those of the camera alone come first, whatever their order here: what they do may depend on the
-    depth that a sound sweep tells. Each draws from a generator of its own.
+    Corruptions of the camera alone come first, in any given order: their effect may depend on the
+    depth from a sound sweep. Each draws from a generator of its own.
 
     Raises:
         ValueError: There are fewer than two.
     """
 
     parts: tuple[Corruption, ...]
-    """Two or more."""
+    """Two or more corruptions."""
 
     def __post_init__(self) -> None:
-        """Checks the number."""
+        """Check the number."""
         if len(self.parts) < 2:
             raise ValueError(f"a combination needs two or more kinds, got {len(self.parts)}")
 
     @property
-    def kind(self) -> str:  # type: ignore[override]  # of the parts, not of the class
+    def kind(self) -> str:  # type: ignore[override]  # a property of the parts, not of the class
         """Names of the parts' kinds."""
         return JOINED.join(part.kind for part in self.parts)
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:  # type: ignore[override]  # as above
-        """Sensors that the parts are faults of, the camera first."""
+        """Sensors affected by the parts, the camera first."""
         named = {sensor for part in self.parts for sensor in part.sensors}
         return tuple(sensor for sensor in get_args(Sensor) if sensor in named)
 
     def __str__(self) -> str:
-        """The kinds."""
+        """Names of the kinds."""
         return ", ".join(map(str, self.parts))
 
     def described(self) -> dict[str, object]:
-        """See `Corruption.described`; of each part."""
+        """Collect `Corruption.described` of each part."""
         return {"kind": self.kind, "parts": [part.described() for part in self.parts]}
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
-        """See `Corruption.corrupt`; parameters are named KIND.NAME."""
+        """Apply all parts; see `Corruption.corrupt`. Parameters are named KIND.NAME."""
         pairs = list(zip(self.parts, rng.spawn(len(self.parts)), strict=True))
         pairs.sort(key=lambda pair: "lidar" in pair[0].sensors)
         current, sources = sample, None
@@ -78,7 +78,7 @@ class Combined(Corruption):
             parameters |= {f"{part.kind}.{name}": value for name, value in named}
             if step.point_sources is None:
                 continue
-            if sources is None or len(sources) == 0:  # of a dead sensor, from which nothing comes
+            if sources is None or len(sources) == 0:  # of a dead sensor without output
                 sources = step.point_sources
             else:
                 rows = sources[step.point_sources.clamp(min=0)]
@@ -96,16 +96,16 @@ class Combined(Corruption):
 
 
 def find_corruption(names: str, severity: int, lidar: SpinningLidar = HDL_64E) -> Corruption:
-    """The corruption of a kind, or of several joined by `+`, at one severity.
+    """Find the corruption of a kind, or of several joined by `+`, at one severity.
 
     Args:
-        names: Such as camera_fog, or camera_fog+lidar_fog.
+        names: For example camera_fog, or camera_fog+lidar_fog.
         severity: From 1, slight, to 5.
-        lidar: The LiDAR that it is a fault of, as far as it matters.
+        lidar: The affected LiDAR, if its properties matter.
 
     Raises:
-        TypeError: The kind is no text.
-        ValueError: There is no such kind or severity, or a kind is named twice.
+        TypeError: The kind is not a string.
+        ValueError: There is no such kind or severity, or a kind is given twice.
     """
     if not isinstance(names, str):
         raise wrong_type("kind", names, "text; give a kind's name, such as camera_fog")
@@ -120,7 +120,7 @@ def find_corruption(names: str, severity: int, lidar: SpinningLidar = HDL_64E) -
 
 
 def needs_calibration(corruption: Corruption) -> bool:
-    """True of a corruption whose effect, or that of a part, depends on the calibration."""
+    """Test whether the effect of a corruption, or of a part, depends on the calibration."""
     if isinstance(corruption, Combined):
         return any(map(needs_calibration, corruption.parts))
     return corruption.needs_calibration

@@ -1,4 +1,4 @@
-"""What every kind of corruption is: a fault of sensors that tells what it did, and where."""
+"""Base classes of corruptions: sensor faults with a record and masks of their changes."""
 
 import json
 import math
@@ -21,21 +21,21 @@ Image = UInt8[Tensor, "3 height width"]
 Sweep = Float32[Tensor, "num_points 4"]
 Number = float | int
 Parameter = Number | str | Sequence[Number]
-"""What JSON can hold."""
+"""Values that JSON can store."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Record:
-    """What was done to a sample."""
+    """Record of the corruption of a sample."""
 
     kind: str
     sensors: tuple[Sensor, ...]
-    """Those that the kind is a fault of."""
+    """Sensors affected by the kind."""
     parameters: Mapping[str, Parameter]
-    """What was drawn, by name with unit; empty where a sensor was absent, so nothing was done."""
+    """Drawn values, by name with unit; empty if a sensor was absent, so that nothing changed."""
 
     def to_json(self) -> dict[str, object]:
-        """What a record file holds."""
+        """Content of a record file."""
         return {
             "kind": self.kind,
             "sensors": list(self.sensors),
@@ -46,12 +46,12 @@ class Record:
 @checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Corrupted:
-    """A sample as faulty sensors took it, with what was done to it.
+    """Sample from faulty sensors, with a record of the corruption.
 
-    The masks mark the pixels that may have changed: nothing outside of them has. The LiDAR's is in
-    the image plane, where its projected maps (`geometry.projection`) are; what it delivers out of
-    the camera's view has no pixel. Point by point, which is exact, `broken_points` and
-    `point_sources` tell what became of the sweep.
+    The masks mark the pixels that may have changed; no pixel outside has changed. The LiDAR's mask
+    is in the image plane, like its projected maps (`geometry.projection`); points outside the
+    camera's view have no pixel. `broken_points` and `point_sources` give the exact changes point by
+    point.
     """
 
     sample: CameraLidarSample
@@ -59,73 +59,73 @@ class Corrupted:
     camera_mask: Bool[Tensor, "height width"]
     lidar_mask: Bool[Tensor, "height width"]
     broken_points: Bool[Tensor, " num_points"] | None = None
-    """Which points of the sound sweep are lost or changed; None where no sweep was corrupted."""
+    """Points of the sound sweep that are lost or changed; None if no sweep was corrupted."""
     point_sources: Int64[Tensor, " num_delivered"] | None = None
-    """Of each point that is delivered its row in the sound sweep, -1 where it is from none."""
+    """Row of each delivered point in the sound sweep; -1 if it has none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Corruption(Fault):
-    """A fault that tells what it did; its fields are what it draws from, in the sensor's units.
+    """Fault with a record; its fields are the ranges of its random draws, in the sensor's units.
 
     To add a kind: subclass `CameraCorruption`, `LidarCorruption` or, for both sensors, this class,
-    in a file of its own, and name it in a suite.
+    in a file of its own, and list it in a suite.
     """
 
     kind: ClassVar[str]
-    """Name, which also keeps its random numbers apart from other kinds'."""
+    """Name of the kind; it also separates its random numbers from other kinds'."""
     sensors: ClassVar[tuple[Sensor, ...]]
-    """Those that it changes; all other parts of a sample stay."""
+    """Sensors that it changes; all other parts of a sample stay unchanged."""
     revision: ClassVar[int] = 1
-    """Raised whenever the same settings and draws begin to give something else."""
+    """Revision, raised whenever the same settings and draws begin to give another result."""
     needs_calibration: ClassVar[bool] = True
-    """True where the effect depends on the calibration; masks of the LiDAR always do."""
+    """Whether the effect depends on the calibration; masks of the LiDAR always do."""
     leaves_nothing: ClassVar[bool] = False
-    """Whether what the masks mark shows nothing of the scene any more, rather than less of it."""
+    """Whether the masked pixels show nothing of the scene any more, rather than less of it."""
 
     def __str__(self) -> str:
-        """The kind."""
+        """Name of the kind."""
         return self.kind.replace("_", " ")
 
     def described(self) -> dict[str, object]:
-        """All that its effect depends on, as JSON types: what records and manifests hold."""
+        """Collect all settings of the effect as JSON types, for records and manifests."""
         revision = {"revision": self.revision} if self.revision > 1 else {}
         described: dict[str, object]
         described = json.loads(json.dumps({"kind": self.kind, **revision, **asdict(self)}))
         return described
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """The sample as the faulty sensors take it; as it is where they are absent already."""
+        """Corrupt a sample; parts of absent sensors stay unchanged."""
         return self.corrupt(sample, rng).sample
 
     @abstractmethod
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
-        """The sample as the faulty sensors take it, with record and masks.
+        """Corrupt a sample, with record and masks.
 
-        Nothing of the given sample is changed; the new one shares with it what is the same. A
-        sensor that is absent stays so: its mask is empty.
+        The given sample is not changed; the new one shares its unchanged parts. A sensor that is
+        absent stays absent: its mask is empty.
 
         Args:
-            sample: Of sound sensors, however little they delivered.
-            rng: Where all randomness comes from.
+            sample: Sample of sound sensors, possibly with little data.
+            rng: Source of all randomness.
         """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NoCorruption(Corruption):
-    """Sound sensors."""
+    """Unchanged output of sound sensors."""
 
     kind = "none"
     sensors = ()
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
-        """The sample as it is."""
+        """Return the unchanged sample."""
         del rng
         return _unchanged(self, sample)
 
 
 class ImageChange(NamedTuple):
-    """What a fault makes of an image."""
+    """Corrupted image."""
 
     image: Image
     mask: Bool[Tensor, "height width"]
@@ -133,16 +133,16 @@ class ImageChange(NamedTuple):
 
 
 class PointsChange(NamedTuple):
-    """What a fault makes of a sweep."""
+    """Corrupted sweep."""
 
     points: Sweep
     sources: Int64[Tensor, " num_delivered"]
-    """Of each point its row in the sound sweep, -1 where it is from none; each row once at most."""
+    """Row of each point in the sound sweep, -1 if it has none; each row at most once."""
     mask: Bool[Tensor, "height width"]
     parameters: Mapping[str, Parameter]
 
     def broken(self, sound: Sweep) -> Bool[Tensor, " num_points"]:
-        """Which points of the sound sweep are lost or changed."""
+        """Test which points of the sound sweep are lost or changed."""
         broken = torch.ones(len(sound), dtype=torch.bool)
         from_sound = self.sources >= 0
         rows = self.sources[from_sound]
@@ -151,13 +151,13 @@ class PointsChange(NamedTuple):
 
 
 class CameraCorruption(Corruption):
-    """A fault of the camera alone."""
+    """Corruption of the camera alone."""
 
     sensors = ("camera",)
     needs_calibration = False
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
-        """See `Corruption.corrupt`."""
+        """Apply `change_image`; see `Corruption.corrupt`."""
         if sample.image is None:
             return _unchanged(self, sample)
         change = self.change_image(sample.image, sample, rng)
@@ -172,23 +172,23 @@ class CameraCorruption(Corruption):
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """The image as the faulty camera takes it, in new memory.
+        """Corrupt the image, in new memory.
 
         Args:
-            image: The sample's.
-            sample: What else is known.
-            rng: Where all randomness comes from.
+            image: The sample's image.
+            sample: Other data of the sample.
+            rng: Source of all randomness.
         """
 
 
 class LidarCorruption(Corruption):
-    """A fault of the LiDAR alone."""
+    """Corruption of the LiDAR alone."""
 
     sensors = ("lidar",)
     needs_calibration = False
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
-        """See `Corruption.corrupt`."""
+        """Apply `change_points`; see `Corruption.corrupt`."""
         if sample.points is None:
             return _unchanged(self, sample)
         change = self.change_points(sample.points, sample, rng)
@@ -205,30 +205,30 @@ class LidarCorruption(Corruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """The sweep as the faulty LiDAR takes it, in new memory.
+        """Corrupt the sweep, in new memory.
 
         Args:
-            points: The sample's.
-            sample: What else is known.
-            rng: Where all randomness comes from.
+            points: The sample's sweep.
+            sample: Other data of the sample.
+            rng: Source of all randomness.
         """
 
 
 def everywhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
-    """The mask of all pixels."""
+    """Make the mask of all pixels."""
     return torch.ones(sample.image_size, dtype=torch.bool)
 
 
 def nowhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
-    """The mask of no pixel."""
+    """Make the mask of no pixel."""
     return torch.zeros(sample.image_size, dtype=torch.bool)
 
 
 def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
-    """Refuses a range to draw from that is empty or beyond what makes sense.
+    """Check a range for random draws: it must not be empty or exceed the limits.
 
     Raises:
-        ValueError: It is.
+        ValueError: The range is invalid.
     """
     if not (lowest <= bounds[0] <= bounds[1] <= highest and bounds[1] < math.inf):
         raise ValueError(
@@ -238,10 +238,10 @@ def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highes
 
 
 def check_number(name: str, value: Number, lowest: Number, highest: Number = math.inf) -> None:
-    """Refuses a setting that is not finite or beyond what makes sense.
+    """Check that a setting is finite and within the limits.
 
     Raises:
-        ValueError: It is.
+        ValueError: The setting is invalid.
     """
     if not (lowest <= value <= highest and value < math.inf):
         limits = f"from {lowest:g} to {highest:g}" if highest < math.inf else f"at least {lowest:g}"
@@ -256,5 +256,5 @@ def _unchanged(corruption: Corruption, sample: CameraLidarSample) -> Corrupted:
 
 
 def record_of(corruption: Corruption, parameters: Mapping[str, Parameter]) -> Record:
-    """What a corruption did, by what it drew."""
+    """Make the record of a corruption from its drawn values."""
     return Record(kind=corruption.kind, sensors=corruption.sensors, parameters=parameters)

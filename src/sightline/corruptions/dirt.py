@@ -18,20 +18,20 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraDirt(CameraCorruption):
-    """Soft, dark brown blobs, out of focus as they are so near; they let some light through."""
+    """Soft, dark brown blobs, out of focus at this small distance; they transmit some light."""
 
     kind = "camera_dirt"
 
     num_blobs: int
     radius_share: tuple[float, float] = (0.03, 0.12)
-    """Of the image's height; drawn evenly."""
+    """Radius as a share of the image's height; uniform distribution."""
     opacity: tuple[float, float] = (0.6, 0.97)
-    """At a blob's middle; drawn evenly."""
+    """Opacity at a blob's middle; uniform distribution."""
     color: tuple[float, float, float] = (62.0, 54.0, 44.0)
     """RGB in levels of 255."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_number("num_blobs", self.num_blobs, 0, 100000)
         check_range("radius_share", self.radius_share, 0, 10)
         check_range("opacity", self.opacity, 0, 1)
@@ -40,7 +40,7 @@ class CameraDirt(CameraCorruption):
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """Draws the blobs one after the other; see `soft_blob`."""
+        """Draw the blobs one after the other; see `soft_blob`."""
         height, width = sample.image_size
         passing = np.ones((height, width), dtype=np.float32)
         for _ in range(self.num_blobs):
@@ -61,13 +61,13 @@ def cover(
     radius_px: float,
     opacity: float,
 ) -> None:
-    """Lets less light through a blob, in place: 1 - opacity (1 - d^4)^2 of it at d radii.
+    """Reduce the light through a blob, in place: to 1 - opacity (1 - d^4)^2 of it at d radii.
 
     Args:
         passing: Share of the light that passes each pixel.
         centre_px: x, y.
-        radius_px: Where the blob ends.
-        opacity: At its middle.
+        radius_px: Radius of the blob's edge.
+        opacity: Opacity at its middle.
     """
     height, width = passing.shape
     x, y = centre_px

@@ -1,4 +1,4 @@
-"""Which case a training image meets."""
+"""Random draws of a training image's case."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sightline.corruptions.suites import Case, Suite, find_suite
 
 @dataclass(frozen=True, kw_only=True)
 class CaseDrawing:
-    """How cases of a suite are drawn for training.
+    """Distribution of a suite's cases for training.
 
     Raises:
         ValueError: There is no such suite or case, or the probabilities are negative, do not sum to
@@ -21,16 +21,17 @@ class CaseDrawing:
 
     suite: str = "dgfn7"
     probabilities: Mapping[str, float] | None = None
-    """By case, of sum 1; a case that is not named is never drawn. A kind's name stands for all its
-    severities, each as likely. None: the suite's own."""
+    """Probability of each case, of sum 1; other cases are never drawn. A kind's name stands for all
+    its severities, with equal probability. None: the suite's own."""
     without: tuple[str, ...] = ()
-    """Kinds that are never drawn, to be tested on as unseen; the others share what they had."""
+    """Kinds that are never drawn, for tests on unseen kinds; their probability is shared by the
+    others."""
     per: Literal["image", "update"] = "image"
-    """Whether each image has a case of its own, or all images of one weight update share one, as
-    Kim et al. 2018, section IV-A, say. What the case draws in turn is each image's own."""
+    """Whether each image has its own case, or all images of one weight update share one, as in Kim
+    et al. 2018, section IV-A. The random draws within a case are always separate for each image."""
 
     def __post_init__(self) -> None:
-        """Checks names and probabilities."""
+        """Check names and probabilities."""
         suite = find_suite(self.suite)
         suite.without(self.without)
         if self.probabilities is not None:
@@ -50,12 +51,12 @@ class CaseDrawing:
             )
 
     def draw(self, rng: np.random.Generator, num_images: int = 1) -> tuple[Case, ...]:
-        """Cases for the images of one weight update, in order.
+        """Draw cases for the images of one weight update, in order.
 
         Args:
-            rng: With `per` "update" all who prepare images of one update, on whatever worker or
-                device, must bring generators of equal state here.
-            num_images: How many.
+            rng: Source of randomness. With `per` "update", all workers and devices that prepare
+                images of one update must pass generators of equal state.
+            num_images: Number of images.
         """
         suite = find_suite(self.suite)
         shares = _probabilities(suite, self.probabilities, self.without)
@@ -67,7 +68,7 @@ class CaseDrawing:
 def _probabilities(
     suite: Suite, given: Mapping[str, float] | None, without: tuple[str, ...]
 ) -> list[float]:
-    """Of each case of the suite, of sum 1 to the last bit that numpy asks for; or all 0."""
+    """Compute each case's probability, of sum 1 within numpy's tolerance; or all 0."""
     if given is None:
         given = {case.name: case.probability for case in suite.cases}
     drawn = set(suite.without(without))

@@ -1,4 +1,4 @@
-"""What a LiDAR receives: how strong an echo must be to be found."""
+"""LiDAR echoes: the minimum power for detection."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -6,13 +6,13 @@ from jaxtyping import Float64
 from sightline.corruptions.corruption import Sweep
 from sightline.corruptions.sensor import SpinningLidar
 
-_LIMIT_REFLECTANCE = 0.9  # of the target that is just seen at the largest range
+_LIMIT_REFLECTANCE = 0.9  # reflectance of a target just detected at the maximum range
 
 
 def faintest_power(lidar: SpinningLidar) -> float:
-    """Power of the faintest echo that is found, as reflectance / range^2: Kilic et al. 2021, LISA.
+    """Compute the minimum detectable power, as reflectance / range^2: Kilic et al. 2021, LISA.
 
-    That of a target of reflectance 0.9 at the largest range.
+    This is the power of a target of reflectance 0.9 at the maximum range.
     """
     return _LIMIT_REFLECTANCE / lidar.max_range_m**2
 
@@ -23,11 +23,11 @@ def clear_air_reflectances(
     lidar: SpinningLidar,
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, " num_points"]:
-    """Reflectances of points, which were found in clear air: their echoes were strong enough.
+    """Estimate the reflectances of points in clear air, where their echoes were detected.
 
-    A point whose reading says that its echo was too faint, such as the many that read 0, is given
-    an echo that is stronger than the faintest by a factor whose logarithm is drawn from an
-    exponential distribution: so each stretch of fog costs the same share of those that are left.
+    A reading below the minimum power, such as the many readings of 0, is replaced by an echo above
+    it. The logarithm of their ratio is drawn from an exponential distribution: each stretch of fog
+    then removes the same share of the remaining points.
     """
     read = points[:, 3].double().numpy()
     margins = np.exp(np.minimum(rng.standard_exponential(len(points)), 50))

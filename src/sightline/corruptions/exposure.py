@@ -1,4 +1,4 @@
-"""Cameras that expose wrongly, or see through an even veil: brightness, darkness, contrast."""
+"""Wrong exposures and even veils of cameras: brightness, darkness, contrast."""
 
 from dataclasses import dataclass
 
@@ -21,21 +21,21 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraBrightness(CameraCorruption):
-    """The largest channel of each pixel (V of HSV) gains; hue and saturation stay."""
+    """Increase of the largest channel of each pixel (V of HSV); hue and saturation stay."""
 
     kind = "camera_brightness"
 
     added_share: float
-    """Of full scale."""
+    """Added share of full scale."""
 
     def __post_init__(self) -> None:
-        """Checks the share."""
+        """Check the share."""
         check_number("added_share", self.added_share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `add_value`; draws nothing."""
+        """Apply `add_value`; no random draws."""
         del rng
         brighter = add_value(image, 255 * self.added_share)
         return ImageChange(brighter, everywhere(sample), {"added_share": self.added_share})
@@ -43,22 +43,22 @@ class CameraBrightness(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraDarkness(CameraCorruption):
-    """Night: what was white is grey, shadows go under, and photons are few.
+    """Night: white becomes grey, shadows become black, and photons are few.
 
-    A level x of 1 has the mean `peak` x^`gamma` and Poisson noise, after the low light of Kong et
-    al. 2023 (RoboDepth).
+    A level x in [0, 1] has the mean `peak` x^`gamma` and Poisson noise, after the low light of Kong
+    et al. 2023 (RoboDepth).
     """
 
     kind = "camera_darkness"
 
     peak: float
-    """Mean of what was white, of full scale."""
+    """Mean of a white pixel, as a share of full scale."""
     gamma: float = 2.0
     full_scale_photons: float = 255.0
-    """That make a level of 255."""
+    """Number of photons for a level of 255."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_number("peak", self.peak, 0, 1)
         check_number("gamma", self.gamma, 0.1, 10)
         check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
@@ -66,7 +66,7 @@ class CameraDarkness(CameraCorruption):
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `detect_photons`."""
+        """Apply `detect_photons`."""
         means = self.full_scale_photons * self.peak * (np.arange(256) / 255) ** self.gamma
         dark = detect_photons(image, means, 255 / self.full_scale_photons, rng)
         return ImageChange(dark, everywhere(sample), {"peak": self.peak})
@@ -74,21 +74,21 @@ class CameraDarkness(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraContrast(CameraCorruption):
-    """Each channel comes nearer to its mean: Hendrycks and Dietterich 2019, "contrast"."""
+    """Reduced distance of each channel to its mean: Hendrycks and Dietterich 2019, "contrast"."""
 
     kind = "camera_contrast"
 
     factor: float
-    """On the distance to the mean."""
+    """Factor on the distance to the mean."""
 
     def __post_init__(self) -> None:
-        """Checks the factor."""
+        """Check the factor."""
         check_number("factor", self.factor, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `reduce_contrast`; draws nothing."""
+        """Apply `reduce_contrast`; no random draws."""
         del rng
         flat = reduce_contrast(image, self.factor)
         return ImageChange(flat, everywhere(sample), {"factor": self.factor})
@@ -97,9 +97,9 @@ class CameraContrast(CameraCorruption):
 def add_value(
     image: UInt8[Tensor, "3 height width"], added_levels: float
 ) -> UInt8[Tensor, "3 height width"]:
-    """The image with its largest channel raised so much, up to 255, the others in proportion.
+    """Raise each pixel's largest channel by `added_levels`, up to 255, the others in proportion.
 
-    Black gets grey.
+    Black becomes grey.
     """
     planes = image.numpy()
     value = planes.max(axis=0)
@@ -113,7 +113,7 @@ def add_value(
 def reduce_contrast(
     image: UInt8[Tensor, "3 height width"], factor: float
 ) -> UInt8[Tensor, "3 height width"]:
-    """The image with each channel's distance to its mean times the factor, rounded."""
+    """Multiply each channel's distance to its mean by the factor, rounded."""
     levels = np.arange(256)
     planes = []
     for plane in image.numpy():

@@ -1,4 +1,4 @@
-"""Corrupted data sets on disk: resumable, in parallel, the same bytes whatever happens."""
+"""Corrupted data sets on disk: resumable, parallel and reproducible to the byte."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,39 +36,39 @@ def corrupt_dataset(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
-    """Writes the cases of a suite, each as an object tree `out`/CASE; see `CaseTree`.
+    """Write the cases of a suite, each as an object tree `out`/CASE; see `CaseTree`.
 
-    The input is only read. A file appears whole or not at all, and what is there is skipped, so a
-    job that was stopped goes on where it was; with more cases or another list it extends what is
-    there. What a frame meets depends on the seed, its name and the kind of corruption alone.
+    The input is only read. A file appears whole or not at all, and existing files are skipped, so a
+    stopped job can be resumed; more cases or another list extend the data set. A frame's corruption
+    depends only on the seed, its name and the kind.
 
     Args:
         data: KITTI's object tree, or one of its splits.
-        out: Folder for the cases; its sightline.json says what made them.
+        out: Output folder for the cases; its sightline.json records the settings.
         suite: Name of the suite.
-        seed: Another one draws other boxes, discs and noise.
+        seed: Another seed draws other boxes, discs and noise.
         cases: Names of the cases to write. None: all.
-        sample_list: Which frames; see `read_sample_list`. None: all.
+        sample_list: Frames to write; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
         masks: Whether to write the pixels that may have changed, too.
-        workers: Processes that work; 1 is this process alone.
-        shard_index: Which part of the frames to do, from 0.
-        num_shards: Number of parts; each part can be done on another machine, at the same time.
+        workers: Number of processes; 1 uses this process alone.
+        shard_index: Part of the frames to write, from 0.
+        num_shards: Number of parts; parts can run on separate machines at the same time.
 
     Returns:
         Frames written and skipped, each counted once per case.
 
     Raises:
-        ValueError: There is no such suite or case, the data are no object tree or cannot be read,
-            `out` lies in them or holds what something else made, or a number makes no sense.
-            Errors about a frame name it; frames done before stay done.
+        ValueError: There is no such suite or case, the data are not a readable object tree, `out`
+            is inside the data or holds other output, or a number is invalid. Errors about a frame
+            contain its name; finished frames are kept.
     """
     chosen = find_suite(suite)
     asked = chosen.cases if cases is None else chosen.select(cases)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     check_workers(workers)
-    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    shard((), shard_index, num_shards)  # rejects invalid values before the data is opened
     dataset = _open(data, sample_list, velodyne)
     _check_apart(dataset.root, out, asked)
     velodyne = dataset.velodyne
@@ -102,7 +102,7 @@ def corrupt_dataset(
 
 @dataclass(frozen=True, slots=True)
 class _FrameWork:
-    """Reads a frame once and writes it as each of the cases has it."""
+    """Job that reads a frame once and writes it for each case."""
 
     dataset: KittiObjectDataset
     index: int
@@ -134,7 +134,7 @@ def _open(
 
 
 def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
-    """Refuses an output folder that would change the input."""
+    """Refuse an output folder that would change the input."""
     check_apart(data, [out])
     written = [out.resolve() / case.name for case in cases]
     if any(data.resolve().is_relative_to(folder) for folder in written):
@@ -144,7 +144,7 @@ def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
 def _check_parts(
     dataset: KittiObjectDataset, originals: dict[str, ObjectFrame], cases: Sequence[Case]
 ) -> None:
-    """Refuses data without a sensor that a case breaks."""
+    """Refuse data without a sensor that a case corrupts."""
     for sensor, part in (("camera", "image"), ("lidar", "points")):
         breaking = [case.name for case in cases if sensor in case.corruption.sensors]
         lacking = [name for name in dataset.sample_ids if getattr(originals[name], part) is None]
@@ -156,7 +156,7 @@ def _check_parts(
 
 
 def case_settings(dataset: KittiObjectDataset, suite: Suite, seed: int) -> dict[str, object]:
-    """All that the cases of a data set depend on, but for which frames and cases are asked for."""
+    """Collect all settings of a data set's cases, except the requested frames and cases."""
     return {
         "sightline": version("sightline"),
         "data": data_name(dataset.root),

@@ -19,7 +19,7 @@ from sightline.corruptions.scene_depth import scene_ranges
 from sightline.structures.sample import CameraLidarSample
 
 VISIBLE_CONTRAST = 0.05
-"""Of what is as far away as one can see: the meteorological optical range."""
+"""Remaining contrast at the meteorological optical range."""
 
 _BRIGHTEST_SHARE = 0.1
 _LUMINANCE = np.array([0.299, 0.587, 0.114], dtype=np.float32)  # ITU-R BT.601
@@ -27,23 +27,23 @@ _LUMINANCE = np.array([0.299, 0.587, 0.114], dtype=np.float32)  # ITU-R BT.601
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraFog(CameraCorruption):
-    """Homogeneous fog, the thicker the farther things are; distances are by `scene_ranges`."""
+    """Homogeneous fog, denser with distance; distances are from `scene_ranges`."""
 
     kind = "camera_fog"
     needs_calibration = True
     revision = 3
 
     visibility_m: float
-    """Meteorological optical range: where a contrast of 5 % is left."""
+    """Meteorological optical range, at which 5 % of the contrast is left."""
 
     def __post_init__(self) -> None:
-        """Checks the visibility."""
+        """Check the visibility."""
         check_number("visibility_m", self.visibility_m, 0.1, 1e6)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `veil`; draws nothing."""
+        """Apply `veil`; no random draws."""
         del rng
         ranges_m, source = scene_ranges(sample)
         extinction = extinction_per_m(self.visibility_m)
@@ -58,15 +58,15 @@ class CameraFog(CameraCorruption):
 
 
 def extinction_per_m(visibility_m: float) -> float:
-    """Extinction [1/m] of air with this meteorological optical range: -ln 0.05 / range."""
+    """Compute the extinction [1/m] from the meteorological optical range: -ln 0.05 / range."""
     return -math.log(VISIBLE_CONTRAST) / visibility_m
 
 
 def airlight_level(image: UInt8[Tensor, "3 height width"]) -> float:
-    """Grey level of light that the air scatters: the sky's, as He et al. 2009 take it.
+    """Estimate the grey level of the scattered light: the sky's, as in He et al. 2009.
 
-    A lower one would part the sky that is seen as such from what is left of it elsewhere. By day
-    the brightest tenth of the image is sky or lit by it; by night there is little light to scatter.
+    A lower level would separate visible sky from its remains elsewhere. By day the brightest tenth
+    of the image is sky or lit by it; by night there is little light to scatter.
     """
     planes = image.numpy()[:, ::2, ::2]
     luminance = np.tensordot(_LUMINANCE, planes.astype(np.float32), axes=1).reshape(-1)
@@ -81,15 +81,15 @@ def veil(
     extinction: float,
     airlight: float,
 ) -> Float32[np.ndarray, "channels height width"]:
-    """The image through air: J t + A (1 - t), t = exp(-extinction range): Koschmieder 1924.
+    """Apply haze to an image: J t + A (1 - t), t = exp(-extinction range): Koschmieder 1924.
 
-    As Sakaridis et al. 2018 (Foggy Cityscapes) apply it, on the levels as they are stored.
+    As in Sakaridis et al. 2018 (Foggy Cityscapes), it is applied to the stored levels.
 
     Args:
         image: J, in clear air.
-        ranges_m: Along the rays.
-        extinction: Of the air [1/m].
-        airlight: A, the level of what is infinitely far away.
+        ranges_m: Ranges along the rays.
+        extinction: Extinction of the air [1/m].
+        airlight: A, the level at infinite distance.
 
     Returns:
         Levels, not rounded.
@@ -103,7 +103,7 @@ def veil(
 def to_levels(
     levels: Float32[np.ndarray, "channels height width"],
 ) -> UInt8[Tensor, "channels height width"]:
-    """Rounded and kept in [0, 255]."""
+    """Round and clip to [0, 255]."""
     np.rint(levels, out=levels)
     np.clip(levels, 0, 255, out=levels)
     return torch.from_numpy(levels.astype(np.uint8))

@@ -1,4 +1,4 @@
-"""Light that blinds a part of the camera."""
+"""Blinding light on a part of the camera image."""
 
 from dataclasses import dataclass
 
@@ -19,28 +19,28 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraIllumination(CameraCorruption):
-    """A bright disc: Kim et al. 2018, section IV-A, "abrupt illumination change".
+    """Bright disc: Kim et al. 2018, section IV-A, "abrupt illumination change".
 
-    Its centre is anywhere in the image, and its edge hard. They name no range; the disc of their
+    Its centre is anywhere in the image, and its edge is hard. The paper gives no range; the disc of
     Fig. 3b has about 361 px and 205 levels.
     """
 
     kind = "camera_illumination"
 
     radius_px: tuple[float, float] = (100.0, 400.0)
-    """Drawn evenly."""
+    """Radius; uniform distribution."""
     added_levels: tuple[int, int] = (100, 230)
-    """Whole grey levels of 255 that all channels gain, drawn evenly, the last one included."""
+    """Integer grey levels of 255 added to all channels; uniform, including the upper limit."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("radius_px", self.radius_px, 0, float("inf"))
         check_range("added_levels", self.added_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `disc_mask` and `brighten`."""
+        """Apply `brighten` to a `disc_mask`."""
         height, width = sample.image_size
         centre_px = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, height - 0.5)
         radius_px = rng.uniform(*self.radius_px)
@@ -57,7 +57,7 @@ class CameraIllumination(CameraCorruption):
 def disc_mask(
     image_size: tuple[int, int], centre_px: tuple[float, float], radius_px: float
 ) -> Bool[Tensor, "height width"]:
-    """The pixels of a (height, width) image whose centres are up to the radius from (x, y)."""
+    """Mark the pixels of a (height, width) image with centres within the radius from (x, y)."""
     height, width = image_size
     x = torch.arange(width, dtype=torch.float64) - centre_px[0]
     y = torch.arange(height, dtype=torch.float64) - centre_px[1]
@@ -69,6 +69,6 @@ def brighten(
     mask: Bool[Tensor, "height width"],
     added_levels: int,
 ) -> UInt8[Tensor, "channels height width"]:
-    """The image with so many levels added where the mask says, up to 255."""
+    """Add levels to the masked pixels, up to 255."""
     headroom = 255 - image
     return torch.where(mask, image + headroom.clamp(max=added_levels), image)

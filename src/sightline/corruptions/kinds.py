@@ -1,4 +1,4 @@
-"""All kinds of corruption at five severities: levels are data, in the sensors' own units."""
+"""All kinds of corruption at five severities; levels are tabulated in the sensors' own units."""
 
 import difflib
 from collections.abc import Callable, Iterable, Sequence
@@ -46,31 +46,31 @@ from sightline.data.plain_text import shortened
 
 SEVERITIES: Final = (1, 2, 3, 4, 5)
 
-_LIKENESS = 0.7  # of a misspelt name with the one that is meant; with less, sensors are mixed up
+_LIKENESS = 0.7  # minimum similarity of a misspelt name; a lower limit mixes up sensors
 
 Level = tuple[float | int, ...]
-"""What a severity sets, one number for each quantity of its kind."""
+"""Settings of a severity, one number for each quantity of its kind."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Kind:
-    """A kind of corruption and what its five severities mean."""
+    """Kind of corruption with the settings of its five severities."""
 
     name: str
     quantities: tuple[str, ...]
-    """What a level's numbers are, with units."""
+    """Names of the level's numbers, with units."""
     levels: tuple[Level, Level, Level, Level, Level]
-    """From severity 1 to 5."""
+    """Levels from severity 1 to 5."""
     make: Callable[[tuple[float, ...], SpinningLidar], Corruption]
     is_core: bool = False
-    """Whether suite `core` has it."""
+    """Whether the kind is in suite `core`."""
 
     def at(self, severity: int, lidar: SpinningLidar = HDL_64E) -> Corruption:
-        """The corruption of a severity.
+        """Make the corruption of a severity.
 
         Args:
             severity: From 1, slight, to 5.
-            lidar: The LiDAR that it is a fault of, as far as it matters.
+            lidar: The affected LiDAR, if its properties matter.
 
         Raises:
             ValueError: There is no such severity.
@@ -79,7 +79,7 @@ class Kind:
         return self.make(tuple(map(float, level)), lidar)
 
     def said(self, severity: int) -> str:
-        """The level of a severity in words."""
+        """Describe the level of a severity in words."""
         numbers = self.levels[severity - 1]
         return ", ".join(
             f"{quantity.split(' [')[0]} {number:g}{_unit(quantity)}"
@@ -88,10 +88,10 @@ class Kind:
 
 
 def plain_severity(kind: str, severity: object) -> int:
-    """A severity of any type of number: 3.0 and NumPy's 3 are 3, True is none.
+    """Convert a severity of any number type to int: 3.0 and NumPy's 3 give 3, True is invalid.
 
     Raises:
-        ValueError: There is no such severity of the kind.
+        ValueError: The kind has no such severity.
     """
     if isinstance(severity, bool | np.bool_ | Sequence) or severity not in SEVERITIES:
         raise ValueError(
@@ -101,10 +101,10 @@ def plain_severity(kind: str, severity: object) -> int:
 
 
 def find_kind(name: str) -> Kind:
-    """The kind of a name.
+    """Find a kind by name.
 
     Raises:
-        ValueError: There is none.
+        ValueError: There is no such kind.
     """
     if name not in KINDS:
         raise ValueError(unknown("there is no kind of corruption", name, tuple(KINDS)))
@@ -114,13 +114,13 @@ def find_kind(name: str) -> Kind:
 def unknown(
     problem: str, name: str, known: Sequence[str], listed: Iterable[str] | None = None
 ) -> str:
-    """The problem with a name, the nearest ones that there are, and all of them.
+    """Describe an unknown name, with the nearest known names and all of them.
 
     Args:
-        problem: Its beginning.
-        name: The name.
-        known: All names that there are.
-        listed: What the error lists instead of all names. None: the names.
+        problem: Beginning of the message.
+        name: The unknown name.
+        known: All known names.
+        listed: Names in the message instead of all. None: the known names.
     """
     holding = [each for each in known if name and name in each]
     close = difflib.get_close_matches(name, known, n=2, cutoff=_LIKENESS) or holding[:2]
@@ -134,7 +134,7 @@ def _unit(quantity: str) -> str:
 
 
 def _same(number: float) -> tuple[float, float]:
-    """A range to draw from that holds this number alone."""
+    """Make a range that contains only this number."""
     return (number, number)
 
 
@@ -377,4 +377,4 @@ _ALL_KINDS = (
     ),
 )
 KINDS: Final[dict[str, Kind]] = {kind.name: kind for kind in _ALL_KINDS}
-"""By name: those of the camera, of both sensors, of the LiDAR, of the alignment of the two."""
+"""Kinds by name: of the camera, of both sensors, of the LiDAR, of their alignment."""

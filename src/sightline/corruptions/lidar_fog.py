@@ -1,4 +1,4 @@
-"""Fog before a LiDAR: Hahner et al. 2021, "Fog simulation on real LiDAR point clouds"."""
+"""Fog in a LiDAR sweep: Hahner et al. 2021, "Fog simulation on real LiDAR point clouds"."""
 
 import math
 from dataclasses import dataclass
@@ -23,23 +23,23 @@ from sightline.structures.sample import CameraLidarSample
 
 _LIGHT_MPS: Final = 299792458.0
 _PULSE_S: Final = 20e-9  # half-power width
-_CROSSOVER_M: Final = 0.1  # over which the receiver comes to see the whole beam
+_CROSSOVER_M: Final = 0.1  # over which the receiver's view grows to the whole beam
 _BACKSCATTER: Final = 0.046  # times 1 / visibility: Rasshofer et al. 2011
 _TARGET_BACKSCATTER: Final = 1e-6 / math.pi  # differential reflectivity of a hard target, 1/sr
 _STEP_M: Final = 0.1
-_SLICES: Final = 200  # of a pulse
-_SPREAD_M: Final = 20.0  # of the fog's echoes
+_SLICES: Final = 200  # number of slices of a pulse
+_SPREAD_M: Final = 20.0  # spread of the fog's echoes
 _SPREAD_SHAPE: Final = (2.0, 20.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarFog(LidarCorruption):
-    """Homogeneous fog: echoes fade, and where the fog's own is the stronger it is taken instead.
+    """Homogeneous fog: echoes fade, and the fog's own echo replaces a weaker one.
 
-    The hard and the soft target of Hahner et al. 2021, with their constants. The fog's echoes lie
-    1.8 m on average (a beta distribution) behind the place where its response is strongest.
+    The hard and the soft target are those of Hahner et al. 2021, with their constants. The fog's
+    echoes lie 1.8 m on average (a beta distribution) behind the place of its strongest response.
 
-    Departures: an echo that is too faint to be found (`faintest_power`) is lost; the fog's echoes
+    Departures: an echo below the detection limit (`faintest_power`) is lost; the fog's echoes
     spread twice as far as in the authors' code, and never lie behind the target.
     """
 
@@ -49,13 +49,13 @@ class LidarFog(LidarCorruption):
     lidar: SpinningLidar = HDL_64E
 
     def __post_init__(self) -> None:
-        """Checks the attenuation."""
+        """Check the attenuation."""
         check_number("attenuation_per_m", self.attenuation_per_m, 1e-6, 10)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws how far behind its strongest place each beam's echo of the fog lies."""
+        """Apply fog; draws each beam's distance from the strongest response to the fog's echo."""
         behind_m = _SPREAD_M * rng.beta(*_SPREAD_SHAPE, size=len(points))
         ranges_m = np.linalg.norm(points[:, :3].double().numpy(), axis=1)
         reflectances = clear_air_reflectances(points, ranges_m, self.lidar, rng)
@@ -65,7 +65,7 @@ class LidarFog(LidarCorruption):
         is_fog = fog_reflectances > reflectances * fading
         fog_ranges_m = np.minimum(fog_ranges_m + behind_m, ranges_m)
         factors = np.where(is_fog, fog_ranges_m / np.maximum(ranges_m, 1e-9), 1.0)
-        # What a hard target reads fades by what it read; that it may have read 0 stays.
+        # A hard target's reading fades by its own value; a reading of 0 stays 0.
         read = points[:, 3].double().numpy() * fading
         read = np.where(is_fog, np.minimum(fog_reflectances, 1.0), read)
         received = np.where(is_fog, fog_reflectances, reflectances * fading)
@@ -85,23 +85,23 @@ class LidarFog(LidarCorruption):
 
 
 class FogResponse(NamedTuple):
-    """The strongest echo of the fog before a target, by the target's range."""
+    """Strongest echo of the fog before a target, by the target's range."""
 
     step_m: float
-    """Between the ranges, from 0."""
+    """Step between the ranges, from 0."""
     strongest: Float64[np.ndarray, " num_ranges"]
-    """Largest response by then, for a target's constant of 1 [1/m^2]."""
+    """Largest response up to each range, for a target's constant of 1 [1/m^2]."""
     ranges_m: Float64[np.ndarray, " num_ranges"]
-    """Where it is."""
+    """Range of that response."""
     backscatter_ratio: float
-    """Of the fog [1/m] and a hard target."""
+    """Ratio of the backscatter of the fog [1/m] and of a hard target."""
 
     def before(
         self,
         ranges_m: Float64[np.ndarray, " num_points"],
         reflectances: Float64[np.ndarray, " num_points"],
     ) -> tuple[Float64[np.ndarray, " num_points"], Float64[np.ndarray, " num_points"]]:
-        """Reflectance that the fog before each target seems to have, and its range [m]."""
+        """Compute the apparent reflectance of the fog before each target, and its range [m]."""
         places = np.minimum(ranges_m / self.step_m, len(self.strongest) - 1).astype(np.int64)
         seeming = reflectances * ranges_m**2 * self.backscatter_ratio * self.strongest[places]
         return seeming, self.ranges_m[places]
@@ -109,10 +109,10 @@ class FogResponse(NamedTuple):
 
 @lru_cache(maxsize=32)
 def fog_response(attenuation_per_m: float, lidar: SpinningLidar) -> FogResponse:
-    """The response of fog alone for all ranges: Hahner et al. 2021, soft target.
+    """Compute the response of fog alone for all ranges: Hahner et al. 2021, soft target.
 
-    The integral, over the pulse, of its power, the fading on the way, the overlap of beam and
-    receiver and 1 / range^2, by the midpoint rule.
+    It is the integral, over the pulse, of its power, the attenuation along the path, the overlap of
+    beam and receiver and 1 / range^2, by the midpoint rule.
     """
     ranges_m = np.arange(0, lidar.max_range_m, _STEP_M)
     times_s = (np.arange(_SLICES) + 0.5) / _SLICES * 2 * _PULSE_S

@@ -1,4 +1,4 @@
-"""LiDARs that lose returns: beams, points at random, the sides of the view, wedges, blobs."""
+"""Lost LiDAR returns: beams, random points, the sides of the view, wedges, blobs."""
 
 import math
 from dataclasses import dataclass
@@ -20,30 +20,30 @@ from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.geometry.projection import unproject_pixels
 from sightline.structures.sample import CameraLidarSample
 
-_FAR_M = 1e5  # where the camera and the LiDAR look the same way
+_FAR_M = 1e5  # where the offset of camera and LiDAR is negligible
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarBeams(LidarCorruption):
-    """Whole beams are lost; those that stay are spread over the sensor as evenly as may be.
+    """Loss of whole beams; the kept beams are spread over the sensor as evenly as possible.
 
-    Of one draw, a larger share keeps all the beams that a smaller one does.
+    In one draw, a larger share keeps all the beams of a smaller one.
     """
 
     kind = "lidar_beams"
 
     kept_share: float
-    """Of the sensor's beams; at least one stays."""
+    """Share of the sensor's beams that stay; at least one stays."""
     lidar: SpinningLidar = HDL_64E
 
     def __post_init__(self) -> None:
-        """Checks the share."""
+        """Check the share."""
         check_number("kept_share", self.kept_share, 0, 1)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws which beams stay; see `spread_beams`."""
+        """Remove beams; draws the kept ones with `spread_beams`."""
         num_beams = self.lidar.num_beams
         count = max(1, round(self.kept_share * num_beams))
         first = int(rng.integers(num_beams))
@@ -55,20 +55,20 @@ class LidarBeams(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarPointDrop(LidarCorruption):
-    """Points are lost, each as likely as any other; exactly the rounded share of them."""
+    """Loss of random points, all with the same probability; exactly the rounded share of them."""
 
     kind = "lidar_point_drop"
 
     share: float
 
     def __post_init__(self) -> None:
-        """Checks the share."""
+        """Check the share."""
         check_number("share", self.share, 0, 1)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws the points in an order, of which the first are lost."""
+        """Remove points; draws their order, in which the first are lost."""
         kept = np.ones(len(points), dtype=np.bool_)
         kept[rng.permutation(len(points))[: round(self.share * len(points))]] = False
         left, sources = _only(points, kept)
@@ -77,7 +77,7 @@ class LidarPointDrop(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarFov(LidarCorruption):
-    """The field of view shrinks to so many degrees to either side of the camera's optical axis."""
+    """Field of view reduced to an angle on either side of the camera's optical axis."""
 
     kind = "lidar_fov"
     needs_calibration = True
@@ -86,13 +86,13 @@ class LidarFov(LidarCorruption):
     half_angle_deg: float
 
     def __post_init__(self) -> None:
-        """Checks the angle."""
+        """Check the angle."""
         check_number("half_angle_deg", self.half_angle_deg, 0, 180)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws nothing."""
+        """Remove points outside the field of view; no random draws."""
         del rng
         x, y, _ = sample.calibration.camera_from_lidar[2, :3].tolist()
         axis_deg = math.degrees(math.atan2(y, x))
@@ -104,7 +104,7 @@ class LidarFov(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarSector(LidarCorruption):
-    """All points of one wedge, whose middle the camera sees, are lost."""
+    """Loss of all points of one wedge with its middle in the camera's view."""
 
     kind = "lidar_sector"
     needs_calibration = True
@@ -113,13 +113,13 @@ class LidarSector(LidarCorruption):
     width_deg: float
 
     def __post_init__(self) -> None:
-        """Checks the width."""
+        """Check the width."""
         check_number("width_deg", self.width_deg, 0, 360)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws the column of the image that the wedge's middle is on, far away."""
+        """Remove a wedge; draws the image column of its middle at a large distance."""
         height, width = sample.image_size
         pixel = torch.tensor([[rng.uniform(-0.5, width - 0.5), (height - 1) / 2]])
         x, y, _ = unproject_pixels(
@@ -134,24 +134,24 @@ class LidarSector(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarCutout(LidarCorruption):
-    """Blobs are lost: a random point each and those nearest to it, of those that are left."""
+    """Loss of blobs: a random remaining point each, with its nearest remaining neighbours."""
 
     kind = "lidar_cutout"
     leaves_nothing = True
 
     num_blobs: int
     share_of_each: float = 0.02
-    """Of the sweep's points, rounded up."""
+    """Share of the sweep's points, rounded up."""
 
     def __post_init__(self) -> None:
-        """Checks number and share."""
+        """Check number and share."""
         check_number("num_blobs", self.num_blobs, 0)
         check_number("share_of_each", self.share_of_each, 0, 1)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws the blobs one after the other: of one draw, more blobs hold all that fewer do."""
+        """Remove blobs, drawn in sequence: in one draw, more blobs include all of fewer."""
         size = math.ceil(self.share_of_each * len(points))
         places = points[:, :3].numpy()
         rows = np.arange(len(points))
@@ -170,9 +170,9 @@ class LidarCutout(LidarCorruption):
 
 
 def spread_beams(num_beams: int) -> Int64[np.ndarray, " num_beams"]:
-    """Beams in an order whose every beginning is spread over all of them: van der Corput 1935.
+    """Order beams so that every prefix is evenly spread over all beams: van der Corput 1935.
 
-    The bits of 0, 1, 2 ... are read backwards: of 8 beams 0, 4, 2, 6, 1, 5, 3, 7.
+    The bits of 0, 1, 2 ... are reversed: for 8 beams 0, 4, 2, 6, 1, 5, 3, 7.
     """
     bits = max(num_beams - 1, 0).bit_length()
     counted = np.arange(1 << bits)
@@ -185,13 +185,13 @@ def spread_beams(num_beams: int) -> Int64[np.ndarray, " num_beams"]:
 def _only(
     points: Sweep, kept: Bool[np.ndarray, " num_points"]
 ) -> tuple[Float32[Tensor, "num_left 4"], Int64[Tensor, " num_left"]]:
-    """The points that stay, in new memory, and their rows."""
+    """Select the kept points, in new memory, and their rows."""
     rows = torch.from_numpy(np.flatnonzero(kept))
     return points[rows], rows
 
 
 def _azimuths_beside(points: Sweep, centre_deg: float) -> Float64[np.ndarray, " num_points"]:
-    """Azimuth of each point against a direction, in [-180, 180)."""
+    """Compute the azimuth of each point relative to a direction, in [-180, 180)."""
     x, y = points[:, :2].double().numpy().T
     beside: Float64[np.ndarray, " num_points"] = np.degrees(np.arctan2(y, x)) - centre_deg
     return (beside + 180) % 360 - 180

@@ -1,4 +1,4 @@
-"""LiDARs that misplace points: noise on x, y, z; reflectances stay as they are."""
+"""Noise on the coordinates x, y, z of LiDAR points; reflectances are unchanged."""
 
 from dataclasses import dataclass
 
@@ -27,57 +27,57 @@ class LidarGaussianNoise(LidarCorruption):
     """Standard deviation."""
 
     def __post_init__(self) -> None:
-        """Checks the deviation."""
+        """Check the deviation."""
         check_number("sigma_m", self.sigma_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws the same noise for every deviation, but for its size."""
+        """Add noise; the same draws are scaled by the deviation."""
         noise_m = self.sigma_m * rng.standard_normal((len(points), 3), dtype=np.float32)
         return _moved(points, noise_m, sample, {"sigma_m": self.sigma_m})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarUniformNoise(LidarCorruption):
-    """Independent even noise on each coordinate of each point."""
+    """Independent uniform noise on each coordinate of each point."""
 
     kind = "lidar_uniform_noise"
 
     half_width_m: float
-    """Largest noise."""
+    """Maximum noise."""
 
     def __post_init__(self) -> None:
-        """Checks the width."""
+        """Check the width."""
         check_number("half_width_m", self.half_width_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws the same noise for every width, but for its size."""
+        """Add noise; the same draws are scaled by the width."""
         noise_m = self.half_width_m * (2 * rng.random((len(points), 3), dtype=np.float32) - 1)
         return _moved(points, noise_m, sample, {"half_width_m": self.half_width_m})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarImpulseNoise(LidarCorruption):
-    """Some points are off by a fixed step in each coordinate, in either direction."""
+    """Fixed steps of some points in each coordinate, in either direction."""
 
     kind = "lidar_impulse_noise"
 
     share: float
-    """Of the points, rounded down."""
+    """Share of the points, rounded down."""
     step_m: float = 0.1
 
     def __post_init__(self) -> None:
-        """Checks share and step."""
+        """Check share and step."""
         check_number("share", self.share, 0, 1)
         check_number("step_m", self.step_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws an order, of which the first are off, and all signs."""
+        """Add steps; draws an order, in which the first points are affected, and all signs."""
         chosen = rng.permutation(len(points))[: int(self.share * len(points) + 1e-9)]
         signs = 2 * rng.integers(0, 2, (len(points), 3)) - 1
         noise_m = _only_at(chosen, (self.step_m * signs).astype(np.float32))
@@ -86,28 +86,28 @@ class LidarImpulseNoise(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarCrosstalk(LidarCorruption):
-    """Pulses of other LiDARs are taken for its own: some points are far off, normally distributed.
+    """Crosstalk from pulses of other LiDARs: large, normally distributed errors of some points.
 
-    Levels as Dong et al. 2023, "Benchmarking robustness of 3D object detection to common
-    corruptions", have them.
+    Levels are from Dong et al. 2023, "Benchmarking robustness of 3D object detection to common
+    corruptions".
     """
 
     kind = "lidar_crosstalk"
 
     share: float
-    """Of the points, rounded."""
+    """Share of the points, rounded."""
     sigma_m: float = 3.0
     """Standard deviation in each coordinate."""
 
     def __post_init__(self) -> None:
-        """Checks share and deviation."""
+        """Check share and deviation."""
         check_number("share", self.share, 0, 1)
         check_number("sigma_m", self.sigma_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws an order, of which the first are off, and the noise of all."""
+        """Add errors; draws an order, in which the first points are affected, and all noise."""
         chosen = rng.permutation(len(points))[: round(self.share * len(points))]
         noise_m = self.sigma_m * rng.standard_normal((len(points), 3), dtype=np.float32)
         noise_m = _only_at(chosen, noise_m)

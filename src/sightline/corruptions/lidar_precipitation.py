@@ -1,4 +1,4 @@
-"""Rain and snow before a LiDAR: Kilic et al. 2021, "LISA"."""
+"""Rain and snow in a LiDAR sweep: Kilic et al. 2021, "LISA"."""
 
 import math
 from abc import abstractmethod
@@ -21,30 +21,30 @@ from sightline.corruptions.precipitation import Precipitation, rain, snow
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.structures.sample import CameraLidarSample
 
-_RESOLUTION_M: Final = 0.09  # of a range, at a signal as strong as the noise
+_RESOLUTION_M: Final = 0.09  # range resolution at a signal as strong as the noise
 _LARGEST_MM: Final = 6.0  # melted; larger drops break up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _LidarPrecipitation(LidarCorruption):
-    """What falls before the LiDAR; see `fall_before`."""
+    """Precipitation in a LiDAR sweep; see `fall_before`."""
 
     rate_mm_per_h: float
-    """Of water; of snow as if it were melted."""
+    """Water rate; for snow, of the melted water."""
     lidar: SpinningLidar = HDL_64E
 
     def __post_init__(self) -> None:
-        """Checks the rate."""
+        """Check the rate."""
         check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
 
     @abstractmethod
     def particles(self) -> Precipitation:
-        """What falls."""
+        """Particles of the precipitation."""
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """See `fall_before`."""
+        """Apply `fall_before`."""
         change = fall_before(points, sample, self.particles(), self.lidar, rng)
         rate = {"rate_mm_per_h": self.rate_mm_per_h}
         return change._replace(parameters={**rate, **change.parameters})
@@ -52,33 +52,33 @@ class _LidarPrecipitation(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarRain(_LidarPrecipitation):
-    """Rain: echoes fade and scatter, and near drops give false ones; see `fall_before`."""
+    """Rain: echoes fade and scatter, and near drops cause false points; see `fall_before`."""
 
     kind = "lidar_rain"
 
     def particles(self) -> Precipitation:
-        """Rain of that rate."""
+        """Rain at this rate."""
         return rain(self.rate_mm_per_h)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarSnow(_LidarPrecipitation):
-    """Snow: as rain, with larger and whiter particles; see `fall_before`."""
+    """Snow: like rain, with larger and whiter particles; see `fall_before`."""
 
     kind = "lidar_snow"
     revision = 2
 
     def particles(self) -> Precipitation:
-        """Snow of that rate."""
+        """Snow at this rate."""
         return snow(self.rate_mm_per_h)
 
 
 class Echoes(NamedTuple):
-    """The strongest echo of a particle in each beam."""
+    """Strongest echo of a particle in each beam."""
 
     ranges_m: Float64[np.ndarray, " num_beams"]
     reflectances: Float64[np.ndarray, " num_beams"]
-    """That the particle seems to have, by what reaches it and comes back; 0 where there is none."""
+    """Apparent reflectance of the particle, from the light received; 0 if there is none."""
 
 
 def fall_before(
@@ -88,15 +88,15 @@ def fall_before(
     lidar: SpinningLidar,
     rng: np.random.Generator,
 ) -> PointsChange:
-    """The sweep in rain or snow: after Kilic et al. 2021.
+    """Simulate a sweep in rain or snow, after Kilic et al. 2021.
 
-    Powers are reflectance exp(-2 extinction range) / range^2. The strongest echo is taken, that of
-    the target or of a particle in the beam before it; one that is below the noise is lost. The
-    target's range scatters by 0.09 m / sqrt(2 power / noise).
+    Powers are reflectance exp(-2 extinction range) / range^2. The strongest echo is kept, from the
+    target or from a particle in the beam before it; an echo below the noise is lost. The target's
+    range scatters by 0.09 m / sqrt(2 power / noise).
 
-    Departures: extinction is by geometric optics (`Precipitation.extinction_per_m`), not Mie's
-    theory; particles that are too far away ever to be the strongest are not drawn; targets that
-    were found in clear air are taken to have had an echo above the noise.
+    Departures: extinction is by geometric optics (`Precipitation.extinction_per_m`), not by Mie's
+    theory; particles too far away to be the strongest are not drawn; targets detected in clear air
+    are assumed to have an echo above the noise.
     """
     ranges_m = np.linalg.norm(points[:, :3].double().numpy(), axis=1)
     reflectances = clear_air_reflectances(points, ranges_m, lidar, rng)
@@ -134,9 +134,9 @@ def strongest_particles(
     ranges_m: Float64[np.ndarray, " num_beams"],
     rng: np.random.Generator,
 ) -> Echoes:
-    """Draws the particles in each beam, a cone, and picks the strongest echo before the target.
+    """Draw the particles in each beam, a cone, and select the strongest echo before the target.
 
-    A particle that fills a part of the beam throws back that part.
+    A particle that fills a part of the beam reflects that part.
     """
     reach_m = _reach_m(particles, lidar)
     half_angle = lidar.beam_divergence_mrad * 1e-3 / 2
@@ -154,7 +154,7 @@ def strongest_particles(
     chosen_ranges, chosen_seeming = np.zeros(len(ranges_m)), np.zeros(len(ranges_m))
     if len(first):
         best = np.repeat(np.maximum.reduceat(powers, first), counts[counts > 0])
-        # The strongest writes; of equal ones, which have no power, it does not matter which.
+        # The strongest echo is written; of equal echoes, which have no power, any may be written.
         is_best = (powers == best) & (powers > 0)
         chosen_ranges[beams[is_best]] = places_m[is_best]
         chosen_seeming[beams[is_best]] = seeming[is_best]
@@ -162,9 +162,9 @@ def strongest_particles(
 
 
 def _reach_m(particles: Precipitation, lidar: SpinningLidar) -> float:
-    """Where the largest particle's echo is as faint as the noise, if it fills a part of the beam.
+    """Compute the range at which the largest particle's echo, in part of the beam, equals noise.
 
-    Reflectance (diameter / (divergence range))^2 / range^2 is the noise there.
+    There, reflectance (diameter / (divergence range))^2 / range^2 is the noise.
     """
     size_m = particles.swelling * _LARGEST_MM * 1e-3 / (lidar.beam_divergence_mrad * 1e-3)
     ratio = particles.reflectance / faintest_power(lidar)

@@ -1,7 +1,7 @@
-"""LiDARs that are not where, or not when, the calibration says.
+"""Misalignment of the LiDAR with the camera, in space or time.
 
-Image, calibration and labels stay as they are; the sweep is what it would be in the true frame of
-the LiDAR. KITTI's labels are in the camera's frame, so all of them now miss the points alike.
+Image, calibration and labels stay as they are; the sweep is transformed to the true frame of the
+LiDAR. KITTI's labels are in the camera's frame, so all of them are now offset from the points.
 """
 
 import math
@@ -28,9 +28,9 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SpatialMisalignment(LidarCorruption):
-    """The LiDAR has turned and moved in its mount: about an axis and in a direction, each random.
+    """Rotation and translation of the LiDAR in its mount, with random axis and direction.
 
-    Angle and distance are exactly what is set, and what is applied is a rotation.
+    Angle and distance equal the settings exactly.
     """
 
     kind = "misalignment_spatial"
@@ -39,14 +39,14 @@ class SpatialMisalignment(LidarCorruption):
     translation_m: float
 
     def __post_init__(self) -> None:
-        """Checks angle and distance."""
+        """Check angle and distance."""
         check_number("rotation_deg", self.rotation_deg, 0, 180)
         check_number("translation_m", self.translation_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Draws axis and direction, each evenly on the sphere."""
+        """Move the sweep; draws axis and direction, each uniformly on the sphere."""
         axis, direction = _direction(rng), _direction(rng)
         turn = Rotation.from_rotvec(math.radians(self.rotation_deg) * axis)
         moved_from_lidar = torch.eye(4, dtype=torch.float64)
@@ -62,10 +62,10 @@ class SpatialMisalignment(LidarCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TemporalMisalignment(LidarCorruption):
-    """The sweep is older than the image, by a latency in which the car has gone on.
+    """Sweep older than the image, by a latency during which the car moved.
 
-    Nothing of the scene moves: the sweep is that of now, seen from where the LiDAR was then. The
-    car has driven ahead at a constant speed while it turned evenly.
+    The scene is static: the current sweep is transformed to the LiDAR's earlier pose. The car
+    drives ahead at a constant speed and yaw rate.
     """
 
     kind = "misalignment_temporal"
@@ -73,10 +73,10 @@ class TemporalMisalignment(LidarCorruption):
     latency_s: float
     speed_mps: float = 10.0
     yaw_rate_dps: tuple[float, float] = (-10.0, 10.0)
-    """Degrees a second, counter-clockwise; drawn evenly."""
+    """Degrees per second, counter-clockwise; uniform distribution."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_number("latency_s", self.latency_s, 0)
         check_number("speed_mps", self.speed_mps, 0)
         check_range("yaw_rate_dps", self.yaw_rate_dps, -180, 180)
@@ -84,7 +84,7 @@ class TemporalMisalignment(LidarCorruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """See `ego_motion`."""
+        """Move the sweep by `ego_motion`."""
         yaw_rate_dps = rng.uniform(*self.yaw_rate_dps)
         then_from_now = ego_motion(self.speed_mps, yaw_rate_dps, self.latency_s)
         drawn: dict[str, Parameter] = {
@@ -96,9 +96,9 @@ class TemporalMisalignment(LidarCorruption):
 
 
 def ego_motion(speed_mps: float, yaw_rate_dps: float, time_s: float) -> Float64[Tensor, "4 4"]:
-    """The LiDAR's pose after a time on an arc, in the LiDAR frame of the beginning [m]."""
+    """Compute the LiDAR's pose after a time on an arc, in its initial frame [m]."""
     yaw = math.radians(yaw_rate_dps) * time_s
-    # The arc's end, written with sin(x) / x, which is defined where there is no turn.
+    # The arc's end, written with sin(x) / x, which is also defined without rotation.
     ahead_m = speed_mps * time_s * float(np.sinc(yaw / math.pi))
     aside_m = speed_mps * time_s * math.sin(yaw / 2) * float(np.sinc(yaw / 2 / math.pi))
     then_from_now = torch.eye(4, dtype=torch.float64)

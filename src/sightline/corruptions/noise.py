@@ -23,8 +23,8 @@ from sightline.structures.sample import CameraLidarSample
 class CameraGaussianNoise(CameraCorruption):
     """Independent normal noise on every pixel and channel: Kim et al. 2018, section IV-A.
 
-    They draw its variance "within the certain range" and name no range; drawn here is the standard
-    deviation, evenly.
+    The paper draws the variance "within the certain range" without giving it; here the standard
+    deviation is drawn, uniformly.
     """
 
     kind = "camera_gaussian_noise"
@@ -33,13 +33,13 @@ class CameraGaussianNoise(CameraCorruption):
     """Standard deviation in grey levels of 255."""
 
     def __post_init__(self) -> None:
-        """Checks the range."""
+        """Check the range."""
         check_range("sigma_levels", self.sigma_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `add_gaussian_noise`."""
+        """Apply `add_gaussian_noise`."""
         sigma_levels = rng.uniform(*self.sigma_levels)
         noisy = add_gaussian_noise(image, sigma_levels, rng)
         return ImageChange(noisy, everywhere(sample), {"sigma_levels": sigma_levels})
@@ -47,21 +47,21 @@ class CameraGaussianNoise(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraUniformNoise(CameraCorruption):
-    """Independent even noise on every pixel and channel."""
+    """Independent uniform noise on every pixel and channel."""
 
     kind = "camera_uniform_noise"
 
     half_width_levels: float
-    """Largest noise in grey levels of 255."""
+    """Maximum noise in grey levels of 255."""
 
     def __post_init__(self) -> None:
-        """Checks the width."""
+        """Check the width."""
         check_number("half_width_levels", self.half_width_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `add_uniform_noise`."""
+        """Apply `add_uniform_noise`."""
         noisy = add_uniform_noise(image, self.half_width_levels, rng)
         drawn = {"half_width_levels": self.half_width_levels}
         return ImageChange(noisy, everywhere(sample), drawn)
@@ -69,21 +69,21 @@ class CameraUniformNoise(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraShotNoise(CameraCorruption):
-    """So little light that single photons count: Hendrycks and Dietterich 2019, "shot noise"."""
+    """Shot noise from low light: Hendrycks and Dietterich 2019, "shot noise"."""
 
     kind = "camera_shot_noise"
 
     full_scale_photons: float
-    """That make a level of 255, on average."""
+    """Mean number of photons for a level of 255."""
 
     def __post_init__(self) -> None:
-        """Checks the number."""
+        """Check the number."""
         check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `detect_photons`."""
+        """Apply `detect_photons`."""
         means = self.full_scale_photons * np.arange(256) / 255
         noisy = detect_photons(image, means, 255 / self.full_scale_photons, rng)
         return ImageChange(
@@ -93,50 +93,50 @@ class CameraShotNoise(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraImpulseNoise(CameraCorruption):
-    """Some values, each of its own channel, are 0 or 255, both as likely ("salt and pepper")."""
+    """Values set to 0 or 255 at random, per channel and equally likely ("salt and pepper")."""
 
     kind = "camera_impulse_noise"
 
     share: float
-    """Chance of each value to be replaced."""
+    """Probability of replacing each value."""
 
     def __post_init__(self) -> None:
-        """Checks the share."""
+        """Check the share."""
         check_number("share", self.share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """Draws a number for each value; of one draw, a larger share replaces more of them."""
+        """Replace values; in one draw, a larger share replaces all values of a smaller one."""
         del sample
         drawn = rng.random(image.shape, dtype=np.float32)
         noisy = image.numpy().copy()
         noisy[drawn < self.share / 2] = 0
         noisy[drawn >= 1 - self.share / 2] = 255
         mask = np.abs(drawn - 0.5).max(axis=0) >= 0.5 - self.share / 2
-        # Rounding may put a value on the other side of the limit: what has changed is in the mask.
+        # Rounding may put a value on the other side of the limit: the mask includes every change.
         mask |= (noisy != image.numpy()).any(axis=0)
         return ImageChange(torch.from_numpy(noisy), torch.from_numpy(mask), {"share": self.share})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraDeadPixels(CameraCorruption):
-    """Pixels that deliver nothing, scattered over the sensor."""
+    """Dead pixels scattered over the sensor."""
 
     kind = "camera_dead_pixels"
     leaves_nothing = True
 
     share: tuple[float, float]
-    """Of the pixels, drawn evenly."""
+    """Share of the pixels; uniform distribution."""
 
     def __post_init__(self) -> None:
-        """Checks the range."""
+        """Check the range."""
         check_range("share", self.share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `draw_pixels`; all channels of a dead pixel are black."""
+        """Set pixels from `draw_pixels` to black in all channels."""
         share = rng.uniform(*self.share)
         dead = draw_pixels(sample.image_size, share, rng)
         return ImageChange(image.masked_fill(dead, 0), dead, {"share": share})
@@ -145,7 +145,7 @@ class CameraDeadPixels(CameraCorruption):
 def add_gaussian_noise(
     image: UInt8[Tensor, "channels height width"], sigma_levels: float, rng: np.random.Generator
 ) -> UInt8[Tensor, "channels height width"]:
-    """The image with normal noise of this standard deviation, rounded and kept in [0, 255]."""
+    """Add normal noise of this standard deviation, rounded and clipped to [0, 255]."""
     noisy = rng.standard_normal(image.shape, dtype=np.float32)
     noisy *= sigma_levels
     noisy += image.numpy()
@@ -159,7 +159,7 @@ def add_uniform_noise(
     half_width_levels: float,
     rng: np.random.Generator,
 ) -> UInt8[Tensor, "channels height width"]:
-    """The image with even noise up to this width, rounded and kept in [0, 255]."""
+    """Add uniform noise up to this width, rounded and clipped to [0, 255]."""
     noisy = rng.random(image.shape, dtype=np.float32)
     noisy -= 0.5
     noisy *= 2 * half_width_levels
@@ -172,7 +172,7 @@ def add_uniform_noise(
 def draw_pixels(
     image_size: tuple[int, int], share: float, rng: np.random.Generator
 ) -> Bool[Tensor, "height width"]:
-    """Exactly the rounded share of the pixels, each as likely as any other."""
+    """Draw exactly the rounded share of the pixels, with equal probabilities."""
     num_pixels = image_size[0] * image_size[1]
     chosen = rng.choice(num_pixels, round(share * num_pixels), replace=False, shuffle=False)
     mask = np.zeros(num_pixels, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Something in front of a sensor: Kim et al. 2018, section IV-A, "random occlusion"."""
+"""Occlusion of a sensor: Kim et al. 2018, section IV-A, "random occlusion"."""
 
 from dataclasses import astuple, dataclass, field
 
@@ -21,7 +21,7 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraOcclusion(CameraCorruption):
-    """A black box in the image."""
+    """Black box in the image."""
 
     kind = "camera_occlusion"
     leaves_nothing = True
@@ -31,7 +31,7 @@ class CameraOcclusion(CameraCorruption):
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `occlude_image`."""
+        """Apply `occlude_image`."""
         box = self.box.draw(sample, rng)
         return ImageChange(
             occlude_image(image, box), box.mask(sample.image_size), {"box_px": astuple(box)}
@@ -40,7 +40,7 @@ class CameraOcclusion(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarOcclusion(LidarCorruption):
-    """An empty box in the maps that the sweep is projected to."""
+    """Empty box in the sweep's projected maps."""
 
     kind = "lidar_occlusion"
     leaves_nothing = True
@@ -50,7 +50,7 @@ class LidarOcclusion(LidarCorruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """The points that are left, as of `occlude_points`."""
+        """Apply `occlude_points`."""
         box = self.box.draw(sample, rng)
         kept = ~box.holds(points, sample.calibration)
         return PointsChange(
@@ -64,7 +64,7 @@ class LidarOcclusion(LidarCorruption):
 def occlude_image(
     image: UInt8[Tensor, "channels height width"], box: PixelBox
 ) -> UInt8[Tensor, "channels height width"]:
-    """The image with the box's pixels black."""
+    """Set the box's pixels to black."""
     occluded = image.clone()
     occluded[(..., *box.window)] = 0
     return occluded
@@ -73,9 +73,8 @@ def occlude_image(
 def occlude_points(
     points: Float32[Tensor, "num_points 4"], calibration: Calibration, box: PixelBox
 ) -> Float32[Tensor, "num_left 4"]:
-    """The sweep without the points, at whatever depth, that fall on the box's pixels.
+    """Remove the points, at any depth, that project to the box's pixels.
 
-    Every map that it is projected to is then zero there and as before elsewhere. The order of the
-    points stays.
+    Every projected map is then zero there and unchanged elsewhere. The order of the points stays.
     """
     return points[~box.holds(points, calibration)]

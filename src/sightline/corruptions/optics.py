@@ -1,4 +1,4 @@
-"""Cameras that shake or are out of focus, and pictures that are compressed too much."""
+"""Motion blur, defocus and strong compression of camera images."""
 
 import math
 from dataclasses import dataclass
@@ -23,20 +23,20 @@ _FINE = 8  # samples per side of a pixel, of a disc
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraMotionBlur(CameraCorruption):
-    """The image moves evenly along a line while it is exposed."""
+    """Even motion of the image along a line during the exposure."""
 
     kind = "camera_motion_blur"
 
     length_px: float
 
     def __post_init__(self) -> None:
-        """Checks the length."""
+        """Check the length."""
         check_number("length_px", self.length_px, 1, 1000)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """Draws the angle evenly; see `line_kernel`."""
+        """Apply a `line_kernel`; the angle is drawn uniformly."""
         angle_deg = rng.uniform(0, 180)
         blurred = blur(image, line_kernel(self.length_px, angle_deg))
         drawn = {"length_px": self.length_px, "angle_deg": angle_deg}
@@ -45,20 +45,20 @@ class CameraMotionBlur(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraDefocus(CameraCorruption):
-    """Each point of the scene is a disc in the image."""
+    """Defocus: each point of the scene is a disc in the image."""
 
     kind = "camera_defocus"
 
     radius_px: float
 
     def __post_init__(self) -> None:
-        """Checks the radius."""
+        """Check the radius."""
         check_number("radius_px", self.radius_px, 0, 1000)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """See `disc_kernel`; draws nothing."""
+        """Apply a `disc_kernel`; no random draws."""
         del rng
         blurred = blur(image, disc_kernel(self.radius_px))
         return ImageChange(blurred, everywhere(sample), {"radius_px": self.radius_px})
@@ -66,21 +66,21 @@ class CameraDefocus(CameraCorruption):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraJpeg(CameraCorruption):
-    """A picture that was stored as a JPEG file of low quality."""
+    """JPEG compression of low quality."""
 
     kind = "camera_jpeg"
 
     quality: int
-    """As libjpeg counts, from 1 to 100."""
+    """Quality of libjpeg, from 1 to 100."""
 
     def __post_init__(self) -> None:
-        """Checks the quality."""
+        """Check the quality."""
         check_number("quality", self.quality, 1, 100)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """Draws nothing."""
+        """Compress and decompress; no random draws."""
         del rng
         pixels = np.ascontiguousarray(image.numpy().transpose(1, 2, 0)[..., ::-1])
         is_stored, stored = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
@@ -92,7 +92,7 @@ class CameraJpeg(CameraCorruption):
 
 
 def line_kernel(length_px: float, angle_deg: float) -> Float32[np.ndarray, "side side"]:
-    """A line through the middle, counter-clockwise from the right, of sum 1.
+    """Make a line kernel through the middle, counter-clockwise from the right, of sum 1.
 
     Its points, a hundredth of a pixel apart or less, are shared among the four pixels around each.
     """
@@ -101,7 +101,7 @@ def line_kernel(length_px: float, angle_deg: float) -> Float32[np.ndarray, "side
     places = np.linspace(-reach, reach, 100 * half + 1)
     x = half + places * math.cos(math.radians(angle_deg))
     y = half - places * math.sin(math.radians(angle_deg))
-    kernel = np.zeros((2 * half + 3, 2 * half + 3))  # with room on the border for the rounding
+    kernel = np.zeros((2 * half + 3, 2 * half + 3))  # with a border for the rounding
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     right, below = x - column, y - row
     for down, of_row in ((0, 1 - below), (1, below)):
@@ -112,7 +112,7 @@ def line_kernel(length_px: float, angle_deg: float) -> Float32[np.ndarray, "side
 
 
 def disc_kernel(radius_px: float) -> Float32[np.ndarray, "side side"]:
-    """A disc of even weight and sum 1; a pixel on its rim counts as far as it is in it."""
+    """Make a disc kernel of even weight and sum 1; rim pixels have their covered share."""
     half = math.ceil(radius_px)
     parts = (np.arange(_FINE) + 0.5) / _FINE - 0.5
     places = (np.arange(-half, half + 1)[:, None] + parts).reshape(-1)
@@ -128,7 +128,7 @@ def disc_kernel(radius_px: float) -> Float32[np.ndarray, "side side"]:
 def blur(
     image: UInt8[Tensor, "channels height width"], kernel: Float32[np.ndarray, "side side"]
 ) -> UInt8[Tensor, "channels height width"]:
-    """The image filtered, rounded; beyond the border it is mirrored about the outermost pixels."""
+    """Filter the image and round it; the border is mirrored about the outermost pixels."""
     planes = [
         cv2.filter2D(np.ascontiguousarray(plane), -1, kernel, borderType=cv2.BORDER_REFLECT_101)
         for plane in image.numpy()

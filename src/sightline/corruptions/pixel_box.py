@@ -1,4 +1,4 @@
-"""Boxes of whole pixels, and how they are drawn."""
+"""Boxes of whole pixels, and their random draws."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _NO_OBJECT = "DontCare"  # KITTI's name for a region of unknown content
 
 @dataclass(frozen=True, slots=True)
 class PixelBox:
-    """Columns `left` to below `right` and rows `top` to below `bottom` of an image."""
+    """Box of the columns `left` to below `right` and rows `top` to below `bottom` of an image."""
 
     left: int
     top: int
@@ -32,7 +32,7 @@ class PixelBox:
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     def mask(self, image_size: tuple[int, int]) -> Bool[Tensor, "height width"]:
-        """Its pixels in an image of (height, width)."""
+        """Mark its pixels in an image of (height, width)."""
         mask = torch.zeros(image_size, dtype=torch.bool)
         mask[self.window] = True
         return mask
@@ -40,43 +40,43 @@ class PixelBox:
     def holds(
         self, points: Float32[Tensor, "num_points 4"], calibration: Calibration
     ) -> Bool[Tensor, " num_points"]:
-        """Which LiDAR points [m] fall on its pixels, as `sparse_depth_map` places them."""
+        """Test which LiDAR points [m] project to its pixels, as in `sparse_depth_map`."""
         # In float64 throughout: a rounded pixel may be the neighbour.
         columns, rows = project_points(points[:, :3].double(), calibration).pixels.unbind(dim=-1)
-        # Written so that NaN, the pixel of what is not in front of the camera, is outside.
+        # Written so that NaN, the pixel of a point not in front of the camera, is outside.
         inside = (columns >= self.left - 0.5) & (columns < self.right - 0.5)
         return inside & (rows >= self.top - 0.5) & (rows < self.bottom - 0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoxDrawing:
-    """How a box of random size and place is drawn; each number is drawn evenly.
+    """Distribution of a box's size and place; each number is uniform.
 
     Kim et al. 2018, section IV-A, give no numbers; in their Fig. 3d the box is about 0.5 by 0.63.
     """
 
     width_share: tuple[float, float] = (0.2, 0.6)
-    """Of the image's width."""
+    """Share of the image's width."""
     height_share: tuple[float, float] = (0.3, 0.65)
-    """Of the image's height."""
+    """Share of the image's height."""
     placement: Literal["object", "uniform"] = "object"
-    """The box's centre: that of a labelled object's 2D box, each as likely (not of DontCare), or
-    anywhere in the image. Where there is no object it is anywhere."""
+    """Centre of the box: the centre of a random labelled object's 2D box (not of DontCare), or
+    anywhere in the image. Without an object it is anywhere."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("width_share", self.width_share, 0, 1)
         check_range("height_share", self.height_share, 0, 1)
 
     def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
-        """A box of at least one pixel, cut at the image's border."""
+        """Draw a box of at least one pixel, clipped at the image's border."""
         height, width = sample.image_size
         box_width = max(1, round(rng.uniform(*self.width_share) * width))
         box_height = max(1, round(rng.uniform(*self.height_share) * height))
         x, y = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, height - 0.5)
         if self.placement == "object":
             x, y = _object_centre(sample, rng) or (x, y)
-        # The centre of the box, within the image, is on one of its pixels: so one is left.
+        # The box's centre, within the image, is on one of its pixels, so at least one is left.
         left = round(min(max(x, 0), width - 1) - (box_width - 1) / 2)
         top = round(min(max(y, 0), height - 1) - (box_height - 1) / 2)
         return PixelBox(
@@ -89,29 +89,28 @@ class BoxDrawing:
 
 @dataclass(frozen=True, kw_only=True)
 class AreaDrawing:
-    """How a box of a given area is drawn: its shape within bounds, its place as `BoxDrawing` does.
+    """Distribution of a box of a given area: its shape within bounds, its place as in `BoxDrawing`.
 
-    The box lies in the image whole, so that it is as large as it is said to be, but for the
-    rounding of its sides.
+    The whole box lies in the image, so that it has the given area, up to the rounding of its sides.
     """
 
     area_share: float
-    """Of the image's area."""
+    """Share of the image's area."""
     aspect: tuple[float, float] = (0.5, 2.0)
-    """Width by height, each as a share of the image's; drawn evenly in its logarithm."""
+    """Width over height, each as a share of the image's; log-uniform distribution."""
     placement: Literal["object", "uniform"] = "object"
-    """As `BoxDrawing.placement`, moved into the image."""
+    """See `BoxDrawing.placement`; the box is then moved into the image."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_number("area_share", self.area_share, 0, 1)
         check_range("aspect", self.aspect, 1e-2, 1e2)
 
     def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
-        """A box of at least one pixel."""
+        """Draw a box of at least one pixel."""
         height, width = sample.image_size
         aspect = math.exp(rng.uniform(math.log(self.aspect[0]), math.log(self.aspect[1])))
-        # A side that would be longer than the image's is that long, and the other makes up for it.
+        # A side longer than the image's is cut to that length, and the other is extended in turn.
         width_share = min(max(math.sqrt(self.area_share * aspect), self.area_share), 1)
         box_width = max(1, round(width_share * width))
         box_height = max(1, round(self.area_share / max(width_share, 1e-9) * height))
@@ -126,7 +125,7 @@ class AreaDrawing:
 def _object_centre(
     sample: CameraLidarSample, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """Centre [px] of a random object's 2D box; None where there is none."""
+    """Draw the centre [px] of a random object's 2D box; None if there is none."""
     if sample.objects is None:
         return None
     rows = [row for row, name in enumerate(sample.objects.class_names) if name != _NO_OBJECT]

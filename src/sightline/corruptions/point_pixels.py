@@ -1,4 +1,4 @@
-"""Where in the image points are."""
+"""Image region covered by points."""
 
 from typing import Final
 
@@ -11,13 +11,13 @@ from torch import Tensor
 from sightline.geometry.projection import project_points
 from sightline.structures.sample import CameraLidarSample
 
-_SPACING_PX: Final = 9  # of neighbouring rings in KITTI's image, rather more than less
+_SPACING_PX: Final = 9  # spacing of neighbouring rings in KITTI's image, rather more than less
 
 
 def region_of(
     points: Float32[np.ndarray, "num_points fields"], sample: CameraLidarSample
 ) -> Bool[Tensor, "height width"]:
-    """The pixels that points fall on, and those between them as far as rings are apart."""
+    """Mark the pixels hit by points, and pixels between them up to the spacing of rings."""
     height, width = sample.image_size
     projected = project_points(torch.from_numpy(points[:, :3]).double(), sample.calibration)
     seen = projected.pixels[projected.in_image((height, width))].numpy()

@@ -1,4 +1,4 @@
-"""Rain and snow: how many particles of which size are in the air, and what they do to light."""
+"""Rain and snow: size distribution, speed and optical properties of the particles."""
 
 import math
 from dataclasses import dataclass
@@ -8,59 +8,59 @@ import numpy as np
 from jaxtyping import Float64
 
 _SMALLEST_MM: Final = 0.5  # melted; smaller ones are counted by their extinction alone
-_SNOW_DENSITY: Final = 0.1  # of water's
+_SNOW_DENSITY: Final = 0.1  # density relative to water's
 _WATER: Final = 1.328  # refractive index at 905 nm
 _ICE: Final = 1.3031
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Precipitation:
-    """Particles whose melted diameters D are distributed as N0 exp(-slope D)."""
+    """Distribution of particles: melted diameters D follow N0 exp(-slope D)."""
 
     intercept: float
-    """N0: in a cubic metre, for each millimetre of diameter."""
+    """N0: number per cubic metre and millimetre of diameter."""
     slope_per_mm: float
     swelling: float
-    """Diameter by that of the melted drop."""
+    """Ratio of a particle's diameter to the melted drop's."""
     reflectance: float
-    """Share of the light that a particle throws back."""
+    """Share of the light reflected by a particle."""
     final_speed_mps: float
-    """Terminal speed of the largest."""
+    """Terminal speed of the largest particles."""
     slowing_mps: float
-    """How much slower the smallest would fall; the lag shrinks as exp(-0.6 D / mm)."""
+    """Difference of the smallest particles' speed; it decreases as exp(-0.6 D / mm)."""
 
     @property
     def extinction_per_m(self) -> float:
-        """By all sizes, each taking twice its cross-section of the light: van de Hulst 1957.
+        """Extinction by all sizes; each removes twice its cross-section: van de Hulst 1957.
 
         The integral of 2 pi / 4 (swelling D)^2 N0 exp(-slope D) over D. For rain of 5 to 50 mm/h
-        that is 13 to 45 % more than the 0.21 R^0.74 / km that Ulbrich and Atlas 1985 measured.
+        this is 13 to 45 % more than the 0.21 R^0.74 / km measured by Ulbrich and Atlas 1985.
         """
         per_mm2_m3 = math.pi * self.swelling**2 * self.intercept / self.slope_per_mm**3
         return 1e-6 * per_mm2_m3
 
     @property
     def per_cubic_metre(self) -> float:
-        """Particles from half a millimetre, melted."""
+        """Number of particles of at least half a millimetre, melted."""
         return self.intercept / self.slope_per_mm * math.exp(-self.slope_per_mm * _SMALLEST_MM)
 
     def draw_diameters_m(
         self, count: int, rng: np.random.Generator
     ) -> Float64[np.ndarray, " count"]:
-        """Diameters of particles from half a millimetre, melted."""
+        """Draw diameters of particles of at least half a millimetre, melted."""
         melted_mm = _SMALLEST_MM + rng.standard_exponential(count) / self.slope_per_mm
         return self.swelling * melted_mm * 1e-3
 
     def speeds_mps(
         self, diameters_m: Float64[np.ndarray, " count"]
     ) -> Float64[np.ndarray, " count"]:
-        """How fast particles fall: Atlas et al. 1973."""
+        """Compute the speed of falling particles: Atlas et al. 1973."""
         melted_mm = 1e3 * diameters_m / self.swelling
         return self.final_speed_mps - self.slowing_mps * np.exp(-0.6 * melted_mm)
 
 
 def rain(rate_mm_per_h: float) -> Precipitation:
-    """Marshall and Palmer 1948, eq. 1 to 3; drops throw back what a water surface does."""
+    """Rain by Marshall and Palmer 1948, eq. 1 to 3; drops reflect like a water surface."""
     return Precipitation(
         intercept=8000.0,
         slope_per_mm=4.1 * rate_mm_per_h**-0.21,
@@ -72,9 +72,9 @@ def rain(rate_mm_per_h: float) -> Precipitation:
 
 
 def snow(rate_mm_per_h: float) -> Precipitation:
-    """Gunn and Marshall 1958, for the rate of the melted snow; flakes a tenth as dense as water.
+    """Snow by Gunn and Marshall 1958, at a rate of melted water; density is a tenth of water's.
 
-    They throw back what ice does, as Kilic et al. 2021 have it.
+    They reflect like ice, as in Kilic et al. 2021.
     """
     return Precipitation(
         intercept=3800.0 * rate_mm_per_h**-0.87,
@@ -87,5 +87,5 @@ def snow(rate_mm_per_h: float) -> Precipitation:
 
 
 def _fresnel(refractive_index: float) -> float:
-    """Share of the light that a surface throws back at normal incidence: Fresnel."""
+    """Compute the reflectance of a surface at normal incidence: Fresnel."""
     return ((refractive_index - 1) / (refractive_index + 1)) ** 2

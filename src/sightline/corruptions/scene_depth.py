@@ -1,4 +1,4 @@
-"""How far away everything in an image is, as weather needs it: fast, and good to a few percent."""
+"""Distance of everything in an image, for weather: fast, with an accuracy of a few percent."""
 
 from typing import Literal, NamedTuple
 
@@ -13,37 +13,38 @@ from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample
 
-_DENSE_SHARE = 0.5  # of the pixels below the horizon: with more of them a depth map is dense
+_DENSE_SHARE = 0.5  # minimum share of known pixels below the horizon in a dense depth map
 _WINDOW_PX = 15
-_WIDE_WINDOW_PX = 61  # where nothing is measured near by
-_TRUSTED_PX = 8.0  # from a measured pixel, over which trust in its depth falls to 1/e
+_WIDE_WINDOW_PX = 61  # where there is no measurement nearby
+_TRUSTED_PX = 8.0  # distance from a measured pixel at which the weight of its depth falls to 1/e
 _LEAST_TRUST = 0.1
-_SMOOTH_LEVELS = 12.0  # of the guide, whose smaller changes are no edges
-_SILENT_M = 100.0  # at least so far is what had no echo and is no sky
-_NEVER_M = 1e6  # the sky
+_SMOOTH_LEVELS = 12.0  # minimum change of the guide at an edge
+_SILENT_M = 100.0  # minimum range of surfaces without an echo
+_NEVER_M = 1e6  # range of the sky
 
 
 class SceneRanges(NamedTuple):
     """Distances along the camera's rays."""
 
     ranges_m: Float32[np.ndarray, "height width"]
-    """Along the rays; 1e6 for the sky."""
+    """Ranges along the rays; 1e6 for the sky."""
     source: Literal["depth", "sweep", "flat road"]
-    """What they were taken from."""
+    """Source of the ranges."""
 
 
 def scene_ranges(sample: CameraLidarSample) -> SceneRanges:
-    """The distance of what each pixel shows.
+    """Estimate the range at each pixel.
 
-    Of a dense depth map, where the sample has one: what it does not know is sky. Else of the sweep
-    (with the measured pixels of a sparse depth map): each pixel has the inverse depth of the
-    nearest measured one. What is above the horizon but nearest to one below it is silent: a LiDAR
-    that looks up a little has had no echo there, so it is at least 100 m away. What looks like sky
-    (`sky_mask`) is; without an image, all that is silent. Edges then follow the image's: a guided
-    filter, He et al. 2010, as Sakaridis et al. 2018 use it on the transmittance. Where nothing is
-    measured near by, its window is wider, and measured, silent and sky pixels weigh most, so that
-    depths do not end where the nearest measurement changes. Without any measurement, of a flat road
-    below the horizon. Surfaces end within some pixels of where they do.
+    The source is a dense depth map, if the sample has one: its unknown pixels are sky. Otherwise it
+    is the sweep (with the measured pixels of a sparse depth map): each pixel has the inverse depth
+    of the nearest measured one. Pixels above the horizon whose nearest measured pixel is below it
+    are silent: a LiDAR that looks up a little has no echo there, so they are at least 100 m away.
+    Pixels that look like sky (`sky_mask`) are sky; without an image, all silent pixels are. Edges
+    then follow the image's: a guided filter, He et al. 2010, as Sakaridis et al. 2018 use it on the
+    transmittance. Without measurements nearby, its window is wider, and measured, silent and sky
+    pixels weigh most, so that depths do not change where the nearest measurement does. Without any
+    measurement, the source is a flat road below the horizon. Edges of surfaces are accurate to some
+    pixels.
     """
     height, width = sample.image_size
     known = np.zeros((height, width), dtype=np.float32)
@@ -67,7 +68,7 @@ def scene_ranges(sample: CameraLidarSample) -> SceneRanges:
 
 
 def _horizon_row(sample: CameraLidarSample) -> int:
-    """Where the horizon is, if the camera looks straight ahead."""
+    """Compute the row of the horizon for a camera that looks straight ahead."""
     row = float(sample.calibration.image_from_camera[1, 2])
     return int(np.clip(round(row), 0, sample.image_size[0]))
 
@@ -98,7 +99,7 @@ def _filled(
         is_sky = sky_mask(image.numpy()[:, above], is_known[above], is_silent)
         inverse[above][is_sky] = 0
         away_px[above][is_sky] = 0
-    away_px[above][is_silent] = 0  # that there was no echo is measured, too
+    away_px[above][is_silent] = 0  # the absence of an echo is a measurement, too
     guide = inverse if image is None else image.numpy().max(axis=0).astype(np.float32)
     trust = np.exp(-away_px / np.float32(_TRUSTED_PX))
     near = _guided(inverse, guide, np.ones_like(trust), _WINDOW_PX)
@@ -115,7 +116,7 @@ def _guided(
     weights: Float32[np.ndarray, "height width"],
     window_px: int,
 ) -> Float32[np.ndarray, "height width"]:
-    """Values as a linear function of the guide in each window, these functions averaged."""
+    """Fit the values as a linear function of the guide in each window; average the functions."""
 
     def mean(of: Float32[np.ndarray, "height width"]) -> Float32[np.ndarray, "height width"]:
         return cv2.blur(of, (window_px, window_px)).astype(np.float32, copy=False)
@@ -134,7 +135,7 @@ def _flat_road(sample: CameraLidarSample, horizon: int) -> Float32[np.ndarray, "
     height, width = sample.image_size
     focal_px = float(sample.calibration.image_from_camera[1, 1])
     rows_below = np.maximum(np.arange(height) - horizon, 0)
-    height_m = KITTI_LIDAR_HEIGHT_M + sample.higher_than_kitti_m  # the LiDAR's, near the camera's
+    height_m = KITTI_LIDAR_HEIGHT_M + sample.higher_than_kitti_m  # LiDAR height, near the camera's
     depth_m = focal_px * height_m / np.maximum(rows_below, 1e-3)
     column = np.minimum(depth_m, _NEVER_M).astype(np.float32)
     return np.repeat(column[:, None], width, axis=1)
@@ -143,7 +144,7 @@ def _flat_road(sample: CameraLidarSample, horizon: int) -> Float32[np.ndarray, "
 def _ray_lengths(
     calibration: Calibration, height: int, width: int
 ) -> Float32[np.ndarray, "height width"]:
-    """Metres along each pixel's ray for a metre of depth."""
+    """Compute the metres along each pixel's ray per metre of depth."""
     intrinsics = calibration.image_from_camera[:, :3].numpy()
     x = (np.arange(width) - intrinsics[0, 2]) / intrinsics[0, 0]
     y = (np.arange(height) - intrinsics[1, 2]) / intrinsics[1, 1]

@@ -1,4 +1,4 @@
-"""What corruptions need to know of a spinning LiDAR."""
+"""Spinning LiDAR model for the corruptions."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,24 +11,24 @@ from torch import Tensor
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SpinningLidar:
-    """A LiDAR whose beams, each at its own elevation, turn about the vertical axis.
+    """Spinning LiDAR with beams of fixed elevations that rotate about the vertical axis.
 
     Raises:
-        ValueError: There is no beam, the elevations do not fall or are no angles, or a range or the
-            divergence is not finite and positive.
+        ValueError: There is no beam, the elevations do not decrease or are not angles, or a range
+            or the divergence is not finite and positive.
     """
 
     beam_elevations_deg: tuple[float, ...]
-    """From the top."""
+    """Elevations of the beams from the top."""
     max_range_m: float = 120.0
-    """At which a target that reflects 90 % is just seen in clear air."""
+    """Maximum range, at which a target that reflects 90 % is just detected in clear air."""
     min_range_m: float = 0.9
-    """Below which it sees nothing."""
+    """Minimum range."""
     beam_divergence_mrad: float = 3.0
-    """Full angle of a beam."""
+    """Full divergence angle of a beam."""
 
     def __post_init__(self) -> None:
-        """Checks beams and ranges."""
+        """Check beams and ranges."""
         elevations = np.array(self.beam_elevations_deg)
         if not (len(elevations) and (np.abs(elevations) <= 90).all()):
             raise ValueError(
@@ -48,14 +48,14 @@ class SpinningLidar:
 
     @property
     def num_beams(self) -> int:
-        """How many beams it has."""
+        """Number of beams."""
         return len(self.beam_elevations_deg)
 
     def ring_of(self, points: Float32[Tensor, "num_points fields"]) -> Int64[Tensor, " num_points"]:
-        """The beam, from the top, whose elevation is nearest to each point's (x, y, z first [m]).
+        """Find the beam, from the top, nearest in elevation to each point (x, y, z first [m]).
 
-        Seen from the LiDAR's origin: of sensors whose beams do not start there, what is near may
-        count to a neighbour.
+        Elevations refer to the LiDAR's origin: if beams do not start there, near points may be
+        assigned to a neighbouring beam.
         """
         places = points[:, :3].numpy()
         elevations = np.degrees(np.arctan2(places[:, 2], np.hypot(places[:, 0], places[:, 1])))
@@ -65,7 +65,7 @@ class SpinningLidar:
 
 
 def evenly_spaced(num_beams: int, top_deg: float, bottom_deg: float) -> SpinningLidar:
-    """A LiDAR of so many beams from the top elevation to the lowest, in even steps."""
+    """Make a LiDAR of evenly spaced beams from the top elevation to the lowest."""
     return SpinningLidar(
         beam_elevations_deg=tuple(np.linspace(top_deg, bottom_deg, num_beams).tolist())
     )
@@ -77,9 +77,10 @@ HDL_64E: Final = SpinningLidar(
         *np.linspace(-8.833, -24.333, 32).round(3).tolist(),
     )
 )
-"""KITTI's, by its data sheet: 32 beams a third of a degree apart above 32 half a degree apart."""
+"""KITTI's LiDAR, by its data sheet: 32 beams a third of a degree apart above 32 half a degree
+apart."""
 
 HDL_32E: Final = evenly_spaced(32, 10.67, -30.67)
-"""That of nuScenes."""
+"""LiDAR of nuScenes."""
 
 VLP_16: Final = evenly_spaced(16, 15.0, -15.0)

@@ -1,4 +1,4 @@
-"""Photons that are counted, fast."""
+"""Fast simulation of photon counts."""
 
 from typing import Final
 
@@ -17,16 +17,16 @@ def detect_photons(
     levels_per_photon: float,
     rng: np.random.Generator,
 ) -> UInt8[Tensor, "channels height width"]:
-    """The image of a sensor that counts photons: a Poisson number for each value by itself.
+    """Simulate an image from photon counts: an independent Poisson number for each value.
 
     Numbers are drawn by inverting the distribution function at 2^16 evenly spaced places, so that
-    chances are exact to 1e-5; drawing them one by one takes three times as long.
+    probabilities are exact to 1e-5; individual draws take three times as long.
 
     Args:
-        image: Without noise.
-        mean_photons: Of each of its 256 levels.
-        levels_per_photon: What a photon adds to the level; rounded, kept in [0, 255].
-        rng: Where all randomness comes from.
+        image: Image without noise.
+        mean_photons: Mean number of photons for each of its 256 levels.
+        levels_per_photon: Added level per photon; rounded, clipped to [0, 255].
+        rng: Source of all randomness.
     """
     table = np.stack([_outcomes(mean, levels_per_photon) for mean in mean_photons.tolist()])
     drawn = rng.integers(0, _DRAWS, image.shape, dtype=np.uint16)
@@ -37,7 +37,7 @@ def detect_photons(
 
 
 def _outcomes(mean: float, levels_per_photon: float) -> UInt8[np.ndarray, "draws"]:
-    """Levels of all draws, from the fewest photons to the most."""
+    """Compute the levels of all draws, in ascending order of photons."""
     most = int(mean + 7 * np.sqrt(mean) + 12)
     counts = np.arange(most + 1)
     up_to = np.rint(_DRAWS * poisson.cdf(counts, mean)).astype(np.int64)

@@ -1,14 +1,14 @@
-"""Which pixels of an image show the sky, with a LiDAR's measurements against what only looks so."""
+"""Sky segmentation of an image, with a LiDAR's measurements to reject surfaces of sky colours."""
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Int64, UInt8
 
-_BLUER = 1.15  # blue by red of a blue sky, at least
-_BLUE_LEVEL = 110  # of one, at least; what is darker lies in the shade
-_WHITE_LEVEL = 225  # of an overexposed one
-_CLOUD_SHARE = 0.6  # of the level of the image's brightest tenth: clouds, at least
-_RINGS_PX = 9  # rings are less apart, in KITTI's image
+_BLUER = 1.15  # minimum ratio of blue to red in a blue sky
+_BLUE_LEVEL = 110  # its minimum level; darker pixels lie in the shade
+_WHITE_LEVEL = 225  # minimum level of an overexposed sky
+_CLOUD_SHARE = 0.6  # minimum level of clouds, as a share of the image's brightest tenth
+_RINGS_PX = 9  # more than the spacing of rings in KITTI's image
 _WINDOW_PX = 15
 
 
@@ -17,16 +17,16 @@ def sky_mask(
     is_known: Bool[np.ndarray, "height width"],
     is_silent: Bool[np.ndarray, "height width"],
 ) -> Bool[np.ndarray, "height width"]:
-    """What is blue, or white, or where the LiDAR was silent as bright as a cloud; but no wall.
+    """Mark pixels that are blue, white, or without echo and as bright as a cloud, except walls.
 
-    A wall of such a colour is told by the pixels below: without an edge they lead down among
-    measured ones, by more than rings are apart. What most of the surroundings say counts, as some
-    measurements lie beside the edge that they are of.
+    A wall of such a colour is detected from the pixels below: they lead down without an edge to
+    measured pixels, over more than the spacing of rings. The majority of the surroundings decides,
+    as some measurements lie beside their edge.
 
     Args:
-        planes: The part of an image that is above the horizon, RGB.
-        is_known: Which of its pixels are measured.
-        is_silent: Where the LiDAR has had no echo, though it may have looked there.
+        planes: Part of an image above the horizon, RGB.
+        is_known: Measured pixels.
+        is_silent: Pixels without an echo that the LiDAR may have covered.
     """
     if not planes.size:
         return is_known
@@ -47,7 +47,7 @@ def sky_mask(
 
 
 def _next_row(is_there: Bool[np.ndarray, "height width"]) -> Int64[np.ndarray, "height width"]:
-    """Of each pixel the first row, from its own downwards, that is there; else the height."""
+    """Find for each pixel the first marked row from its own downwards; otherwise the height."""
     height, _ = is_there.shape
     rows = np.where(is_there, np.arange(height)[:, None], height)
     next_row: Int64[np.ndarray, "height width"] = np.minimum.accumulate(rows[::-1])[::-1]

@@ -1,4 +1,4 @@
-"""Streaks drawn into an image, one after the other: compiled."""
+"""Compiled kernel that draws streaks into an image one after the other."""
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -14,10 +14,10 @@ def draw_streaks(
     opacities: Float64[np.ndarray, " num_streaks"],
     color: float,
 ) -> None:
-    """Blends streaks over the image, in place.
+    """Blend streaks over the image, in place.
 
-    A streak covers what is up to half its width from the line between its ends; a pixel whose
-    centre is within half a pixel of its rim counts by how far it is in it.
+    A streak covers points up to half its width from the line between its ends; a pixel with its
+    centre within half a pixel of the rim has its covered share.
     """
     channels, height, width = levels.shape
     for streak in range(len(opacities)):

@@ -1,4 +1,4 @@
-"""Named suites: the cases that a detector is tested on, and may be trained on."""
+"""Named suites: the cases for testing a detector, and optionally for training it."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,32 +16,32 @@ from sightline.data.faults import fault_rng
 from sightline.structures.sample import CameraLidarSample
 
 CLEAN: Final = "clean"
-"""The case of sound sensors, in every suite."""
+"""Case of sound sensors, in every suite."""
 
-_SHORT = 12  # names that an error can list
+_SHORT = 12  # maximum number of names in an error message
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Case:
-    """One row of a suite's table."""
+    """Row of a suite's table."""
 
     name: str
-    """Of its folder and in reports."""
+    """Name of its folder and in reports."""
     title: str
-    """What the suite's source calls it."""
+    """Name in the suite's source."""
     corruption: Corruption
     probability: float = 0.0
-    """Of being drawn for training, as the source draws."""
+    """Probability of a draw for training, as in the source."""
     severity: int | None = None
-    """From 1 to 5; None where a suite has no levels."""
+    """Severity from 1 to 5; None if a suite has no levels."""
 
     @property
     def kind(self) -> str:
-        """Of its corruption."""
+        """Kind of its corruption."""
         return self.corruption.kind
 
     def corrupt(self, sample: CameraLidarSample, seed: int = 0) -> Corrupted:
-        """The sample of a test: seed, sample's name and kind decide what is drawn, nothing else."""
+        """Corrupt a test sample; draws depend only on the seed, the sample's name and the kind."""
         return self.corruption.corrupt(sample, fault_rng(sample, seed, self.corruption.kind))
 
 
@@ -51,14 +51,14 @@ class Suite:
 
     Raises:
         ValueError: The first case is not `CLEAN`, two cases have one name, or the probabilities do
-            not add up to 1 (nor are all 0, as those of a suite may that is for tests alone).
+            not sum to 1 (a suite for testing only may have all 0).
     """
 
     name: str
     cases: tuple[Case, ...]
 
     def __post_init__(self) -> None:
-        """Checks names and probabilities."""
+        """Check names and probabilities."""
         names = self.case_names
         if names[:1] != (CLEAN,):
             raise ValueError(
@@ -76,16 +76,16 @@ class Suite:
 
     @property
     def case_names(self) -> tuple[str, ...]:
-        """In order."""
+        """Names in order."""
         return tuple(case.name for case in self.cases)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Those of its cases with severities, in order, each once."""
+        """Kinds of the cases with severities, in order, without duplicates."""
         return tuple(dict.fromkeys(case.kind for case in self.cases if case.severity is not None))
 
     def select(self, names: Iterable[str]) -> tuple[Case, ...]:
-        """The cases of these names, in the suite's order, each once.
+        """Select cases by name, in the suite's order, without duplicates.
 
         A kind's name stands for all its severities.
 
@@ -102,7 +102,7 @@ class Suite:
         )
 
     def without(self, kinds: Iterable[str]) -> tuple[Case, ...]:
-        """All cases but those of these kinds: to train on, where the others are to test on.
+        """Select all cases except these kinds, which are then unseen in training.
 
         Raises:
             ValueError: The suite has no such kind.
@@ -123,10 +123,10 @@ class Suite:
 
 
 def _dgfn7(name: str, noise: Corruption) -> Suite:
-    """Kim et al. 2018, Table I; its row "Full" is the mean of the seven.
+    """Suite of Kim et al. 2018, Table I; its row "Full" is the mean of the seven.
 
-    They draw one of five operations, none among them, and for blank and occlusion the sensor, all
-    with equal probability.
+    The paper draws one of five operations, including none, and for blank and occlusion the sensor,
+    all with equal probability.
     """
     rows: tuple[tuple[str, str, Corruption, float], ...] = (
         (CLEAN, "Lidar + RGB (normal)", NoCorruption(), 0.2),
@@ -145,14 +145,14 @@ def _dgfn7(name: str, noise: Corruption) -> Suite:
 
 
 def severity_suite(name: str, kinds: Iterable[Kind], lidar: SpinningLidar = HDL_64E) -> Suite:
-    """Sound sensors and each kind at five severities, as cases KIND-SEVERITY.
+    """Make a suite of sound sensors and each kind at five severities, as cases KIND-SEVERITY.
 
-    Nobody has published how often which occurs: all are drawn alike.
+    No frequencies have been published: all cases have equal probability.
 
     Args:
-        name: Of the suite.
-        kinds: In order.
-        lidar: The LiDAR that the kinds are faults of, as far as it matters.
+        name: Name of the suite.
+        kinds: Kinds in order.
+        lidar: The affected LiDAR, if its properties matter.
     """
     faulty = [(kind, severity) for kind in kinds for severity in SEVERITIES]
     probability = 1 / (1 + len(faulty))
@@ -175,8 +175,8 @@ def severity_suite(name: str, kinds: Iterable[Kind], lidar: SpinningLidar = HDL_
 SUITES: Final[dict[str, Suite]] = {
     suite.name: suite
     for suite in (
-        _dgfn7("dgfn7", CameraGaussianNoise()),  # as the text has it
-        _dgfn7("dgfn7-figure", CameraDeadPixels(share=(0.63, 0.63))),  # as Fig. 3c shows it
+        _dgfn7("dgfn7", CameraGaussianNoise()),  # as in the text
+        _dgfn7("dgfn7-figure", CameraDeadPixels(share=(0.63, 0.63))),  # as in Fig. 3c
         severity_suite("core", (kind for kind in KINDS.values() if kind.is_core)),
         severity_suite("all", KINDS.values()),
     )
@@ -184,10 +184,10 @@ SUITES: Final[dict[str, Suite]] = {
 
 
 def find_suite(name: str) -> Suite:
-    """The suite of a name: one of `SUITES`, a kind, or several kinds at once as KIND+KIND.
+    """Find a suite by name: one of `SUITES`, a kind, or several kinds at once as KIND+KIND.
 
     Raises:
-        ValueError: There is none.
+        ValueError: There is no such suite.
     """
     if name in SUITES:
         return SUITES[name]
@@ -200,7 +200,7 @@ def find_suite(name: str) -> Suite:
 
 
 def _joint_suite(name: str, kinds: Sequence[Kind]) -> Suite:
-    """Sound sensors and all kinds at once, each at the same of five severities; for tests alone."""
+    """Make a suite of sound sensors and all kinds at once at equal severity, for testing only."""
     cases = [
         Case(
             name=f"{name}-{severity}",

@@ -1,4 +1,4 @@
-"""A low sun, which blinds the camera and the LiDAR alike."""
+"""Glare of a low sun in the camera and the LiDAR."""
 
 import math
 from dataclasses import dataclass, replace
@@ -29,37 +29,37 @@ from sightline.geometry.projection import project_points, unproject_pixels
 from sightline.structures.sample import CameraLidarSample
 
 _FAR_M: Final = 1e5
-_HALO_LEVELS: Final = (255.0, 245.0, 220.0)  # that are added at the disc's rim, RGB
+_HALO_LEVELS: Final = (255.0, 245.0, 220.0)  # added at the disc's rim, RGB
 _GHOST_REFLECTANCE: Final = 0.1  # at most
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SunGlare(Corruption):
-    """A low sun: a white disc and its halo in the image; in the LiDAR its direction is blind.
+    """Low sun: a white disc with a halo in the image, and a blind direction of the LiDAR.
 
-    Points that fall in the disc are lost, and the sun's light makes ghosts: points of random ranges
-    in its direction, within the LiDAR's own field of view. After the sunlight of Dong et al. 2023.
+    Points in the disc are lost, and the sunlight causes ghosts: points of random ranges in its
+    direction, within the LiDAR's own field of view. After the sunlight of Dong et al. 2023.
     """
 
     kind = "sun_glare"
     sensors = ("camera", "lidar")
 
     radius_px: float
-    """Of the disc that is all white."""
+    """Radius of the all-white disc."""
     ghost_share: float
-    """Ghosts by points of the sweep, rounded."""
+    """Number of ghosts relative to the sweep's points, rounded."""
     ghost_range_m: tuple[float, float] = (1.5, 80.0)
-    """Drawn evenly."""
+    """Range of ghosts; uniform distribution."""
     lidar: SpinningLidar = HDL_64E
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_number("radius_px", self.radius_px, 0, 10000)
         check_number("ghost_share", self.ghost_share, 0, 1)
         check_range("ghost_range_m", self.ghost_range_m, 0.1, 1000)
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
-        """Draws the sun's middle, from the top of the image to the horizon; see `shine`."""
+        """Apply `shine`; the sun's centre is drawn from the top of the image to the horizon."""
         height, width = sample.image_size
         horizon = min(max(float(sample.calibration.image_from_camera[1, 2]), 0), height - 1)
         centre_px = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, horizon)
@@ -96,10 +96,10 @@ class SunGlare(Corruption):
         centre_px: tuple[float, float],
         rng: np.random.Generator,
     ) -> PointsChange:
-        """The sweep without the points in the disc, and with the ghosts after them."""
+        """Remove the points in the disc and append the ghosts."""
         pixels = project_points(points[:, :3].double(), sample.calibration).pixels
         distances = torch.linalg.vector_norm(pixels - pixels.new_tensor(centre_px), dim=1)
-        # Written so that NaN, the pixel of what is not in front of the camera, is outside.
+        # Written so that NaN, the pixel of a point not in front of the camera, is outside.
         lost = distances <= self.radius_px
         rows = (~lost).nonzero()[:, 0]
         ghosts = self._ghosts(round(self.ghost_share * len(points)), sample, centre_px, rng)
@@ -118,7 +118,7 @@ class SunGlare(Corruption):
         centre_px: tuple[float, float],
         rng: np.random.Generator,
     ) -> Sweep:
-        """Points in the sun's direction, at elevations that the LiDAR has beams for."""
+        """Draw points in the sun's direction, at elevations of the LiDAR's beams."""
         radii_px = self.radius_px * np.sqrt(rng.random(count))
         angles = rng.uniform(0, 2 * math.pi, count)
         pixels = np.array(centre_px) + radii_px[:, None] * np.stack(
@@ -145,9 +145,9 @@ class SunGlare(Corruption):
 def shine(
     image: UInt8[Tensor, "3 height width"], centre_px: tuple[float, float], radius_px: float
 ) -> UInt8[Tensor, "3 height width"]:
-    """The image with a white disc and a halo that falls with the square of the distance.
+    """Add a white disc and a halo that decreases with the square of the distance.
 
-    As the light that an eye or a lens scatters does: Vos 1984. It is added, up to 255.
+    The halo is like the scattered light of an eye or a lens: Vos 1984. It is added, up to 255.
     """
     height, width = image.shape[1:]
     x = (np.arange(width, dtype=np.float32) - centre_px[0]) ** 2

@@ -1,4 +1,4 @@
-"""The files of a corrupted data set: one of KITTI's object trees for each case."""
+"""Files of a corrupted data set: one of KITTI's object trees for each case."""
 
 import json
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from sightline.data.object_tree import (
 )
 
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")
-"""Of a frame, what a case's tree holds as well, if the input does."""
+"""Parts of a frame that a case's tree also contains, if the input does."""
 
 _RECORDS = "corruption"
 _MASKS = ("camera_mask", "lidar_mask")
@@ -31,11 +31,11 @@ _LISTS = "ImageSets"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaseTree:
-    """KITTI's object tree of one case, with what was done to each frame beside it.
+    """KITTI's object tree of one case, with a record of each frame's corruption.
 
-    `SPLIT/corruption/N.json` holds the record; `SPLIT/{camera_mask,lidar_mask}/N.png`, where asked
-    for, the pixels that may have changed. What the case leaves as it was is a hard link to the
-    input's file, or a copy where there are no such links.
+    `SPLIT/corruption/N.json` holds the record; `SPLIT/{camera_mask,lidar_mask}/N.png`, if
+    requested, the pixels that may have changed. Unchanged files are hard links to the input's
+    files, or copies if such links are not supported.
     """
 
     root: Path
@@ -44,7 +44,7 @@ class CaseTree:
     masks: bool
 
     def finished(self, originals: dict[str, ObjectFrame]) -> set[str]:
-        """Names of the frames that have all their files; a file that is there is whole."""
+        """Find the names of frames with all their files; an existing file is complete."""
         folder = self.root / self.split
         there = list_object_frames(folder, PARTS, self.velodyne)
         noted = set(list_files(folder / _RECORDS, (".json",)))
@@ -61,7 +61,7 @@ class CaseTree:
         }
 
     def write(self, corrupted: Corrupted, original: ObjectFrame) -> None:
-        """Writes or links all parts of a frame, each aside first and then renamed."""
+        """Write or link all parts of a frame atomically."""
         folder, name = self.root / self.split, original.sample_id
         sample, changed = corrupted.sample, set[Part]()
         if "camera" in corrupted.record.sensors and sample.image is not None:
@@ -83,7 +83,7 @@ class CaseTree:
         atomic_write_text(folder / _RECORDS / f"{name}.json", record)
 
     def link_lists(self, data: Path) -> None:
-        """Takes over the lists of frames that the input has."""
+        """Link the input's lists of frames."""
         for path in list_files(data / _LISTS, (".txt",)).values():
             atomic_link(self.root / _LISTS / path.name, path)
 
@@ -91,16 +91,16 @@ class CaseTree:
 def read_corrupted(
     root: Path, name: str, corruption: Corruption, velodyne: Velodyne
 ) -> Corrupted | None:
-    """Read a labelled frame of a case's tree, with its masks; None where no sensor's file is there.
+    """Read a labelled frame of a case's tree, with its masks; None without any sensor file.
 
     Args:
-        root: Of the tree.
-        name: The frame's.
-        corruption: The case's. What it drew is not read.
+        root: Root of the tree.
+        name: Name of the frame.
+        corruption: Corruption of the case. Its drawn values are not read.
         velodyne: The sweeps' folder.
 
     Raises:
-        ValueError: A file is damaged; names it.
+        ValueError: A file is damaged; the message contains its name.
     """
     split: Final = "training"
     if name not in list_object_frames(root / split, ("image", "points"), velodyne):

@@ -1,1 +1,1 @@
-"""Scores, by the official rules of each benchmark."""
+"""Evaluation by the official rules of each benchmark."""

@@ -1,6 +1,6 @@
-"""Calibration of a detector's scores on KITTI's result files, as they are and calibrated.
+"""Calibration of a detector's scores on KITTI's result files, with and without calibrators.
 
-Which detection is true, false or neither is what KITTI's own matching says (`kitti_object`).
+KITTI's own matching (`kitti_object`) decides which detections are true, false or ignored.
 """
 
 from collections.abc import Iterator, Sequence
@@ -51,7 +51,7 @@ _MAX_BINS = 10_000
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CalibrationSettings:
-    """What is measured.
+    """Settings of the measurement.
 
     Raises:
         ValueError: A number is out of range.
@@ -60,17 +60,17 @@ class CalibrationSettings:
     metric: Metric = "bbox"
     difficulty: Difficulty = "moderate"
     overlaps: MinimumOverlaps = STRICT
-    """What a match must exceed."""
+    """Overlaps that a match must exceed."""
     num_bins: int = 25
-    """Of equal width over the score; the number of Oksuz et al. 2023."""
+    """Number of bins of equal width over the score; the default is that of Oksuz et al. 2023."""
     min_score: float = 0.0
-    """Detections below it are left out."""
+    """Minimum score of the detections."""
     target: Target = "precision"
-    """What calibrators are fitted to tell: whether a detection is true, or its overlap (0 where it
-    is false), which is what LaECE asks for."""
+    """Target of the calibrators: whether a detection is true, or its overlap (0 if false), as
+    needed for LaECE."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if not 1 <= self.num_bins <= _MAX_BINS:
             raise ValueError(f"bins must be 1 to {_MAX_BINS:,}, got {self.num_bins}")
         if not 0 <= self.min_score < 1:
@@ -84,7 +84,7 @@ class ScoredFrames:
     results_dir: Path
     labels_dir: Path
     sample_list: Path | str | Sequence[str] | None = None
-    """See `evaluate_objects`."""
+    """Frames to score; see `evaluate_objects`."""
 
 
 def evaluate_calibration(
@@ -95,18 +95,18 @@ def evaluate_calibration(
     settings: CalibrationSettings | None = None,
     progress: bool = False,
 ) -> CalibrationReport:
-    """D-ECE, LaECE and oLRP of each class, and what calibrators make of the scores.
+    """Compute D-ECE, LaECE and oLRP of each class, for raw and calibrated scores.
 
     Args:
-        data: What is measured.
-        fit_on: What calibrators are fitted on; with `calibrators`, and only then.
-        calibrators: Fitted for each class on its own.
-        settings: What is measured.
-        progress: Whether to show how far it is.
+        data: Frames for the evaluation.
+        fit_on: Frames for fitting the calibrators; with `calibrators`, and only then.
+        calibrators: Calibrators, fitted separately for each class.
+        settings: Settings of the measurement.
+        progress: Whether to show the progress.
 
     Raises:
-        ValueError: A score is outside [0, 1], a class has nothing to be fitted on, or what
-            `evaluate_objects` refuses.
+        ValueError: A score is outside [0, 1], a class has no detections for fitting, or as for
+            `evaluate_objects`.
     """
     settings = settings or CalibrationSettings()
     if (fit_on is None) != (not calibrators):
@@ -138,7 +138,7 @@ def evaluate_calibration(
 def write_calibrated(
     data: ScoredFrames, out: Path, report: CalibrationReport, calibrator: CalibratorName
 ) -> int:
-    """Writes the result files with calibrated scores; classes that are not in the report stay.
+    """Write the result files with calibrated scores; classes not in the report are unchanged.
 
     Returns:
         Number of files.
@@ -175,7 +175,7 @@ def write_calibrated(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Measured:
-    """Frames paired by the overlaps that were asked for, and by any overlap at all."""
+    """Frames paired by the requested overlaps, and by any overlap."""
 
     strict: MatchingData
     loose: MatchingData
@@ -183,7 +183,7 @@ class _Measured:
     remarks: tuple[str, ...]
 
     def task(self, code: int, *, any_overlap: bool = False) -> MatchingTask:
-        """What matching sees of a class."""
+        """Select the matching task of a class."""
         settings = self.settings
         overlaps = _ANY if any_overlap else settings.overlaps
         data = self.loose if any_overlap else self.strict
@@ -206,7 +206,7 @@ def _read(data: ScoredFrames, settings: CalibrationSettings, *, progress: bool) 
     found, labels = zip(*_checked(counted, names, data.results_dir), strict=True)
     strict = find_pairs(found, labels, settings.overlaps.as_array())
     loose = find_pairs(found, labels, _ANY.as_array())
-    # Whether a region excuses a detection does not depend on how well it fits an object.
+    # A region excuses a detection independently of its overlap with an object.
     loose = replace(loose, detection_forgiven=strict.detection_forgiven)
     unread: tuple[str, ...] = ()
     if data.sample_list is None:
@@ -262,7 +262,7 @@ def _measure(
     any_overlap = find_outcomes(measured.task(code, any_overlap=True), settings.min_score)
 
     def calibration(calibrator: Calibrator | None) -> ScoreCalibration:
-        """Errors of the scores, or of what a calibrator makes of them."""
+        """Compute the errors of the raw scores, or of a calibrator's scores."""
         scores = outcomes.score if calibrator is None else calibrator(outcomes.score)
         loose = any_overlap.score if calibrator is None else calibrator(any_overlap.score)
         is_true = _targets(outcomes, "precision")

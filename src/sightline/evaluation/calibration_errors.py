@@ -1,4 +1,4 @@
-"""Whether a detector's scores tell how often it is right: outcomes of detections, and errors."""
+"""Outcomes of detections, and calibration errors of their scores."""
 
 from typing import NamedTuple
 
@@ -11,19 +11,19 @@ from sightline.structures.reliability import Reliability
 
 
 class Outcomes(NamedTuple):
-    """The detections that count at a threshold, in file order: the true and the false ones."""
+    """Detections that count at a threshold, in file order: true and false ones."""
 
     score: Float64[np.ndarray, " num_detections"]
     is_true: Bool[np.ndarray, " num_detections"]
     overlap: Float64[np.ndarray, " num_detections"]
-    """With the object that it finds; 0 where it is false."""
+    """Overlap with the matched object; 0 if false."""
 
 
 def find_outcomes(task: MatchingTask, min_score: float) -> Outcomes:
-    """What becomes of each detection of `min_score` or more, by KITTI's pass 2 at that threshold.
+    """Classify each detection of `min_score` or more, by KITTI's pass 2 at that threshold.
 
-    Left out are detections that neither count as found nor as false: those on objects that are
-    ignored at the difficulty, in DontCare regions, and small ones.
+    Detections that are neither true nor false are left out: those on objects ignored at the
+    difficulty, in DontCare regions, and small ones.
     """
     truth_of = _find_matches(task, min_score)
     takes = truth_of >= 0
@@ -48,9 +48,9 @@ def find_reliability(
     targets: Float64[np.ndarray, " num_detections"],
     num_bins: int,
 ) -> Reliability:
-    """Mean score and mean target of the detections in bins of equal width over the score.
+    """Compute mean score and mean target of the detections in score bins of equal width.
 
-    Its `error` is, of the targets
+    The result's `error` is, for the targets
     * 1 for true detections and 0 for false ones: D-ECE by score, Kueppers et al. 2020,
       "Multivariate confidence calibration for object detection", eq. 5 with no dimension but the
       score;
@@ -73,7 +73,7 @@ def find_reliability(
 
 @compiled
 def _find_matches(task: MatchingTask, min_score: float) -> Int64[np.ndarray, " num_detections"]:
-    """For each detection the pair by which a truth takes it, or -1."""
+    """Find for each detection the pair of its matched truth, or -1."""
     taken = np.full(len(task.detection_score), -1, dtype=np.int32)
     pair_of = np.full(len(task.detection_score), -1, dtype=np.int64)
     for i in range(len(task.truth_valid)):

@@ -1,4 +1,4 @@
-"""What the evaluation of calibration reports: as JSON and as a table."""
+"""Report of the calibration evaluation, as JSON and as a table."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ScoreCalibration:
-    """How far one set of scores is from what it should tell; None where nothing counts."""
+    """Calibration of one set of scores; errors are None if nothing counts."""
 
     precision: Reliability
-    """Against the share of true detections: its error is D-ECE."""
+    """Reliability against the share of true detections: its error is D-ECE."""
     overlap: Reliability
-    """Against precision times mean overlap: its error is LaECE."""
+    """Reliability against precision times mean overlap: its error is LaECE."""
     any_overlap: Reliability
-    """The same where any overlap makes a detection true: LaECE_0 of Kuzucu et al. 2024, "On
+    """The same if any overlap makes a detection true: LaECE_0 of Kuzucu et al. 2024, "On
     calibration of object detectors", eq. 7."""
 
     def to_json(self) -> dict[str, Any]:
-        """Errors, and the reliability behind the first."""
+        """Convert errors, and the reliability behind the first, to JSON types."""
         bins = zip(
             self.precision.counts.tolist(),
             self.precision.mean_score.tolist(),
@@ -47,28 +47,29 @@ class ScoreCalibration:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CalibrationEntry:
-    """The calibration of one class."""
+    """Calibration of one class."""
 
     class_name: ClassName
     n_gt: int
     """Labelled objects that count."""
     n_true: int
-    """Detections that find one."""
+    """True detections."""
     n_false: int
     lrp: OptimalLrp | None
-    """Of the scores as they are; what keeps their order keeps it. None without objects."""
+    """oLRP of the raw scores; order-preserving calibrators do not change it. None without
+    objects."""
     as_they_are: ScoreCalibration
     calibrated: Mapping[CalibratorName, ScoreCalibration]
     calibrators: Mapping[CalibratorName, Calibrator]
 
     @property
     def calibrations(self) -> dict[str, ScoreCalibration]:
-        """By what was done to the scores, nothing first."""
+        """Calibrations by name, raw scores first."""
         calibrated: dict[str, ScoreCalibration] = dict(self.calibrated.items())
         return {"as they are": self.as_they_are, **calibrated}
 
     def to_json(self) -> dict[str, Any]:
-        """The entry as the report's file has it."""
+        """Convert the entry to the report file's content."""
         lrp = self.lrp
         return {
             "class": self.class_name,
@@ -100,13 +101,13 @@ class CalibrationReport:
     difficulty: Difficulty
     min_score: float
     target: str
-    """What calibrators were fitted to tell."""
+    """Target of the calibrators."""
     entries: tuple[CalibrationEntry, ...]
     remarks: tuple[str, ...] = ()
-    """Sentences on files and objects that are left out."""
+    """Remarks on omitted files and objects."""
 
     def to_json(self) -> dict[str, Any]:
-        """The report as its file has it."""
+        """Convert the report to its file's content."""
         return {
             "frames": self.frames,
             "metric": self.metric,
@@ -118,7 +119,7 @@ class CalibrationReport:
         }
 
     def table(self) -> "Table":
-        """A row for each class and what was done to its scores; all in percent; 80 wide."""
+        """Make a table with a row per class and calibrator; all in percent; 80 wide."""
         from rich.box import SIMPLE_HEAD
         from rich.table import Table
 

@@ -1,7 +1,7 @@
-"""Functions from a detector's score to how often it is right, fitted on detections with outcomes.
+"""Calibrators of a detector's scores, fitted on detections with known outcomes.
 
-None of them reverses the order of two scores. Average precision stays as it is unless scores become
-equal: isotonic ones do so in steps, the others where scores carry no information.
+No calibrator reverses the order of two scores. Average precision is unchanged unless scores become
+equal: isotonic ones make them equal in steps, the others if the scores carry no information.
 """
 
 from dataclasses import dataclass
@@ -21,44 +21,44 @@ _TOLERANCE = 1e-10
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LogisticCalibrator:
-    """sigmoid(slope * logit(score) + intercept): temperature scaling where the intercept is 0."""
+    """sigmoid(slope * logit(score) + intercept): temperature scaling if the intercept is 0."""
 
     slope: float
-    """Not negative; 1 over the temperature."""
+    """Slope, not negative; 1 over the temperature."""
     intercept: float
 
     def __call__(
         self, scores: Float64[np.ndarray, " num_scores"]
     ) -> Float64[np.ndarray, " num_scores"]:
-        """See the class."""
+        """Calibrate scores."""
         calibrated: Float64[np.ndarray, " num_scores"]
         calibrated = expit(self.slope * _logits(scores) + self.intercept)
         return calibrated
 
     def to_json(self) -> dict[str, Any]:
-        """Its numbers."""
+        """Convert the parameters to JSON types."""
         return {"slope": self.slope, "intercept": self.intercept}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class IsotonicCalibrator:
-    """Straight lines between knots; beyond the ends the value of the end."""
+    """Piecewise linear function between knots, constant beyond the ends."""
 
     scores: Float64[np.ndarray, " num_knots"]
-    """Ascending."""
+    """Scores of the knots, ascending."""
     values: Float64[np.ndarray, " num_knots"]
-    """Not descending."""
+    """Calibrated values, not descending."""
 
     def __call__(
         self, scores: Float64[np.ndarray, " num_scores"]
     ) -> Float64[np.ndarray, " num_scores"]:
-        """See the class."""
+        """Calibrate scores."""
         calibrated: Float64[np.ndarray, " num_scores"]
         calibrated = np.interp(scores, self.scores, self.values)
         return calibrated
 
     def to_json(self) -> dict[str, Any]:
-        """Its numbers."""
+        """Convert the knots to JSON types."""
         return {"scores": self.scores.tolist(), "values": self.values.tolist()}
 
 
@@ -70,7 +70,7 @@ def fit_calibrator(
     scores: Float64[np.ndarray, " num_detections"],
     targets: Float64[np.ndarray, " num_detections"],
 ) -> Calibrator:
-    """Fits the calibrator of a name.
+    """Fit a calibrator.
 
     temperature: Guo et al. 2017, "On calibration of modern neural networks". platt: Platt 1999,
     "Probabilistic outputs for support vector machines", his targets of section 2.2 included, for
@@ -78,7 +78,7 @@ def fit_calibrator(
     lie between 0 and 1. isotonic: Zadrozny and Elkan 2002, by least squares.
 
     Args:
-        name: Of the calibrator.
+        name: Name of the calibrator.
         scores: In [0, 1], at least one.
         targets: In [0, 1]: 1 for a true detection, or its overlap, and 0 for a false one.
 
@@ -96,7 +96,7 @@ def logistic_loss(
     calibrated_logits: Float64[np.ndarray, " num_detections"],
     targets: Float64[np.ndarray, " num_detections"],
 ) -> float:
-    """Mean cross entropy of probabilities given as logits, against Platt's softened targets."""
+    """Compute the mean cross entropy of logits against Platt's softened targets."""
     soft = _softened(targets)
     return float(np.mean(np.logaddexp(0, calibrated_logits) - soft * calibrated_logits))
 
@@ -136,7 +136,7 @@ def _fit_isotonic(
     knots, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
     means = np.bincount(place, weights=targets) / counts
     values = np.asarray(isotonic_regression(means, weights=counts).x, dtype=np.float64)
-    # of a run of equal values its two ends say all
+    # the two ends of a run of equal values define it
     inner = np.zeros(len(knots), dtype=np.bool_)
     inner[1:-1] = (values[1:-1] == values[:-2]) & (values[1:-1] == values[2:])
     return IsotonicCalibrator(scores=knots[~inner], values=np.clip(values[~inner], 0, 1))
@@ -153,7 +153,7 @@ def _logits(
 def _softened(
     targets: Float64[np.ndarray, " num_detections"],
 ) -> Float64[np.ndarray, " num_detections"]:
-    """Platt 1999, section 2.2: a prior of one detection of each kind."""
+    """Soften targets, Platt 1999, section 2.2: a prior of one detection of each kind."""
     num_true = float(targets.sum())
     high = (num_true + 1) / (num_true + 2)
     low = 1 / (len(targets) - num_true + 2)

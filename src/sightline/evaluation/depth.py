@@ -1,9 +1,9 @@
-"""Scores folders of depth maps by the rules of KITTI's depth completion benchmark.
+"""Evaluation of depth map folders by the rules of KITTI's depth completion benchmark.
 
-Beside the benchmark's means: errors by distance and place, and the paired difference to a second
-method (`sightline.evaluation.depth_breakdown`). The rules are in
+The report contains the benchmark's means, errors by distance and place, and the paired difference
+to a second method (`sightline.evaluation.depth_breakdown`). The rules are in
 `sightline.evaluation.depth_scores`. The score of a set is the mean of its images' scores: each
-image counts the same, however many of its pixels have ground truth.
+image has the same weight, independent of its number of pixels with ground truth.
 """
 
 import re
@@ -70,13 +70,14 @@ class ImageReport:
 
     name: str
     scores: DepthScores
-    """The benchmark's: over all pixels with ground truth, gaps of the prediction filled."""
+    """Benchmark scores: over all pixels with ground truth, gaps of the prediction filled."""
     predicted_pixels_only: DepthScores | None
-    """Over the pixels with a prediction; None where ground truth and prediction never meet."""
+    """Scores over the pixels with a prediction; None if no pixel has both ground truth and
+    prediction."""
     pixels: int
     """Number of pixels with ground truth."""
     sums: ErrorSums = field(compare=False)
-    """Sums by band and place, from which those of the set are made."""
+    """Sums by band and place, from which the set's are computed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -84,29 +85,29 @@ class DepthReport:
     """Scores of a set of images."""
 
     images: tuple[ImageReport, ...]
-    """By name."""
+    """Images by name."""
     unused_predictions: int
-    """Predictions without ground truth: not scored."""
+    """Number of predictions without ground truth: not scored."""
     bands: tuple[DepthBand, ...] = ()
-    """Pooled over all images' pixels: those of distance, then those of place."""
+    """Errors by distance, then by place, pooled over all images' pixels."""
     returns: LostReturns | None = None
-    """Where the sparse maps were given."""
+    """Lost returns, if sparse maps are given."""
     against: tuple[PairedDifference, ...] = ()
-    """This method less the other, where one was given."""
+    """Differences of this method minus the other, if one is given."""
 
     @property
     def mean(self) -> DepthScores:
-        """The benchmark's score of the set: the mean over its images."""
+        """Benchmark score of the set: the mean over its images."""
         return mean_scores([image.scores for image in self.images])
 
     @property
     def predicted_pixels_only(self) -> DepthScores:
-        """Mean over the images that have a prediction where they have ground truth."""
+        """Mean over images with a prediction at some pixel with ground truth."""
         scores = [image.predicted_pixels_only for image in self.images]
         return mean_scores([score for score in scores if score is not None])
 
     def to_json(self) -> dict[str, object]:
-        """What the report file holds."""
+        """Convert the report to its file's content."""
         told: dict[str, object] = {
             "images": len(self.images),
             "mean": self.mean.to_json(),
@@ -118,7 +119,7 @@ class DepthReport:
         return told | {name: to_json(rows) for name, rows in extras.items() if rows}
 
     def table(self) -> "RenderableType":
-        """The means, then what was asked for beside them: bands, sound returns, differences."""
+        """Make tables of the means, then of bands, sound returns and differences, if requested."""
         from rich.console import Group
 
         pixels = sum(image.pixels for image in self.images)
@@ -126,7 +127,7 @@ class DepthReport:
         return Group(self._means_table(), *more) if more else self._means_table()
 
     def _means_table(self) -> "Table":
-        """The means, with gaps filled and over predicted pixels only, one row each."""
+        """Make a table of the means, a row with gaps filled and one over predicted pixels only."""
         from rich.table import Table
 
         title = f"depth, mean of {len(self.images):,} images"
@@ -153,12 +154,12 @@ def evaluate_depth(
     workers: int = 2,
     progress: bool = True,
 ) -> DepthReport:
-    """Scores predicted depth maps against ground truth, file by file.
+    """Score predicted depth maps against ground truth, file by file.
 
     Both are 16-bit depth PNGs, or folders of them (subfolders too), matched by name: the path
-    inside the folder without its suffix. The benchmark's own names match as well: what its files
-    call `groundtruth_depth`, `velodyne_raw` or `image`, and the folders of its annotated drives,
-    stand for one and the same frame. Only scores are kept in memory.
+    inside the folder without its suffix. The benchmark's own names match as well:
+    `groundtruth_depth`, `velodyne_raw` and `image` in its files, and the folders of its annotated
+    drives, are names of the same frame. Only scores are kept in memory.
 
     Examples:
         >>> import sightline
@@ -171,18 +172,19 @@ def evaluate_depth(
         predictions: Prediction file or folder.
         truth: Ground-truth file or folder. All of it must be predicted; predictions for other
             images are counted but not scored.
-        band_ends_m: Ends of bands of true depth [m], ascending, whose errors are pooled and given
-            beside the means.
-        sparse: Sparse depth maps, matched likewise: adds the errors at returns, within 3 px of one
-            and beyond, and the share of sound returns that predictions leave.
+        band_ends_m: Ends of bands of true depth [m], ascending; their pooled errors are added to
+            the means.
+        sparse: Sparse depth maps, matched by name, too: adds the errors at returns, within 3 px of
+            one and beyond, and the share of sound returns lost by predictions.
         against: Predictions of another method: adds paired differences with their intervals.
         seed: Seed of the resampling of the intervals.
-        workers: Threads that read and score.
-        progress: Whether to show how far it is, where standard error is a terminal.
+        workers: Number of threads for reading and scoring.
+        progress: Whether to show the progress, if standard error is a terminal.
 
     Raises:
-        ValueError: Names the file that is missing, no 16-bit depth PNG, of another size than its
-            ground truth, or without any ground truth; or bands do not ascend.
+        ValueError: A file is missing, not a 16-bit depth PNG, of another size than its ground
+            truth, or without any ground truth (the message contains its name); or bands do not
+            ascend.
     """
     ends = (0.0, *band_ends_m)
     if any(not before < end < np.inf for before, end in pairwise(ends)):
@@ -213,12 +215,12 @@ def _score_files(
     workers: int,
     progress: bool,
 ) -> tuple[tuple[ImageReport, ...], int]:
-    """Each image's scores, and the number of predictions without ground truth."""
+    """Score each image, and count the predictions without ground truth."""
     if predictions.is_file() and truth.is_file():
         pairs, unused = [_Pair(truth.stem, predictions, truth, sparse)], 0
     else:
         pairs, unused = _match(predictions, truth, sparse)
-    # Threads: decoding and numpy release the lock.
+    # Threads, because decoding and numpy release the lock.
     images = map_ahead(partial(_score_file, band_ends_m=ends[1:]), pairs, workers=workers)
     if progress:
         images = track(images, description="scoring", total=len(pairs))
@@ -244,7 +246,7 @@ def _differences(
 
 
 def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_Pair], int]:
-    """The files of each image; and the number of other predictions."""
+    """Match the files of each image, and count the other predictions."""
     predicted, true = _depth_files(predictions), _depth_files(truth)
     given = {} if sparse is None else _depth_files(sparse)
     for folder, files, what in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
@@ -267,7 +269,7 @@ def _depth_files(folder: Path) -> dict[str, Path]:
     for path in sorted(folder.rglob("*.png")):
         place = path.relative_to(folder)
         if any(part.startswith(".") for part in place.parts):
-            continue  # hidden: files that are still being written stand aside in such folders
+            continue  # hidden: unfinished files are in such folders
         name = _frame_name(place.with_suffix("").as_posix())
         if name in files:
             raise ValueError(
@@ -281,7 +283,7 @@ def _depth_files(folder: Path) -> dict[str, Path]:
 
 
 def _frame_name(name: str) -> str:
-    """One name for what the benchmark's archives name by kind of file; other names stay."""
+    """Unify the names of a frame in the benchmark's archives; other names are unchanged."""
     annotated = r"(?:.+/)?([^/]+)/proj_depth/(?:groundtruth|velodyne_raw)/(image_0\d)/(\d+)"
     name = re.sub(rf"^{annotated}$", r"\1_image_\3_\2", name)
     return re.sub(r"_(?:groundtruth_depth|velodyne_raw)_(\d+_image_0\d)$", r"_image_\1", name)

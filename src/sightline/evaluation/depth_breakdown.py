@@ -1,7 +1,8 @@
 """Depth errors by distance and by place, with their signs, and paired differences of two methods.
 
-One mean hides where a method fails: here errors are pooled over the pixels of all images of a set,
-in bands of true depth and by how near a LiDAR return lies. Depth maps are metres with 0 = none.
+A mean does not show where a method fails: here errors are pooled over the pixels of all images of a
+set, in bands of true depth and by the distance to a LiDAR return. Depth maps are metres with 0 =
+none.
 """
 
 from collections.abc import Sequence
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 Place = Literal["measured", "between", "beyond"]
-"""Where a pixel lies: `measured`: at a LiDAR return; `between`: within 3 px of one; `beyond`:
-farther from any."""
+"""Place of a pixel: `measured`: at a LiDAR return; `between`: within 3 px of one; `beyond`: farther
+from all."""
 PLACES: Final[tuple[Place, ...]] = get_args(Place)
 
 _NEAR_PX: Final = 3.0
@@ -37,7 +38,7 @@ class DepthBand:
     rmse_mm: float
     mae_mm: float
     bias_mm: float
-    """Mean of prediction less truth; negative where predictions are too near."""
+    """Mean of prediction minus truth; negative if predictions are too near."""
     nearer_share: float
     """Share of the pixels more than 1 m too near."""
     farther_share: float
@@ -46,7 +47,7 @@ class DepthBand:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LostReturns:
-    """Sound LiDAR returns, within 0.3 m of the truth, that a prediction leaves by more than 1 m."""
+    """Sound LiDAR returns, within 0.3 m of the truth, and those predicted more than 1 m off."""
 
     sound: int
     """Number of sound returns with truth."""
@@ -57,7 +58,7 @@ class LostReturns:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PairedDifference:
-    """One score of a method less that of another, over the same images."""
+    """Difference of one score between two methods, over the same images."""
 
     score: str
     mean: float
@@ -71,16 +72,16 @@ class PairedDifference:
 
 @dataclass(frozen=True, slots=True)
 class ErrorSums:
-    """Sums over pixels of one image, of which bands and places are made; they add up."""
+    """Sums over pixels of one image, for bands and places; they can be added."""
 
     cells: Float64[np.ndarray, "num_cells 6"]
     """A row for each band, then each place: pixels, squared, absolute and signed errors [m], pixels
     too near, pixels too far."""
     returns: Float64[np.ndarray, "2 2"]
-    """Sound returns and lost ones, all and beyond 40 m."""
+    """Numbers of sound and lost returns, for all and beyond 40 m."""
 
     def __add__(self, other: "ErrorSums") -> "ErrorSums":
-        """The sums over both images' pixels."""
+        """Add the sums of both images' pixels."""
         return ErrorSums(self.cells + other.cells, self.returns + other.returns)
 
 
@@ -94,11 +95,11 @@ def error_sums(
     """Sum the errors of one image by band and place.
 
     Args:
-        prediction_m: With its gaps filled.
-        truth_m: 0 = none.
-        band_ends_m: Where bands of true depth end, ascending; each begins where the one before
-            ends, that before the first at 0.
-        sparse_m: The LiDAR returns that the method was given; None leaves places out.
+        prediction_m: Prediction with its gaps filled.
+        truth_m: Ground truth; 0 = none.
+        band_ends_m: Ends of the bands of true depth, ascending; each begins at the end of the
+            previous one, the first at 0.
+        sparse_m: The method's LiDAR returns; None omits the places.
     """
     scored = truth_m > 0
     error = (prediction_m - truth_m)[scored].astype(np.float64)
@@ -122,7 +123,7 @@ def error_sums(
 
 
 def bands(sums: ErrorSums, band_ends_m: Sequence[float], *, places: bool) -> tuple[DepthBand, ...]:
-    """Name the cells of summed errors; arguments as `error_sums` had them."""
+    """Convert summed errors to named bands; arguments as for `error_sums`."""
     starts = (0.0, *band_ends_m[:-1])
     names = [f"{start:g}-{end:g} m" for start, end in zip(starts, band_ends_m, strict=False)]
     names += PLACES if places else ()
@@ -130,7 +131,7 @@ def bands(sums: ErrorSums, band_ends_m: Sequence[float], *, places: bool) -> tup
 
 
 def lost_returns(sums: ErrorSums) -> LostReturns:
-    """Share of the sound returns that predictions leave."""
+    """Compute the share of lost returns among the sound ones."""
     (sound, lost), (far, lost_far) = sums.returns
     return LostReturns(
         sound=int(sound),
@@ -151,11 +152,11 @@ def paired_difference(
     """Compare two methods image by image: mean difference and its bootstrap interval.
 
     Images are drawn with replacement (Efron's percentile interval). Neighbouring frames of a drive
-    are alike, so that the true interval is somewhat wider.
+    are similar, so the true interval is somewhat wider.
 
     Args:
         score: Name of the score; lower is better.
-        ours: The first method's scores, an image each.
+        ours: The first method's scores, one per image.
         theirs: The other's, in the same order.
         resamples: Number of resampled sets.
         seed: Seed of the resampling.
@@ -181,13 +182,13 @@ def breakdown_tables(
     returns: LostReturns | None,
     against: Sequence[PairedDifference],
 ) -> list["Table"]:
-    """Tables for people of what there is of bands, sound returns and differences.
+    """Make tables of bands, sound returns and differences, if there are any.
 
     Args:
-        bands: Of distance and place.
+        bands: Bands of distance and place.
         pixels: Number of pixels with truth, for the bands' shares.
         returns: Sound returns.
-        against: Differences to another method.
+        against: Differences from another method.
     """
     from rich.table import Table
 
@@ -225,7 +226,7 @@ def breakdown_tables(
 
 
 def to_json(rows: Sequence[DepthBand | PairedDifference | LostReturns]) -> list[dict[str, object]]:
-    """The rows as plain values; None for what is not defined, as JSON has no NaN."""
+    """Convert rows to plain values; undefined values become None, as JSON has no NaN."""
     return [
         {name: None if value != value else value for name, value in asdict(row).items()}
         for row in rows
@@ -235,7 +236,7 @@ def to_json(rows: Sequence[DepthBand | PairedDifference | LostReturns]) -> list[
 def _places(
     sparse_m: Float[np.ndarray, "height width"],
 ) -> tuple[Bool[np.ndarray, "height width"], ...]:
-    """Masks of `PLACES`, in their order."""
+    """Make the masks of `PLACES`, in their order."""
     measured = sparse_m > 0
     if not measured.any():
         return measured, measured, ~measured

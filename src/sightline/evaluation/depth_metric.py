@@ -1,4 +1,4 @@
-"""The depth completion benchmark's scores as a metric to update and compute, for training."""
+"""Scores of the depth completion benchmark as a torchmetrics metric for training."""
 
 from dataclasses import asdict, fields
 
@@ -13,19 +13,19 @@ from sightline.evaluation.depth_scores import DepthScores, score_depth
 class DepthCompletionScores(Metric):
     """Means over images of `sightline.evaluation.depth_scores.score_depth`.
 
-    Adds up each image's scores, in float64, so it may run on any number of processes: the sums
-    are brought together by torchmetrics.
+    The metric sums each image's scores in float64 and may run on any number of processes:
+    torchmetrics combines the sums.
     """
 
     is_differentiable = False
-    higher_is_better = None  # coverage is better higher, the errors lower
+    higher_is_better = None  # a higher coverage is better, but lower errors
     full_state_update = False
 
     sums: Tensor
     num_images: Tensor
 
     def __init__(self) -> None:
-        """Starts without images."""
+        """Start without images."""
         super().__init__()
         zeros = torch.zeros(len(fields(DepthScores)), dtype=torch.float64)
         self.add_state("sums", default=zeros, dist_reduce_fx="sum")
@@ -36,10 +36,10 @@ class DepthCompletionScores(Metric):
         prediction_m: Float[Tensor, "batch height width"],
         truth_m: Float[Tensor, "batch height width"],
     ) -> None:
-        """Adds a batch of predicted depth maps and their ground truth [m], 0 = none.
+        """Add a batch of predicted depth maps and their ground truth [m], 0 = none.
 
         Raises:
-            ValueError: As `score_depth` does.
+            ValueError: As for `score_depth`.
         """
         predictions, truths = prediction_m.detach().cpu().numpy(), truth_m.detach().cpu().numpy()
         for prediction, truth in zip(predictions, truths, strict=True):
@@ -48,7 +48,7 @@ class DepthCompletionScores(Metric):
             self.num_images += 1
 
     def compute(self) -> dict[str, Float[Tensor, ""]]:
-        """Each score's mean by name, as torchmetrics and Lightning's logging take several values.
+        """Compute each score's mean by name, in torchmetrics' form for several values.
 
         NaN before the first image.
         """

@@ -1,8 +1,7 @@
-"""The errors of one depth map by the rules of KITTI's depth completion benchmark.
+"""Errors of one depth map by the rules of KITTI's depth completion benchmark.
 
-After the evaluation program of the benchmark's development kit (Uhrig et al. 2017,
-arXiv:1708.06500); in float64, where the program calculates in float32. Depth maps here are metres
-with 0 = none.
+The rules follow the evaluation program of the benchmark's development kit (Uhrig et al. 2017,
+arXiv:1708.06500), but in float64 instead of float32. Depth maps here are metres with 0 = none.
 """
 
 import math
@@ -14,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 UNFILLED_M = -1.0
-"""Depth of a pixel that even the fill leaves without a value."""
+"""Depth of a pixel that stays without a value after the fill."""
 
 _MM_PER_M = 1e3
 _M_PER_KM = 1e3
@@ -24,7 +23,7 @@ _M_PER_KM = 1e3
 class DepthScores:
     """Errors over pixels of one image, or the means of such errors over images.
 
-    A number is NaN where it is not defined: `silog` where a pixel has stayed `UNFILLED_M`.
+    An undefined number is NaN: `silog`, if a pixel stays `UNFILLED_M`.
     """
 
     mae_mm: float
@@ -34,21 +33,21 @@ class DepthScores:
     irmse_per_km: float
     """Root mean squared error of the inverse depth."""
     silog: float
-    """Standard deviation of the error of the log depth, times 100: blind to a common scale."""
+    """Standard deviation of the log depth error, times 100: independent of a common scale."""
     abs_rel: float
-    """Mean of error over true depth; a ratio."""
+    """Mean ratio of error to true depth."""
     sq_rel: float
-    """Mean of squared error over squared true depth; a ratio."""
+    """Mean ratio of squared error to squared true depth."""
     coverage: float
-    """Share of the pixels with ground truth for which there is a prediction, before the fill."""
+    """Share of the pixels with ground truth that have a prediction, before the fill."""
 
     def to_json(self) -> dict[str, float | None]:
-        """The scores by name; None where a number is not defined, as JSON has no NaN."""
+        """Map names to scores; undefined ones become None, as JSON has no NaN."""
         return {name: None if math.isnan(value) else value for name, value in asdict(self).items()}
 
 
 def mean_scores(scores: Sequence[DepthScores]) -> DepthScores:
-    """Mean of each score; NaN where it is not defined for one of the images, or there is none."""
+    """Compute the mean of each score; NaN if one is undefined, or there are none."""
     means = {
         field.name: statistics.fmean(getattr(score, field.name) for score in scores)
         if scores
@@ -62,10 +61,10 @@ def score_depth(
     prediction_m: Float[np.ndarray, "height width"],
     truth_m: Float[np.ndarray, "truth_height truth_width"],
 ) -> DepthScores:
-    """Scores a prediction over all pixels with ground truth, gaps filled by `fill_gaps` first.
+    """Score a prediction over all pixels with ground truth, after `fill_gaps`.
 
-    A pixel that stays `UNFILLED_M` counts with that depth: its error is that of -1 m, its inverse
-    depth -1/m, and it leaves `silog` undefined (the program prints nan).
+    A pixel that stays `UNFILLED_M` has the depth -1 m and the inverse depth -1/m, and `silog` is
+    undefined (the program prints nan).
 
     Raises:
         ValueError: The sizes differ, a depth is negative or not finite, or there is no truth.
@@ -83,10 +82,10 @@ def score_predicted_pixels(
     prediction_m: Float[np.ndarray, "height width"],
     truth_m: Float[np.ndarray, "truth_height truth_width"],
 ) -> DepthScores | None:
-    """Scores only the pixels with both ground truth and a prediction; None if there is none.
+    """Score only the pixels with both ground truth and a prediction; None if there is none.
 
-    Not the benchmark's figure: whatever a method leaves out costs it nothing here. `coverage` is
-    that of `score_depth`, and says how much was left out.
+    This is not the benchmark's figure: pixels without a prediction have no cost here. `coverage`,
+    as in `score_depth`, is the share of pixels with one.
 
     Raises:
         ValueError: The sizes differ, a depth is negative or not finite, or there is no truth.
@@ -102,12 +101,12 @@ def score_predicted_pixels(
 
 
 def fill_gaps(depth_m: Float[np.ndarray, "height width"]) -> Float64[np.ndarray, "height width"]:
-    """Fills pixels without depth as the program does before it scores a prediction.
+    """Fill pixels without depth like the program does before scoring.
 
-    Within a row a gap takes the nearer (smaller) of the depths at its two ends; what lies before
-    the first or after the last depth of the row takes that one. Then rows above the first and
-    below the last row with depths become copies of it. Rows without any depth in between stay
-    `UNFILLED_M`, and so does a map without any depth.
+    Within a row a gap takes the nearer (smaller) of the depths at its two ends; pixels before the
+    first or after the last depth of the row take that depth. Then rows above the first and below
+    the last row with depths become copies of it. Empty rows in between stay `UNFILLED_M`, like a
+    map without any depth.
     """
     depths = np.where(depth_m > 0, depth_m.astype(np.float64), np.inf)
     filled: np.ndarray = np.minimum(_carry_right(depths), _carry_right(depths[:, ::-1])[:, ::-1])
@@ -123,7 +122,7 @@ def fill_gaps(depth_m: Float[np.ndarray, "height width"]) -> Float64[np.ndarray,
 def _carry_right(
     depths: Float64[np.ndarray, "height width"],
 ) -> Float64[np.ndarray, "height width"]:
-    """Each pixel's depth, or the last finite one to its left; infinite where there is none."""
+    """Fill each pixel with the last finite depth at or left of it; infinite if there is none."""
     columns = np.where(np.isfinite(depths), np.arange(depths.shape[1]), 0)
     carried: np.ndarray = np.take_along_axis(depths, np.maximum.accumulate(columns, axis=1), axis=1)
     return carried
@@ -136,7 +135,7 @@ def _score_pixels(
 ) -> DepthScores:
     error = np.abs(predicted - truth)
     inverse_error = np.abs(1 / predicted - 1 / truth)
-    with np.errstate(invalid="ignore"):  # an unfilled pixel has no logarithm: NaN, as documented
+    with np.errstate(invalid="ignore"):  # NaN for an unfilled pixel, as documented
         log_error = np.log(predicted) - np.log(truth)
     relative_error = error / truth
     return DepthScores(
@@ -144,7 +143,7 @@ def _score_pixels(
         rmse_mm=float(np.sqrt(np.mean(error**2))) * _MM_PER_M,
         imae_per_km=float(np.mean(inverse_error)) * _M_PER_KM,
         irmse_per_km=float(np.sqrt(np.mean(inverse_error**2))) * _M_PER_KM,
-        # The mean goes first: taking its square off the mean square loses the digits that matter.
+        # The mean is subtracted first: the difference of mean square and squared mean loses digits.
         silog=float(np.sqrt(np.mean((log_error - np.mean(log_error)) ** 2))) * 100,
         abs_rel=float(np.mean(relative_error)),
         sq_rel=float(np.mean(relative_error**2)),
@@ -163,7 +162,7 @@ def _check(
             "predict at the size of the ground truth"
         )
     for name, depth_m in (("prediction", prediction_m), ("ground truth", truth_m)):
-        # Written so that NaN, which compares false with everything, is refused.
+        # Written so that NaN, for which all comparisons are false, is refused.
         if not ((depth_m >= 0) & (depth_m < np.inf)).all():
             raise ValueError(
                 f"the {name} holds depths that are negative or not finite; use 0 for no value"

@@ -1,7 +1,7 @@
-"""Scores depth completion on frames without ground truth: some rings are held out as truth.
+"""Depth completion scores without ground truth: some LiDAR rings are held out as the truth.
 
-The protocol of all our tables on raw frames; `sightline.evaluation.held_out_frame` says which
-rings. Simulated frames can be scored on their dense depth instead, with the same rings to see.
+This is the protocol of all our tables on raw frames; `sightline.evaluation.held_out_frame` defines
+the rings. Simulated frames can also be scored on their dense depth, with the same input rings.
 """
 
 import statistics
@@ -34,41 +34,41 @@ _TRUTHS: Final[dict[TruthChoice, str]] = {
 }
 
 Complete = Callable[[CameraLidarSample], DepthMap]
-"""A depth completion method: image, calibration and the rings it may see, in; dense depth out."""
+"""Depth completion method: from image, calibration and its input rings to dense depth."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeldOutScore:
-    """How well a method did with so many beams, over one frame or many."""
+    """Scores of a method at one number of beams, over one frame or many."""
 
     beams: int
     rmse_mm: float
     mae_mm: float
     median_mm: float
-    """Of the absolute errors."""
+    """Median of the absolute errors."""
     coverage: float
-    """Share of the truth's pixels for which the method had a depth; the rest were filled."""
+    """Share of the truth's pixels with a depth from the method; the others were filled."""
     milliseconds: float
-    """Wall-clock time of the method for a frame: the median over several frames."""
+    """Wall-clock time of the method per frame: the median over several frames."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeldOutReport:
-    """Scores of one method, per density."""
+    """Scores of one method, by density."""
 
     scores: tuple[HeldOutScore, ...]
     """Mean over the frames, one for each density."""
     frames: tuple[tuple[str, tuple[HeldOutScore, ...]], ...]
-    """Sample id and its scores, one for each density."""
+    """Sample ids with their scores, one for each density."""
     sensor_beams: int = NUM_RINGS
-    """How many the sensor of all frames has."""
+    """Number of beams of the sensor of all frames."""
     image_sizes: tuple[tuple[int, int], ...] = (CROP_SIZE,)
-    """Height and width of what was scored, each once."""
+    """Heights and widths of the scored images, without duplicates."""
     truth: TruthChoice = "rings"
-    """What was scored on."""
+    """Source of the truth."""
 
     def to_json(self) -> dict[str, object]:
-        """What the report file holds."""
+        """Convert the report to its file's content."""
         return {
             "frames": len(self.frames),
             "sensor_beams": self.sensor_beams,
@@ -82,7 +82,7 @@ class HeldOutReport:
         }
 
     def table(self) -> "Table":
-        """One row for each density."""
+        """Make a table with one row for each density."""
         from rich.table import Table
 
         sizes = ", ".join(f"{width}x{height}" for height, width in self.image_sizes[:3])
@@ -114,9 +114,9 @@ def evaluate_held_out(
     truth: TruthChoice = "rings",
     total: int | None = None,
 ) -> HeldOutReport:
-    """Scores a method on the held-out rings of samples that have points, or on their depth maps.
+    """Score a method on the held-out rings of samples with points, or on their depth maps.
 
-    RMSE, MAE and median are taken per image and averaged, as KITTI's depth benchmark does. Pixels
+    RMSE, MAE and median are taken per image and averaged, as in KITTI's depth benchmark. Pixels
     without a prediction take the nearest one (Euclidean, in the image). Samples are drawn one at a
     time.
 
@@ -130,17 +130,17 @@ def evaluate_held_out(
         [16]
 
     Args:
-        samples: Frames with a sweep in KITTI's order, or of which elevations tell the rings.
-        complete: The method. It gets a cropped sample with the rings it may see, without truth.
+        samples: Frames with a sweep in KITTI's order, or with rings that their elevations separate.
+        complete: The method. It gets a cropped sample with its input rings, without truth.
         beams: Densities to score. None: all of the sensor's beams, half of them, a quarter and an
             eighth.
-        truth: What to score on.
-        total: Number of samples, for the progress bar, where `samples` does not know it.
+        truth: Source of the truth.
+        total: Number of samples, for the progress bar, if `samples` has no length.
 
     Raises:
-        ValueError: A frame has no points, no held-out return in view, or was taken by another
-            sensor than the ones before; a density does not part the sensor's beams evenly; or the
-            method gives a map of another size, a depth that is not finite, or no depth at all.
+        ValueError: A frame has no points, no held-out return in view, or is from another sensor
+            than the previous ones; a density does not divide the sensor's beams; or the method
+            returns a map of another size, a depth that is not finite, or no depth at all.
     """
     if beams is not None and not beams:
         raise ValueError("beams is empty; name at least one density, e.g. 64")
@@ -180,7 +180,7 @@ def _score_frame(frame: HeldOutFrame, complete: Complete, beams: int) -> HeldOut
     given = frame.with_beams(beams)
     start = time.perf_counter()
     prediction = complete(given)
-    prediction.depth_m.cpu()  # fetched inside, so that a GPU has really finished
+    prediction.depth_m.cpu()  # copied inside the timing, so that a GPU has really finished
     milliseconds = (time.perf_counter() - start) * 1e3
     place = f"sample {given.sample_id} with {beams} beams"
     errors = held_out_errors(frame, prediction, place)

@@ -1,4 +1,4 @@
-"""The errors of one depth map by the held-out-rings protocol."""
+"""Errors of one depth map by the held-out-rings protocol."""
 
 from dataclasses import dataclass
 
@@ -12,27 +12,27 @@ from sightline.structures.predictions import DepthMap
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeldOutErrors:
-    """Over the pixels of one frame with truth."""
+    """Errors over the pixels with truth of one frame."""
 
     rmse_mm: float
     mae_mm: float
     median_mm: float
-    """Of the absolute errors."""
+    """Median of the absolute errors."""
     coverage: float
-    """Share of the truth's pixels for which the method had a depth; the rest were filled."""
+    """Share of the truth's pixels with a depth from the method; the others were filled."""
 
 
 def held_out_errors(
     frame: HeldOutFrame, prediction: DepthMap, place: str, *, zero_where_nothing: bool = False
 ) -> HeldOutErrors:
-    """Scores a method's depth map on a frame's truth.
+    """Score a method's depth map on a frame's truth.
 
     Pixels without a prediction take the nearest one (Euclidean, in the image).
 
     Args:
-        frame: Whose truth counts.
-        prediction: Of the frame's image size.
-        place: What errors call the frame, e.g. "sample 000001 with 64 beams".
+        frame: Frame with the truth.
+        prediction: Depth map of the frame's image size.
+        place: Name of the frame in error messages, e.g. "sample 000001 with 64 beams".
         zero_where_nothing: Whether a map without any depth counts as 0 m everywhere, so that its
             error is the truth itself; otherwise it is refused.
 

@@ -1,13 +1,13 @@
-"""One frame of the held-out-rings protocol: what methods may see, and the truth.
+"""Frame of the held-out-rings protocol: input of the methods, and the truth.
 
-Rings are numbered as `sightline.data.rings.ring_numbers` does, after the sweep is cut to the
-image, so that whole sweeps and KITTI's reduced ones score alike. Every eighth ring, from number 4,
-is never given to any method. A method sees, of the other rings, all ("64 beams"), every second
-("32"), every fourth ("16") or every eighth ("8"); the truth is the same for all.
+Rings are numbered by `sightline.data.rings.ring_numbers` after the sweep is cut to the image, so
+that whole sweeps and KITTI's reduced ones have equal scores. Every eighth ring, from number 4, is
+never an input. The input is, of the other rings, all ("64 beams"), every second ("32"), every
+fourth ("16") or every eighth ("8"); the truth is the same for all.
 
-Of another sensor than KITTI's, whole sweeps tell how many beams it has. Its rings are numbered
-by laser, before the cut, and the densities are all of its beams, half of them and so on. So are
-the rings of sweeps in another order than KITTI's, by elevation.
+For another sensor than KITTI's, whole sweeps give the number of beams. Its rings are numbered by
+laser, before the cut, and the densities are all of its beams, half of them and so on. For sweeps in
+another order than KITTI's, rings are numbered in the same way, by elevation.
 """
 
 from dataclasses import dataclass, replace
@@ -36,50 +36,50 @@ from sightline.ops.parallax import Parallax, hidden_by_parallax
 from sightline.structures.sample import CameraLidarSample
 
 BEAMS = (64, 32, 16, 8)
-"""Densities of the tables."""
+"""Beams of the tables."""
 CROP_SIZE = (352, 1216)
 """Height and width of the bottom-centre crop, as in the depth benchmark's own selection."""
-_LARGEST_CROPPED = (376, 1242)  # KITTI's largest images: of others the crop would miss the scene
+_LARGEST_CROPPED = (376, 1242)  # KITTI's largest images; larger ones are not cropped
 
 HELD_OUT_EVERY = 8
 FIRST_HELD_OUT = 4
-"""The tables' own; training may hold out others."""
+"""First held-out ring in the tables; training may hold out others."""
 
 TruthChoice = Literal["rings", "depth", "depth_in_reach"]
-"""What a method is scored on. `rings`: the returns of the held-out rings. `depth`: the sample's own
-depth map, dense from the simulator, up to 80 m. `depth_in_reach`: of that, what lies below the
-highest return of the sweep, all beams; above, every method guesses."""
+"""Source of the truth. `rings`: the returns of the held-out rings. `depth`: the sample's own depth
+map, dense from the simulator, up to 80 m. `depth_in_reach`: only its pixels below the highest
+return of the sweep, all beams; above, every method guesses."""
 _FARTHEST_DENSE_M = 80.0
-_REACH_COLUMNS = 31  # a column takes the highest return of so many around it
+_REACH_COLUMNS = 31  # number of columns with a common highest return
 
 
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeldOutFrame:
-    """One frame, split into what methods may see and what they are scored on."""
+    """Frame, split into the input of methods and the truth."""
 
     sample: CameraLidarSample
-    """Cropped; its points are the returns in view of the rings that are not held out."""
+    """Cropped sample; its points are the returns in view from rings that are not held out."""
     rings: Int64[Tensor, " num_points"]
     """Ring number of each point of `sample`."""
     truth_m: Float32[Tensor, "height width"]
-    """Depths of the held-out returns that the camera sees, or dense ones; 0 = none."""
+    """Depths of the held-out returns visible to the camera, or dense ones; 0 = none."""
     first_held_out: int = FIRST_HELD_OUT
     sensor_beams: int = NUM_RINGS
-    """How many the sensor has that took the sweep."""
+    """Number of beams of the sensor."""
     are_beams_assumed: bool = True
-    """True of a sweep cut to the image in KITTI's order: `sensor_beams` is not counted."""
+    """Whether `sensor_beams` is assumed: true for a sweep cut to the image in KITTI's order."""
 
     def with_beams(self, beams: int, *, start: int = 0) -> CameraLidarSample:
-        """The sample as a sensor of so many beams would have taken it.
+        """Simulate the sample of a sensor with fewer beams.
 
         Args:
-            beams: How many of the sensor's.
-            start: How many of the rings that are not held out to pass over at the top, for a
-                sensor that looks a little lower than the tables' one.
+            beams: Number of the sensor's beams to keep.
+            start: Number of rings to skip at the top, of those not held out, for a sensor that
+                looks a little lower than in the tables.
 
         Raises:
-            ValueError: The sensor's number is no multiple of `beams`.
+            ValueError: The sensor's number is not a multiple of `beams`.
         """
         if beams < 1 or self.sensor_beams % beams:
             choices = ", ".join(map(str, densities(self.sensor_beams)))
@@ -87,14 +87,14 @@ class HeldOutFrame:
                 f"beams must divide the sensor's {self.sensor_beams} evenly ({choices}, ..), got "
                 f"{beams}"
             )
-        rings = torch.arange(self.sensor_beams + 1)  # of a cut sweep the last one may be in halves
+        rings = torch.arange(self.sensor_beams + 1)  # the last ring of a cut sweep may be in halves
         given = rings[~_is_held_out(rings, self.first_held_out)]
         step = self.sensor_beams // beams
         return keep_rings(self.sample, self.rings, given[start::step].tolist())
 
 
 def densities(sensor_beams: int) -> tuple[int, ...]:
-    """Those of the tables, for a sensor of so many beams: all, half, a quarter, an eighth."""
+    """Compute the tables' densities for a sensor: all beams, half, a quarter, an eighth."""
     return tuple(sensor_beams * beams // NUM_RINGS for beams in BEAMS)
 
 
@@ -104,20 +104,19 @@ def split_rings(
     first_held_out: int = FIRST_HELD_OUT,
     truth: TruthChoice = "rings",
 ) -> HeldOutFrame:
-    """Splits a frame: held-out rings become the truth, the others the sample that methods get.
+    """Split a frame: held-out rings become the truth, the others the methods' input.
 
     Both are cropped to `CROP_SIZE` at the bottom centre; an image that is smaller, or larger than
-    KITTI's, is kept whole. Labels and depth are taken off the sample.
+    KITTI's, is kept whole. Labels and depth are removed from the sample.
 
     Args:
         sample: The frame.
-        first_held_out: The first ring that is held out; every eighth from there is.
-        truth: What to score on.
+        first_held_out: The first held-out ring; every eighth from there is held out.
+        truth: Source of the truth.
 
     Raises:
         ValueError: The sample has no points, neither their order nor their elevation shows rings,
-            none of the held-out ones is in view, or there is no depth map where that shall be the
-            truth.
+            no held-out ring is in view, or there is no depth map although it is the truth.
     """
     if sample.points is None or len(sample.points) == 0:
         raise ValueError(
@@ -159,7 +158,7 @@ def split_rings(
 def _rings_in_view(
     sample: CameraLidarSample, sweep: Float32[Tensor, "num_points 4"]
 ) -> tuple[Float32[Tensor, "num_in_view 4"], Int64[Tensor, " num_in_view"], int, bool]:
-    """Points in view, ring by ring, their numbers, beams of the sensor; True if assumed."""
+    """Select points in view, ring by ring, with ring and beam numbers; True if assumed."""
     is_in_view = points_in_view(sample)
     numbers, is_ring_by_ring = rings_of_any_order(sweep.numpy())
     if not is_ring_by_ring:
@@ -167,17 +166,17 @@ def _rings_in_view(
         return sweep[is_in_view][order], rings, sensor_of(int(numbers.max()) + 1), False
     points, sensor_beams = sweep[is_in_view], count_beams(sweep.numpy())
     if sensor_beams == NUM_RINGS and not is_whole_turn(points.numpy()):
-        # numbered after the cut: as sweeps that come cut
+        # numbered after the cut, like sweeps that are already cut
         rings = torch.from_numpy(ring_numbers(points.numpy()))
         return points, rings, sensor_beams, not is_whole_turn(sweep.numpy())
     return points, torch.from_numpy(numbers)[is_in_view], sensor_beams, False
 
 
 def check_rings(frame: HeldOutFrame) -> None:
-    """Refuses a frame cut to the image whose rings are not those of 64 beams, as is assumed.
+    """Refuse a frame cut to the image whose rings are not those of 64 beams, as is assumed.
 
     Raises:
-        ValueError: Its rings lie too far apart.
+        ValueError: Its rings are too far apart.
     """
     if not frame.are_beams_assumed:
         return
@@ -198,7 +197,7 @@ def _without_hidden(
     everything_m: Float32[Tensor, "height width"],
     calibration: Calibration,
 ) -> Float32[Tensor, "height width"]:
-    """The returns that the camera sees: the others are no truth for the pixels they fall on."""
+    """Remove returns that the camera cannot see: they are not the truth for their pixels."""
     depths_m = returns_m.numpy()
     pixels = np.argwhere(depths_m > 0)
     of_pixels = depths_m[*pixels.T]
@@ -219,7 +218,7 @@ def _dense_truth(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
 
 
 def dense_truth_in_reach(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
-    """The truth by `depth_in_reach`, of the whole image; 0 = none.
+    """Compute the truth of `depth_in_reach`, for the whole image; 0 = none.
 
     Raises:
         ValueError: The sample has no points, or no depth map.
@@ -233,14 +232,14 @@ def dense_truth_in_reach(sample: CameraLidarSample) -> Float32[Tensor, "height w
 def _is_in_reach(
     everything_m: Float32[Tensor, "height width"],
 ) -> Bool[Tensor, "height width"]:
-    """Which pixels lie at or below the highest return of the columns around them."""
+    """Test which pixels are at or below the highest return of the columns around them."""
     is_hit = (everything_m > 0).numpy().astype(np.uint8)
     highest = cv2.dilate(is_hit, np.ones((1, _REACH_COLUMNS), np.uint8))
     return torch.from_numpy(np.maximum.accumulate(highest, axis=0) > 0)
 
 
 def _crop(image_size: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Top, left, height and width of the bottom-centre crop, or of the whole image."""
+    """Compute top, left, height and width of the bottom-centre crop, or of the whole image."""
     height, width = image_size
     if height <= _LARGEST_CROPPED[0] and width <= _LARGEST_CROPPED[1]:
         height, width = min(height, CROP_SIZE[0]), min(width, CROP_SIZE[1])

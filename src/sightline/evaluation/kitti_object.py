@@ -1,4 +1,4 @@
-"""KITTI's object evaluation of a folder of result files: the official figures, exactly.
+"""KITTI's object evaluation of a folder of result files, identical to the official program.
 
 2D boxes, orientation, bird's-eye view and 3D; Car, Pedestrian, Cyclist; easy, moderate, hard.
 """
@@ -22,8 +22,8 @@ from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 
 _FRAMES_AT_A_TIME = 64
-_MAX_PAIRS = 2_000_000  # of a result and a label in one frame; KITTI's fullest has some thousands
-_MAX_RESAMPLES = 100_000  # the interval's ends then stand to a tenth of their last digit
+_MAX_PAIRS = 2_000_000  # results times labels in one frame; KITTI's fullest has some thousands
+_MAX_RESAMPLES = 100_000  # this gives the interval's ends to a tenth of their last digit
 
 
 def evaluate_objects(
@@ -38,9 +38,9 @@ def evaluate_objects(
     missing_as_empty: bool = False,
     progress: bool = False,
 ) -> ObjectReport:
-    r"""Evaluates result files against label files as KITTI's official program does.
+    r"""Evaluate result files against label files like KITTI's official program.
 
-    Frames are read and dropped one after the other; what is kept grows with the scores.
+    Frames are read and dropped one after the other; memory grows only with the number of scores.
 
     Examples:
         >>> import sightline, tempfile
@@ -55,20 +55,20 @@ def evaluate_objects(
         2
 
     Args:
-        results_dir: One file a frame, 16 fields a line; empty where nothing was found.
-        labels_dir: One file a frame, 15 fields a line.
-        sample_list: The frames to evaluate; see `read_sample_list`. None: all that have labels.
-        overlaps: What a match must exceed, by class and metric.
+        results_dir: One file per frame, 16 fields per line; empty without detections.
+        labels_dir: One file per frame, 15 fields per line.
+        sample_list: Frames to evaluate; see `read_sample_list`. None: all with labels.
+        overlaps: Overlaps that a match must exceed, by class and metric.
         bootstrap: Resamples of the frames for `AP_all_points`, up to 100,000; 0: no interval.
-        seed: Of the resamples.
-        by_distance: Edges of bands of distance [m] that are scored by themselves, too; rising.
-        missing_as_empty: Whether a frame without a result file is taken as one without detections.
-        progress: Whether to show how far it is.
+        seed: Seed of the resamples.
+        by_distance: Edges of distance bands [m] that are scored separately, too; ascending.
+        missing_as_empty: Whether a frame without a result file counts as one without detections.
+        progress: Whether to show the progress.
 
     Raises:
-        ValueError: If a frame lacks its file (KITTI's program would skip it, which flatters the
-            recall), a file is at fault, or a frame has far too many objects; the message names it
-            and says what to do. Or as `score_by_distance` has it.
+        ValueError: If a frame lacks its file (KITTI's program would skip it, which improves the
+            recall), a file is invalid, or a frame has far too many objects; the message contains
+            its name and the remedy. Or as for `score_by_distance`.
     """
     check_resampling(bootstrap, seed)
     check_edges(by_distance)
@@ -99,21 +99,21 @@ def compare_objects(
     missing_as_empty: bool = False,
     progress: bool = False,
 ) -> ObjectComparison:
-    """Compares two folders of result files on the same frames, with paired intervals.
+    """Compare two folders of result files on the same frames, with paired intervals.
 
     Args:
         results_dir: The first submission, as for `evaluate_objects`.
         labels_dir: As for `evaluate_objects`.
         against_dir: The second submission.
         sample_list: As for `evaluate_objects`.
-        overlaps: What a match must exceed, by class and metric.
+        overlaps: Overlaps that a match must exceed, by class and metric.
         bootstrap: Resamples of the frames, 1 to 100,000; see `compare_submissions`.
-        seed: Of the resamples.
-        missing_as_empty: Whether a frame without a result file is taken as one without detections.
-        progress: Whether to show how far it is.
+        seed: Seed of the resamples.
+        missing_as_empty: Whether a frame without a result file counts as one without detections.
+        progress: Whether to show the progress.
 
     Raises:
-        ValueError: As `evaluate_objects`, for either submission.
+        ValueError: As for `evaluate_objects`, for either submission.
     """
     if bootstrap == 0:
         raise ValueError("bootstrap must be positive to compare, got 0: give e.g. 1000")
@@ -154,7 +154,7 @@ def compare_objects(
 
 
 def check_resampling(bootstrap: int, seed: int) -> None:
-    """Refuses numbers that no bootstrap can have.
+    """Check the numbers of a bootstrap.
 
     Raises:
         ValueError: One is negative, or there are far too many resamples.
@@ -174,12 +174,12 @@ class _Submission(NamedTuple):
     """Result files of all frames, matched with the labels."""
 
     names: tuple[str, ...]
-    """Of the frames."""
+    """Names of the frames."""
     data: MatchingData
     num_missing: int
     """Frames without a result file."""
     remarks: tuple[str, ...]
-    """Sentences on files and objects that are not scored."""
+    """Remarks on files and objects that are not scored."""
 
 
 def _read_submission(
@@ -213,18 +213,18 @@ def read_frames(
     empty: Collection[str] = (),
     progress: bool,
 ) -> Iterator[tuple[KittiObjects, KittiObjects]]:
-    """Reads results and labels frame by frame; the missing files are found before the first.
+    """Read results and labels frame by frame; missing files are found before the first.
 
     Args:
-        results_dir: One file a frame.
-        labels_dir: One file a frame.
-        sample_list: The frames; see `read_sample_list`. None: all that have labels.
-        empty: Frames whose result file is not read: they have no detections.
-        progress: Whether to show how far it is.
+        results_dir: One file per frame.
+        labels_dir: One file per frame.
+        sample_list: The frames; see `read_sample_list`. None: all with labels.
+        empty: Frames without detections; their result files are not read.
+        progress: Whether to show the progress.
 
     Raises:
-        ValueError: If a frame lacks a file, a file is at fault, or a frame has more results times
-            labels than can be matched in reasonable time.
+        ValueError: If a frame lacks a file, a file is invalid, or a frame has too many results
+            times labels for matching in reasonable time.
     """
     names = frame_names(labels_dir, sample_list)
     require_frame_files(
@@ -276,10 +276,10 @@ def _read_frame(results: Path | None, labels: Path) -> tuple[KittiObjects, Kitti
 
 
 def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None) -> Sequence[str]:
-    """The frames that are scored: those of a list, or all that have labels.
+    """List the frames to score: those of a list, or all with labels.
 
     Raises:
-        ValueError: There are none, or the list is at fault.
+        ValueError: There are none, or the list is invalid.
     """
     if sample_list is not None:
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
@@ -294,7 +294,7 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
 def _batches(
     frames: Iterable[tuple[KittiObjects, KittiObjects]],
 ) -> Iterator[list[tuple[KittiObjects, KittiObjects]]]:
-    """Some frames at a time, fewer where they are full."""
+    """Group frames into batches, smaller if the frames have many objects."""
     batch: list[tuple[KittiObjects, KittiObjects]] = []
     num_pairs = 0
     for found, labels in frames:

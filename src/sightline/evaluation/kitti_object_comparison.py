@@ -1,4 +1,4 @@
-"""Two submissions on the same frames: differences of average precision with paired intervals."""
+"""Comparison of two submissions on the same frames: AP differences with paired intervals."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -31,15 +31,15 @@ class PairedDifference:
     first: float
     second: float
     difference: float
-    """First less second."""
+    """First minus second."""
     low: float | None
-    """2.5 % quantile of the difference over resampled frames, the same frames for both; None where
-    no resample has such an object."""
+    """2.5 % quantile of the difference over resampled frames, the same frames for both; None if no
+    resample has such an object."""
     high: float | None
-    """97.5 % quantile; likewise."""
+    """97.5 % quantile; None in the same case."""
 
     def to_json(self) -> dict[str, Any]:
-        """The difference as the report's file has it."""
+        """Convert the difference to the report file's content."""
         return {
             "first": self.first,
             "second": self.second,
@@ -50,7 +50,7 @@ class PairedDifference:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ComparedEntry:
-    """Two submissions by one class, metric and difficulty."""
+    """Comparison of two submissions by one class, metric and difficulty."""
 
     class_name: ClassName
     metric: Metric
@@ -58,14 +58,14 @@ class ComparedEntry:
     n_gt: int
     """Labelled objects that count."""
     r40: PairedDifference | None
-    """At KITTI's 40 recall positions; None where no object counts."""
+    """AP at KITTI's 40 recall positions; None if no object counts."""
     all_points: PairedDifference | None
-    """Over all points of the curve; None where no object counts."""
+    """AP over all points of the curve; None if no object counts."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectComparison:
-    """Two submissions, class by class; what neither has results for is absent."""
+    """Comparison of two submissions by class; classes without results in both are absent."""
 
     first: str
     """Name of the first submission: its folder."""
@@ -78,7 +78,7 @@ class ObjectComparison:
     """Notes: objects and files left out, and limits of the figures."""
 
     def to_json(self) -> dict[str, Any]:
-        """The comparison as its file has it."""
+        """Convert the comparison to its file's content."""
         return {
             "first": self.first,
             "second": self.second,
@@ -101,7 +101,7 @@ class ObjectComparison:
         }
 
     def table(self) -> "Table":
-        """Both figures of both submissions, the difference and its interval."""
+        """Make a table of both figures of both submissions, the difference and its interval."""
         table = score_table(
             f"{self.first} less {self.second}, {self.frames:,} frames, AP in percent"
         )
@@ -123,7 +123,7 @@ class ObjectComparison:
         return table
 
     def notes(self) -> list[str]:
-        """Sentences to read the figures with."""
+        """List notes on the interpretation of the figures."""
         paired = (
             f"The interval is of the difference, over {self.num_resamples:,} resamples of the "
             "frames, the same for both: where it holds 0, the two are not told apart."
@@ -140,17 +140,17 @@ def compare_submissions(
     num_resamples: int,
     seed: int,
 ) -> tuple[ComparedEntry, ...]:
-    """Compare all classes, metrics and difficulties that one of two submissions has results for.
+    """Compare all classes, metrics and difficulties with results in one of two submissions.
 
     Every resample draws frames once and scores both submissions on them (a paired bootstrap), so
-    that what frames have in common does not widen the interval.
+    that variation common to both does not widen the interval.
 
     Args:
         first: All frames of one submission, pairs found with the same overlaps.
         second: The same frames of the other.
-        overlaps: What a match must exceed.
-        num_resamples: How often frames are drawn.
-        seed: Of the draws.
+        overlaps: Overlaps that a match must exceed.
+        num_resamples: Number of resamples.
+        seed: Seed of the draws.
     """
     indices = index_pairs(first), index_pairs(second)
     minima = overlaps.as_array()
@@ -185,7 +185,7 @@ def compare_submissions(
 def _paired(
     first: MatchingTask, second: MatchingTask, *, num_resamples: int, seed: int
 ) -> tuple[PairedDifference | None, PairedDifference | None]:
-    """Differences of AP R40 and of AP over all points."""
+    """Compute the differences of AP R40 and of AP over all points."""
     if first.n_gt == 0:
         return None, None
     curves = ResampledCurve.of(first), ResampledCurve.of(second)

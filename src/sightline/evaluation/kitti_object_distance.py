@@ -1,4 +1,4 @@
-"""KITTI's object scores by how far objects are away. Not one of KITTI's own measures."""
+"""KITTI's object scores by distance of the objects. Not one of KITTI's own measures."""
 
 import math
 from collections.abc import Sequence
@@ -16,20 +16,19 @@ from sightline.evaluation.object_report import DistanceBand, ObjectEntry
 def score_by_distance(
     data: MatchingData, overlaps: MinimumOverlaps, edges_m: Sequence[float]
 ) -> tuple[DistanceBand, ...]:
-    """Scores each band of distances over the ground from the camera by itself.
+    """Score each band of horizontal distances from the camera separately.
 
-    A band counts the objects in it and, as false, the detections in it that match none anywhere: an
-    object beyond the band may be found, but is not missed, and a false detection beyond it counts
-    in its own band.
+    A band counts its objects and, as false positives, its detections without any match. An object
+    in another band may be found, but is not missed, and a false detection counts in its own band.
 
     Args:
         data: All frames, their pairs found with the same overlaps.
-        overlaps: What a match must exceed.
-        edges_m: Where a band ends and the next one begins, rising; the first band begins at 0 and
-            the last has no end.
+        overlaps: Overlaps that a match must exceed.
+        edges_m: Borders between bands, ascending; the first band begins at 0 and the last has no
+            end.
 
     Raises:
-        ValueError: The edges do not rise from above 0, or a detection has no location.
+        ValueError: The edges are not ascending from above 0, or a detection has no location.
     """
     check_edges(edges_m)
     if np.isnan(data.detection_range_m).any():
@@ -44,10 +43,10 @@ def score_by_distance(
 
 
 def check_edges(edges_m: Sequence[float]) -> None:
-    """Refuses edges that bands cannot have.
+    """Check the edges of bands.
 
     Raises:
-        ValueError: They do not rise from above 0, or one is not finite.
+        ValueError: They are not ascending from above 0, or one is not finite.
     """
     if not all(low < high < math.inf for low, high in pairwise((0.0, *edges_m))):
         told = ", ".join(f"{edge:g}" for edge in edges_m)

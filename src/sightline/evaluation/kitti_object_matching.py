@@ -1,9 +1,9 @@
-"""KITTI's two passes of matching detections with truths. Compiled.
+"""KITTI's two passes of matching detections with truths, compiled.
 
-Pass 1 finds the scores at which truths are matched, from which the thresholds follow; pass 2
-counts at each threshold. Both are greedy: truths in file order, each takes one detection that no
-truth before it took. A detection too small for the difficulty may be taken, whatever its class, but
-is neither a true nor a false positive.
+Pass 1 finds the scores of matched truths, which give the thresholds; pass 2 counts at each
+threshold. Both are greedy: in file order, each truth takes one detection that no previous truth has
+taken. A detection too small for the difficulty may be taken by a truth of any class, but is neither
+a true nor a false positive.
 """
 
 from typing import NamedTuple
@@ -16,67 +16,67 @@ from sightline.ops.compiled import compiled
 from sightline.structures.precision_recall import NUM_SLOTS
 
 _LOWEST_SCORE = -1e7
-"""The official program's mark for "nothing found": pass 1 never takes a score down there."""
+"""Score for "nothing found" in the official program: pass 1 never takes a lower score."""
 
 _SQUARE = 0.5 - 1e-9
-"""Similarity of headings at 90 degrees, less what rounding does."""
+"""Similarity of headings at 90 degrees, minus the rounding error."""
 
 
 class MatchingTask(NamedTuple):
-    """All frames as seen by one class, metric and difficulty.
+    """Matching input of all frames for one class, metric and difficulty.
 
-    Truths without any pair are left out: they are only counted.
+    Truths without any pair are only counted.
     """
 
     truth_valid: Bool[np.ndarray, " num_truths"]
-    """Whether it counts; else it may be found, but is never missed."""
+    """Whether the truth counts; otherwise it may be found, but is never missed."""
     truth_frame: Int64[np.ndarray, " num_truths"]
     pair_offsets: Int64[np.ndarray, " num_offsets"]
-    """Where the pairs of each truth start, and the end of the last one's."""
+    """Start of the pairs of each truth, and the end of the last one's."""
     pair_detection: Int64[np.ndarray, " num_pairs"]
     pair_overlap: Float64[np.ndarray, " num_pairs"]
     pair_similarity: Float64[np.ndarray, " num_pairs"]
     detection_normal: Bool[np.ndarray, " num_detections"]
-    """Of the class, and not small."""
+    """Whether the detection is of the class, and not small."""
     detection_false: Bool[np.ndarray, " num_detections"]
-    """A false positive where no truth takes it: normal, and in no DontCare region."""
+    """Whether it is a false positive if no truth takes it: normal, and in no DontCare region."""
     detection_score: Float64[np.ndarray, " num_detections"]
     detection_frame: Int64[np.ndarray, " num_detections"]
     valid_per_frame: Int64[np.ndarray, " num_frames"]
-    """Truths that count, those without pairs as well."""
+    """Number of truths that count, including those without pairs."""
 
     @property
     def n_gt(self) -> int:
-        """Truths that count, over all frames."""
+        """Number of truths that count, over all frames."""
         return int(self.valid_per_frame.sum())
 
 
 class Counts(NamedTuple):
-    """What pass 2 finds at each threshold."""
+    """Counts of pass 2 at each threshold."""
 
     tp: Int64[np.ndarray, " num_thresholds"]
     fp: Int64[np.ndarray, " num_thresholds"]
     fn: Int64[np.ndarray, " num_thresholds"]
     similarity: Float64[np.ndarray, " num_thresholds"]
-    """Of the headings, summed over the true positives."""
+    """Similarity of the headings, summed over the true positives."""
     flipped: Int64[np.ndarray, " num_thresholds"]
-    """True positives whose heading is more than 90 degrees off."""
+    """True positives with a heading error above 90 degrees."""
 
 
 class FrameSteps(NamedTuple):
-    """How the counts of single frames change as the threshold falls, highest score first."""
+    """Changes of single frames' counts as the threshold decreases, highest score first."""
 
     score: Float64[np.ndarray, " num_steps"]
     frame: Int64[np.ndarray, " num_steps"]
     tp: Int64[np.ndarray, " num_steps"]
-    """Change of the frame's true positives when the threshold falls to the score."""
+    """Change of the frame's true positives when the threshold decreases to the score."""
     fp: Int64[np.ndarray, " num_steps"]
     overlap: Float64[np.ndarray, " num_steps"]
-    """Change of the overlaps of the frame's true positives, summed."""
+    """Change of the summed overlaps of the frame's true positives."""
 
 
 class PairIndex(NamedTuple):
-    """What is found once for all classes, metrics and difficulties."""
+    """Indices common to all classes, metrics and difficulties."""
 
     truth_frame: Int64[np.ndarray, " num_truths"]
     detection_frame: Int64[np.ndarray, " num_detections"]
@@ -85,7 +85,7 @@ class PairIndex(NamedTuple):
 
 
 def index_pairs(data: MatchingData) -> PairIndex:
-    """Turns places within a frame into places among all."""
+    """Convert indices within a frame to indices over all frames."""
     frames = np.arange(data.num_frames)
     truth_frame = np.repeat(frames, data.truths_per_frame)
     detection_offsets = np.cumsum(data.detections_per_frame, dtype=np.int64)
@@ -108,7 +108,7 @@ def select(
     difficulty: int,
     min_overlap: float,
 ) -> MatchingTask:
-    """What the class, metric and difficulty (their indices) see of the frames."""
+    """Select the matching input of a class, metric and difficulty (their indices)."""
     normal = (data.detection_class == code) & (data.detection_level <= difficulty)
     may_match = normal | (data.detection_level > difficulty)
     of_class = data.truth_class == code
@@ -141,7 +141,7 @@ class Matches(NamedTuple):
 
 
 def match_by_score(task: MatchingTask) -> Matches:
-    """Pass 1 of the official program."""
+    """Run pass 1 of the official program."""
     scores, truths = _match_by_score(task)
     return Matches(scores, task.truth_frame[truths])
 
@@ -149,7 +149,7 @@ def match_by_score(task: MatchingTask) -> Matches:
 def find_thresholds(
     scores: Float64[np.ndarray, " num_matches"], n_gt: int
 ) -> Float64[np.ndarray, " num_thresholds"]:
-    """The matched scores that come next to the recalls 0, 1/40, ...; at most 41, descending."""
+    """Select the matched scores nearest to the recalls 0, 1/40, ...; at most 41, descending."""
     descending = np.sort(scores)[::-1]
     kept = []
     recall = 0.0
@@ -160,12 +160,12 @@ def find_thresholds(
         if i < last and right - recall < recall - left:
             continue
         kept.append(descending[i])
-        recall += 1 / (NUM_SLOTS - 1)  # summed up, not multiplied: its rounding decides ties
+        recall += 1 / (NUM_SLOTS - 1)  # summed, not multiplied: its rounding decides ties
     return np.array(kept, dtype=np.float64)
 
 
 def count_at(task: MatchingTask, thresholds: Float64[np.ndarray, " num_thresholds"]) -> Counts:
-    """Pass 2: the counts at each threshold."""
+    """Run pass 2: the counts at each threshold."""
     tp, taken, missed, similarity, flipped = _match_by_overlap(task, thresholds)
     ascending = np.sort(task.detection_score[task.detection_false])
     above = len(ascending) - np.searchsorted(ascending, thresholds, side="left")
@@ -180,7 +180,7 @@ def count_at(task: MatchingTask, thresholds: Float64[np.ndarray, " num_threshold
 
 
 def count_by_frame(task: MatchingTask) -> FrameSteps:
-    """Pass 2 at every score there is, frame by frame; only changes are given."""
+    """Run pass 2 at every score, frame by frame; only changes are returned."""
     relevant = task.detection_normal.copy()
     relevant[task.pair_detection] = True
     detections = np.flatnonzero(relevant)
@@ -202,7 +202,7 @@ def count_by_frame(task: MatchingTask) -> FrameSteps:
 def _match_by_score(
     task: MatchingTask,
 ) -> tuple[Float64[np.ndarray, " num_matches"], Int64[np.ndarray, " num_matches"]]:
-    """Scores of the valid matches, and their truths."""
+    """Find the scores of the valid matches, and their truths."""
     taken = np.zeros(len(task.detection_score), dtype=np.bool_)
     scores = np.empty(len(task.truth_valid))
     truths = np.empty(len(task.truth_valid), dtype=np.int64)
@@ -229,9 +229,9 @@ def pick_by_overlap(
     taken: Int32[np.ndarray, " num_detections"],
     turn: int,
 ) -> int:
-    """The pair that a truth takes, or -1: the largest overlap, small detections last.
+    """Find the pair that a truth takes, or -1: the largest overlap, small detections last.
 
-    A detection is taken already if it has the number of this turn.
+    A detection with the number of this turn is already taken.
     """
     best, best_overlap, best_normal = -1, 0.0, False
     for pair in range(task.pair_offsets[truth], task.pair_offsets[truth + 1]):
@@ -256,7 +256,7 @@ def _match_by_overlap(
     Float64[np.ndarray, " num_thresholds"],
     Int64[np.ndarray, " num_thresholds"],
 ]:
-    """At each threshold: what `Counts` holds, but for false ones: takings of else false ones."""
+    """Count at each threshold as in `Counts`, with matches of otherwise false detections."""
     tp = np.zeros(len(thresholds), dtype=np.int64)
     else_false = np.zeros(len(thresholds), dtype=np.int64)
     missed = np.zeros(len(thresholds), dtype=np.int64)
@@ -292,7 +292,7 @@ def _step_frames(
     Int64[np.ndarray, " num_steps"],
     Float64[np.ndarray, " num_steps"],
 ]:
-    """Scores, frames, changes of true and false positives and of overlaps, frame by frame."""
+    """Find scores, frames, changes of true and false positives and of overlaps, by frame."""
     scores = np.empty(len(ranked))
     frames = np.empty(len(ranked), dtype=np.int64)
     changes = np.empty((2, len(ranked)), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""KITTI's object evaluation as a metric of a training run, which adds up over processes."""
+"""KITTI's object evaluation as a torchmetrics metric, combined over processes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
@@ -23,14 +23,14 @@ from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
 
 ALL_POINTS: Final = "_all_points"
-"""Ending of the names of scores over all points of the curve."""
+"""Suffix of the names of scores over all points of the curve."""
 
 
 class KittiObjectMetric(Metric):
-    """The figures of `evaluate_objects`, for frames given a few at a time.
+    """Metric of the figures of `evaluate_objects`, updated by batches of frames.
 
     Every process gets its own frames; their order does not change the figures. Detections and
-    labels come in KITTI's conventions, as the rules need all of their fields.
+    labels come in KITTI's conventions, because the rules need all of their fields.
     """
 
     is_differentiable = False
@@ -41,10 +41,10 @@ class KittiObjectMetric(Metric):
     has_headings: Tensor
 
     def __init__(self, overlaps: MinimumOverlaps = STRICT) -> None:
-        """Starts without frames.
+        """Start without frames.
 
         Args:
-            overlaps: What a match must exceed, by class and metric.
+            overlaps: Overlaps that a match must exceed, by class and metric.
         """
         super().__init__()
         self._overlaps = overlaps
@@ -65,11 +65,11 @@ class KittiObjectMetric(Metric):
             self.add_state(name, default=[], dist_reduce_fx="cat")
 
     def update(self, detections: Sequence[KittiObjects], labels: Sequence[KittiObjects]) -> None:
-        """Adds frames.
+        """Add frames.
 
         Args:
-            detections: One record a frame, with scores.
-            labels: One record a frame, in the same order.
+            detections: One record per frame, with scores.
+            labels: One record per frame, in the same order.
 
         Raises:
             ValueError: If the numbers of frames differ or are 0, or detections have no scores.
@@ -83,11 +83,11 @@ class KittiObjectMetric(Metric):
             getattr(self, name).append(torch.from_numpy(getattr(data, name)).to(self.device))
 
     def compute(self) -> dict[str, Tensor]:
-        """AP in percent by names such as `Car/3d/moderate` and `Car/3d/moderate_all_points`.
+        """Compute AP in percent, named e.g. `Car/3d/moderate` and `Car/3d/moderate_all_points`.
 
         The first is over 40 recall positions, which few objects cannot fill; the second over all
-        points of the curve. Every class, metric and difficulty has both, 0 where nothing was
-        detected: a checkpoint that goes by one of them finds it after the first epoch too.
+        points of the curve. Every class, metric and difficulty has both, 0 without detections: so a
+        checkpoint callback that monitors one of them finds it even after the first epoch.
         """
         self.last_report = report = self._score()
         scores = {"/".join(names): 0.0 for names in product(CLASSES, METRICS, DIFFICULTIES)}
@@ -100,16 +100,16 @@ class KittiObjectMetric(Metric):
         return {name: torch.tensor(score, dtype=torch.float64) for name, score in scores.items()}
 
     def notes(self, monitored: str) -> tuple[str, ...]:
-        """Sentences to read the scores with that `compute` gave last.
+        """List notes on the interpretation of the last scores from `compute`.
 
         Args:
-            monitored: Name of the score by which checkpoints are chosen.
+            monitored: Name of the score that selects checkpoints.
         """
         notes = () if self.last_report is None else tuple(self.last_report.notes())
         return (*notes, f"best.ckpt goes by {monitored}, R40, all the same.") if notes else ()
 
     def report(self) -> ObjectReport:
-        """All figures, over the frames of all processes, each of which has to call this."""
+        """Compute all figures over the frames of all processes; each process has to call this."""
         with self.sync_context():
             return self._score()
 
@@ -120,7 +120,7 @@ class KittiObjectMetric(Metric):
         should_sync: bool = True,  # noqa: FBT001 - torchmetrics calls it so
         distributed_available: Callable[[], bool] | None = None,
     ) -> None:
-        """Brings the frames of all processes together; one may have none.
+        """Combine the frames of all processes; a process may have none.
 
         Args:
             dist_sync_fn: As for torchmetrics.
@@ -129,7 +129,7 @@ class KittiObjectMetric(Metric):
             distributed_available: As for torchmetrics.
         """
         for name, no_rows in self._no_rows.items():
-            # torchmetrics would send a column of its own shape and type, and the others fail
+            # torchmetrics would send a column of another shape and type, and other processes fail
             if isinstance(getattr(self, name), list) and not getattr(self, name):
                 getattr(self, name).append(torch.from_numpy(no_rows).to(self.device))
         super().sync(dist_sync_fn, process_group, should_sync, distributed_available)

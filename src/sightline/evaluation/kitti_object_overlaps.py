@@ -1,4 +1,4 @@
-"""Overlaps of KITTI's boxes: in the image, on the ground and in space. Compiled, in float64.
+"""Overlaps of KITTI's boxes in the image, on the ground and in space; compiled, in float64.
 
 A box is a row of 11 numbers as in KITTI's files: x_min, y_min, x_max, y_max [px], height, width,
 length, x, y, z of the bottom centre [m], rotation_y [rad].
@@ -15,7 +15,7 @@ Box = Float64[np.ndarray, "11"]
 
 @compiled
 def image_overlap(a: Box, b: Box) -> float:
-    """Intersection over union in the image, without "+ 1"."""
+    """Compute the intersection over union in the image, without "+ 1"."""
     intersection = _image_intersection(a, b)
     if intersection == 0.0:
         return 0.0
@@ -27,7 +27,7 @@ def image_overlap(a: Box, b: Box) -> float:
 
 @compiled
 def image_cover(a: Box, b: Box) -> float:
-    """Share of `a` that `b` covers, in the image."""
+    """Compute the share of `a` covered by `b` in the image."""
     intersection = _image_intersection(a, b)
     if intersection == 0.0:
         return 0.0
@@ -36,7 +36,7 @@ def image_cover(a: Box, b: Box) -> float:
 
 @compiled
 def ground_and_space_overlap(a: Box, b: Box) -> tuple[float, float]:
-    """Intersection over union of the rectangles on the ground, and of the upright boxes."""
+    """Compute the IoU of the rectangles on the ground, and of the upright boxes."""
     shared = _ground_intersection(a, b)
     if shared == 0.0:
         return 0.0, 0.0
@@ -50,7 +50,7 @@ def ground_and_space_overlap(a: Box, b: Box) -> tuple[float, float]:
 
 @compiled
 def ground_and_space_cover(a: Box, b: Box) -> tuple[float, float]:
-    """Share of `a` that `b` covers, on the ground and in space."""
+    """Compute the share of `a` covered by `b`, on the ground and in space."""
     shared = _ground_intersection(a, b)
     if shared == 0.0:
         return 0.0, 0.0
@@ -72,11 +72,11 @@ def _image_intersection(a: Box, b: Box) -> float:
 
 @compiled
 def _ground_intersection(a: Box, b: Box) -> float:
-    """Area that the rectangles share; 0 where one of them has no area.
+    """Compute the intersection area of the rectangles; 0 if one of them has no area.
 
-    A box without 3D part has length and width -1. The official program takes it for a square of
-    1 m, so that two of them at the same place overlap: so do we. With a size of 0 it crashes, and
-    with one negative size it means nothing: both share no area here.
+    A box without 3D part has length and width -1. Like the official program, we treat it as a
+    square of 1 m, so that two of them at the same place overlap. With a size of 0 the program
+    crashes, and one negative size is meaningless: both have no area here.
     """
     if a[6] * a[5] <= 0.0 or b[6] * b[5] <= 0.0:
         return 0.0
@@ -88,5 +88,5 @@ def _ground_intersection(a: Box, b: Box) -> float:
 
 @compiled
 def _shared_height(a: Box, b: Box) -> float:
-    """Length that [y - h, y] of both share; 0 where a height is negative."""
+    """Compute the intersection length of both [y - h, y]; 0 if a height is negative."""
     return float(max(0.0, min(a[8], b[8]) - max(a[8] - a[4], b[8] - b[4])))

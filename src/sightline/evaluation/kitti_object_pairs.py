@@ -1,6 +1,6 @@
-"""Reduces the objects of each frame to what KITTI's matching needs.
+"""Reduction of each frame's objects to the input of KITTI's matching.
 
-Boxes are dropped once their overlaps are known: what is kept grows with the objects that can
+Boxes are dropped once their overlaps are known: memory grows with the number of objects that can
 take part in a match, some dozens of bytes each.
 """
 
@@ -34,7 +34,7 @@ from sightline.ops.compiled import compiled
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MatchingData:
-    """Truths, detections and the pairs that overlap enough, of frames one after the other.
+    """Truths, detections and sufficiently overlapping pairs of consecutive frames.
 
     Truths are the labelled objects of the evaluated classes and of their neighbours. Detections
     are those of the evaluated classes, and small ones of any. A truth and a detection are a pair
@@ -44,31 +44,31 @@ class MatchingData:
     truths_per_frame: Int32[np.ndarray, " num_frames"]
     detections_per_frame: Int32[np.ndarray, " num_frames"]
     truth_class: Int8[np.ndarray, " num_truths"]
-    """Index in CLASSES, that of the neighbour for a neighbour."""
+    """Index in CLASSES; a neighbouring class has that of its evaluated class."""
     truth_level: Int8[np.ndarray, " num_truths"]
-    """First difficulty at which it counts, or NEVER."""
+    """First difficulty at which the truth counts, or NEVER."""
     truth_range_m: Float64[np.ndarray, " num_truths"]
-    """Over the ground, from the camera; NaN without a location."""
+    """Horizontal distance from the camera; NaN without a location."""
     pairs_per_truth: Int32[np.ndarray, " num_truths"]
     detection_class: Int8[np.ndarray, " num_detections"]
     """Index in CLASSES, or a negative number."""
     detection_level: Int8[np.ndarray, " num_detections"]
-    """First difficulty at which it is not small, or NEVER."""
+    """First difficulty at which the detection is not small, or NEVER."""
     detection_range_m: Float64[np.ndarray, " num_detections"]
-    """As of truths."""
+    """Horizontal distance, as for truths."""
     detection_score: Float64[np.ndarray, " num_detections"]
     detection_forgiven: Bool[np.ndarray, "num_detections 3"]
-    """By metric: whether a DontCare region covers it."""
+    """Whether a DontCare region covers the detection, by metric."""
     pair_detection: Int32[np.ndarray, " num_pairs"]
-    """Place of the detection among those of its frame."""
+    """Index of the detection among those of its frame."""
     pair_overlap: Float64[np.ndarray, "num_pairs 3"]
-    """By metric."""
+    """Overlap by metric."""
     pair_similarity: Float64[np.ndarray, " num_pairs"]
-    """Of the headings: (1 + cos(difference of alpha)) / 2."""
+    """Similarity of the headings: (1 + cos(difference of alpha)) / 2."""
     is_evaluated: Bool[np.ndarray, "3 3"]
-    """By class and metric: whether some detection has what the metric needs."""
+    """Whether some detection has the metric's values, by class and metric."""
     has_headings: Bool[np.ndarray, "1"]
-    """Whether no detection at all lacks its observation angle."""
+    """Whether all detections have an observation angle."""
 
     @property
     def num_frames(self) -> int:
@@ -77,7 +77,7 @@ class MatchingData:
 
 
 def concatenate(parts: Sequence[MatchingData]) -> MatchingData:
-    """The frames of all parts, in their order."""
+    """Join the frames of all parts, in their order."""
     columns = {
         field.name: np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(MatchingData)
@@ -95,12 +95,12 @@ def find_pairs(
     labels: Sequence[KittiObjects],
     overlaps: Float64[np.ndarray, "3 3"],
 ) -> MatchingData:
-    """Prepares some frames for matching.
+    """Prepare frames for matching.
 
     Args:
-        detections: One record a frame, with scores.
-        labels: One record a frame, in the same order.
-        overlaps: What a match must exceed, by class and metric.
+        detections: One record per frame, with scores.
+        labels: One record per frame, in the same order.
+        overlaps: Overlaps that a match must exceed, by class and metric.
 
     Raises:
         ValueError: If the numbers of frames differ or are 0, or detections have no scores.
@@ -145,7 +145,7 @@ def find_pairs(
 
 
 def stack_boxes(frames: Sequence[KittiObjects]) -> Float64[np.ndarray, "num_objects 11"]:
-    """The boxes of some frames, one after the other, as `kitti_object_overlaps` takes them."""
+    """Stack the boxes of frames in the format of `kitti_object_overlaps`."""
     columns = (
         np.concatenate([frame.boxes2d for frame in frames]),
         np.concatenate([frame.dimensions_hwl for frame in frames]),
@@ -158,9 +158,9 @@ def stack_boxes(frames: Sequence[KittiObjects]) -> Float64[np.ndarray, "num_obje
 def find_evaluated(
     boxes: Float64[np.ndarray, "num_objects 11"], codes: Int8[np.ndarray, " num_objects"]
 ) -> Bool[np.ndarray, "3 3"]:
-    """By class and metric: whether a detection of the class has what the metric needs.
+    """Test by class and metric whether a detection of the class has the metric's values.
 
-    A class is evaluated by a metric only if one does, in the whole submission.
+    A class is evaluated by a metric only if one has, in the whole submission.
     """
     height, width, length, x, y, z = boxes[:, 4:10].T
     on_ground = (x != NO_LOCATION) & (z != NO_LOCATION) & (width > 0) & (length > 0)
@@ -170,7 +170,7 @@ def find_evaluated(
 
 
 class _Truths(NamedTuple):
-    """The labelled objects of evaluated classes and of their neighbours."""
+    """Labelled objects of evaluated classes and of their neighbours."""
 
     boxes: Float64[np.ndarray, "num_truths 11"]
     alpha: Float64[np.ndarray, " num_truths"]
@@ -180,7 +180,7 @@ class _Truths(NamedTuple):
 
 
 class _Detections(NamedTuple):
-    """The detections of evaluated classes, and small ones of any."""
+    """Detections of evaluated classes, and small ones of any class."""
 
     boxes: Float64[np.ndarray, "num_detections 11"]
     alpha: Float64[np.ndarray, " num_detections"]
@@ -252,7 +252,7 @@ def _neighbours(frames: Sequence[KittiObjects]) -> Int8[np.ndarray, " num_object
 def _offsets(
     frames: Sequence[KittiObjects], kept: Int64[np.ndarray, " num_kept"]
 ) -> Int64[np.ndarray, " num_offsets"]:
-    """Where the kept objects of each frame start, and after the last one, where they end."""
+    """Compute the start of each frame's kept objects, and the end of the last one's."""
     starts = np.cumsum([0, *(len(frame) for frame in frames)])
     return np.searchsorted(kept, starts)
 
@@ -267,7 +267,7 @@ def _fill_pairs(
     pair_overlap: Float64[np.ndarray, "capacity 3"],
     pair_similarity: Float64[np.ndarray, " capacity"],
 ) -> int:
-    """Writes the pairs into the last four arrays and gives their number."""
+    """Write the pairs into the last four arrays and return their number."""
     num_pairs = 0
     for frame in range(len(truths.offsets) - 1):
         first = found.offsets[frame]
@@ -302,9 +302,9 @@ def _find_forgiven(
     region_offsets: Int64[np.ndarray, " num_offsets"],
     overlaps: Float64[np.ndarray, "3 3"],
 ) -> Bool[np.ndarray, "num_detections 3"]:
-    """By metric: which detections a DontCare region covers by more than their class's overlap.
+    """Test by metric which detections a DontCare region covers by more than the class's overlap.
 
-    A region forgives any number of detections, so one look at each of them is enough.
+    A region forgives any number of detections, so one test of each is enough.
     """
     forgiven = np.zeros((len(found.code), 3), dtype=np.bool_)
     for frame in range(len(region_offsets) - 1):

@@ -1,7 +1,7 @@
-"""Recall of proposals: how many labelled objects a first stage finds, at given overlaps.
+"""Recall of proposals: share of labelled objects found by a first stage, at given overlaps.
 
-Not KITTI's rules of matching: one proposal may find several objects, an overlap equal to the
-limit is enough, and neighbouring classes play no part. Difficulties are KITTI's.
+The rules of matching are not KITTI's: one proposal may find several objects, an overlap equal to
+the limit is enough, and neighbouring classes are not used. Difficulties are KITTI's.
 """
 
 from collections.abc import Sequence
@@ -37,11 +37,11 @@ def evaluate_proposals(
     max_proposals: int | None = None,
     progress: bool = False,
 ) -> ProposalReport:
-    r"""Recall of the proposals in result files, by class, metric, overlap and difficulty.
+    r"""Compute the recall of proposals in result files, by class, metric, overlap and difficulty.
 
-    An object is found if a proposal of its class overlaps it by `iou` or more. Reported over all
-    objects, as the mean over the frames that have objects, and as the mean over all frames, those
-    without objects counted as 0; and besides the difficulties for all objects whatever theirs.
+    An object is found if a proposal of its class overlaps it by `iou` or more. Recall is reported
+    over all objects, as the mean over the frames with objects, and as the mean over all frames,
+    with 0 for frames without objects; and for each difficulty as well as for all objects.
 
     Examples:
         >>> import sightline, tempfile
@@ -56,15 +56,15 @@ def evaluate_proposals(
         True
 
     Args:
-        results_dir: One file a frame, as for `evaluate_objects`; the class of a proposal counts.
-        labels_dir: One file a frame.
+        results_dir: One file per frame, as for `evaluate_objects`; the class of a proposal counts.
+        labels_dir: One file per frame.
         sample_list: The frames, as for `evaluate_objects`.
-        ious: Overlaps from which an object is found, above 0 and up to 1.
-        max_proposals: Only so many of a frame, those of the highest score (the first on ties).
-        progress: Whether to show how far it is.
+        ious: Minimum overlaps of a found object, above 0 and up to 1.
+        max_proposals: Maximum number per frame, with the highest scores (the first on ties).
+        progress: Whether to show the progress.
 
     Raises:
-        ValueError: If an argument is out of range, or a file is missing or at fault.
+        ValueError: If an argument is out of range, or a file is missing or invalid.
     """
     if not ious or not all(0 < iou <= 1 for iou in ious):
         told = ", ".join(f"{iou:g}" for iou in ious) or "none"
@@ -101,13 +101,13 @@ def evaluate_proposals(
 
 
 class _Truths(NamedTuple):
-    """The labelled objects of the evaluated classes, and what the proposals make of them."""
+    """Labelled objects of the evaluated classes, with their best overlaps."""
 
     frame: Int64[np.ndarray, " num_truths"]
     code: Int8[np.ndarray, " num_truths"]
     level: Int8[np.ndarray, " num_truths"]
     overlap: Float64[np.ndarray, "num_truths 3"]
-    """By metric: the largest with a proposal of the class."""
+    """Largest overlap with a proposal of the class, by metric."""
 
 
 def _find_truths(
@@ -131,7 +131,7 @@ def _find_truths(
 def _entry(
     truths: _Truths, num_frames: int, code: int, metric: int, iou: float, level: int
 ) -> ProposalEntry:
-    """Recall of one class by one metric at one overlap; level NEVER stands for all objects."""
+    """Compute the recall of a class, metric and overlap; level NEVER stands for all objects."""
     counted = (truths.code == code) & ((truths.level <= level) | (level == NEVER))
     found = counted & (truths.overlap[:, metric] >= iou)
     n_gt, n_found = int(counted.sum()), int(found.sum())
@@ -158,7 +158,7 @@ def _codes(objects: KittiObjects) -> Int8[np.ndarray, " num_objects"]:
 def _best_proposals(
     proposals: KittiObjects, max_proposals: int | None
 ) -> tuple[Float64[np.ndarray, "num_boxes 11"], Int8[np.ndarray, " num_boxes"]]:
-    """Boxes and classes of the proposals with the highest scores."""
+    """Select boxes and classes of the proposals with the highest scores."""
     assert proposals.scores is not None, "results are read with scores"
     order = np.argsort(-proposals.scores, kind="stable")[:max_proposals]
     return stack_boxes([proposals])[order], _codes(proposals)[order]
@@ -171,7 +171,7 @@ def _best_overlaps(
     proposals: Float64[np.ndarray, "num_proposals 11"],
     proposal_code: Int8[np.ndarray, " num_proposals"],
 ) -> Float64[np.ndarray, "num_truths 3"]:
-    """By metric: the largest overlap of each object with a proposal of its class."""
+    """Compute by metric the largest overlap of each object with a proposal of its class."""
     best = np.zeros((len(truths), 3))
     for i in range(len(truths)):
         for j in range(len(proposals)):

@@ -1,7 +1,7 @@
-"""Average precision of frames that are drawn with replacement: for intervals by bootstrap.
+"""Average precision of frames drawn with replacement, for bootstrap intervals.
 
-A frame's matches do not depend on other frames, so they are found once, and a resample only counts
-each frame as often as it was drawn.
+A frame's matches do not depend on other frames, so they are found once; a resample only weights
+each frame by its number of draws.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from sightline.structures.precision_recall import NUM_SLOTS
 def draw_frames(
     valid_per_frame: Int64[np.ndarray, " num_frames"], num_resamples: int, seed: int
 ) -> Iterator[Int64[np.ndarray, " num_frames"]]:
-    """How often each frame counts in each resample; those without any object are left out.
+    """Yield the weights of the frames in each resample; resamples without any object are left out.
 
     Frames are drawn with replacement, as many as there are. A seed gives the same draws for every
     class, metric and difficulty, and for every submission of the same frames.
@@ -39,13 +39,13 @@ def draw_frames(
 
 
 class ResampledCurve(NamedTuple):
-    """Matches of all frames, from which the precision of any resample follows."""
+    """Matches of all frames, which give the precision of any resample."""
 
     steps: FrameSteps
     ends: Bool[np.ndarray, " num_steps"]
-    """True of steps that are the last of their score."""
+    """Whether a step is the last of its score."""
     matches: Matches
-    """Highest score first."""
+    """Matches, highest score first."""
     valid_per_frame: Int64[np.ndarray, " num_frames"]
 
     @classmethod
@@ -62,16 +62,16 @@ class ResampledCurve(NamedTuple):
 
     @property
     def num_frames(self) -> int:
-        """Number of frames that resamples are drawn from."""
+        """Number of frames for resampling."""
         return len(self.valid_per_frame)
 
     def ap_all_points(self, weights: Int64[np.ndarray, " num_frames"]) -> float:
-        """Percent under the monotone curve of frames that count `weights` times."""
+        """Compute the area in percent under the monotone curve of frames with these weights."""
         steps, n_gt = self.steps, int(weights @ self.valid_per_frame)
         return 100 * _area(weights[steps.frame], steps.tp, steps.fp, self.ends, n_gt)
 
     def ap_r40(self, weights: Int64[np.ndarray, " num_frames"]) -> float:
-        """KITTI's AP at 40 recall positions, percent, of frames that count `weights` times."""
+        """Compute KITTI's AP at 40 recall positions, percent, of frames with these weights."""
         steps, matches, n_gt = self.steps, self.matches, int(weights @ self.valid_per_frame)
         repeats = weights[matches.frames]
         slots = _fill_slots(weights[steps.frame], steps, matches.scores, repeats, n_gt)
@@ -86,7 +86,7 @@ def _area(
     ends: Bool[np.ndarray, " num_steps"],
     n_gt: int,
 ) -> float:
-    """Mean over k = 1..n_gt of the best precision at which k objects or more are found."""
+    """Compute the mean over k = 1..n_gt of the best precision with at least k objects found."""
     best = np.zeros(n_gt + 1)
     tp, fp = 0, 0
     for step in range(len(weights)):
@@ -109,7 +109,7 @@ def _fill_slots(
     repeats: Int64[np.ndarray, " num_matches"],
     n_gt: int,
 ) -> Float64[np.ndarray, "41"]:
-    """Precision at each recall position: `find_thresholds` and pass 2 in one go."""
+    """Compute the precision at each recall position: `find_thresholds` and pass 2 in one step."""
     slots = np.zeros(NUM_SLOTS)
     last = repeats.sum() - 1
     found, slot, step, tp, fp = 0, 0, 0, 0, 0
@@ -129,5 +129,5 @@ def _fill_slots(
             if tp + fp > 0:
                 slots[slot] = tp / (tp + fp)
             slot += 1
-            recall += 1 / (NUM_SLOTS - 1)  # summed up, as in `find_thresholds`
+            recall += 1 / (NUM_SLOTS - 1)  # summed, as in `find_thresholds`
     return slots

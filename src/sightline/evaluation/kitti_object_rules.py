@@ -1,7 +1,7 @@
-"""The fixed numbers of KITTI's object evaluation: classes, difficulties, overlaps.
+"""Constants of KITTI's object evaluation: classes, difficulties, overlaps.
 
-Facts of the official C++ program in its version with 40 recall positions. Everything else of the
-evaluation follows from them: pairs of truths and detections (`kitti_object_pairs`), their
+They are from the official C++ program in its version with 40 recall positions. Everything else of
+the evaluation follows from them: pairs of truths and detections (`kitti_object_pairs`), their
 matching (`kitti_object_matching`), the scores (`kitti_object_scores`).
 """
 
@@ -18,16 +18,16 @@ Difficulty = Literal["easy", "moderate", "hard"]
 
 CLASSES: tuple[ClassName, ...] = ("Car", "Pedestrian", "Cyclist")
 METRICS: tuple[Metric, ...] = ("bbox", "bev", "3d")
-"""Overlap in the image, of bird's-eye rectangles, of upright boxes."""
+"""Overlaps of boxes in the image, of bird's-eye rectangles, of upright boxes."""
 DIFFICULTIES: tuple[Difficulty, ...] = ("easy", "moderate", "hard")
-"""Cumulative: what counts at one level counts at the next."""
+"""Cumulative difficulties: objects that count at one level count at the next."""
 
 MIN_HEIGHT_PX = (40, 25, 25)
 MAX_OCCLUSION = (0, 1, 2)
 MAX_TRUNCATION = (0.15, 0.30, 0.50)
 
 NEVER = len(DIFFICULTIES)
-"""The level of what counts at no difficulty."""
+"""Level of objects that count at no difficulty."""
 OTHER_CLASS = -1
 DONT_CARE = -2
 
@@ -37,17 +37,17 @@ _NEIGHBOURS = {"van": CLASSES.index("Car"), "person_sitting": CLASSES.index("Ped
 
 @dataclass(frozen=True, kw_only=True)
 class ClassOverlaps:
-    """What a match must exceed, for one class; an overlap equal to it is no match."""
+    """Overlaps that a match must exceed, for one class; an equal overlap is not a match."""
 
     bbox: float
     """Intersection over union in the image."""
     bev: float
-    """Of the rectangles on the ground."""
+    """Intersection over union of the rectangles on the ground."""
     box3d: float
-    """Of the upright boxes."""
+    """Intersection over union of the upright boxes."""
 
     def __post_init__(self) -> None:
-        """Checks the range."""
+        """Check the range."""
         for field in fields(self):
             value = getattr(self, field.name)
             if not 0 <= value < 1:
@@ -59,14 +59,14 @@ class ClassOverlaps:
 
 @dataclass(frozen=True, kw_only=True)
 class MinimumOverlaps:
-    """What a match must exceed, by class. The defaults are the benchmark's own ("strict")."""
+    """Overlaps that a match must exceed, by class; by default the benchmark's own ("strict")."""
 
     car: ClassOverlaps = ClassOverlaps(bbox=0.7, bev=0.7, box3d=0.7)
     pedestrian: ClassOverlaps = ClassOverlaps(bbox=0.5, bev=0.5, box3d=0.5)
     cyclist: ClassOverlaps = ClassOverlaps(bbox=0.5, bev=0.5, box3d=0.5)
 
     def as_array(self) -> Float64[np.ndarray, "3 3"]:
-        """Row by class, column by metric."""
+        """Convert to an array with a row per class, a column per metric."""
         rows = (self.car, self.pedestrian, self.cyclist)
         return np.array([(row.bbox, row.bev, row.box3d) for row in rows])
 
@@ -80,13 +80,13 @@ LOOSE = MinimumOverlaps(
 
 
 def parse_overlaps(text: str) -> MinimumOverlaps:
-    """Reads overlaps as the command line has them: `strict`, `loose`, or by class.
+    """Parse overlaps of the command line: `strict`, `loose`, or by class.
 
     By class: image, bird's-eye view and 3D, as in `car=0.5,0.25,0.25`; several classes are
-    separated by semicolons or spaces, and a class that is not named keeps its strict overlaps.
+    separated by semicolons or spaces, and other classes keep their strict overlaps.
 
     Raises:
-        ValueError: If the text is none of these.
+        ValueError: The text is in none of these forms.
     """
     if text in ("strict", "loose"):
         return STRICT if text == "strict" else LOOSE
@@ -110,13 +110,13 @@ def parse_overlaps(text: str) -> MinimumOverlaps:
 
 @functools.lru_cache(maxsize=1024)
 def class_code(name: str) -> int:
-    """Index in `CLASSES`, `DONT_CARE` or `OTHER_CLASS`; letters compare without case."""
+    """Find the index in `CLASSES`, `DONT_CARE` or `OTHER_CLASS`; case is ignored."""
     return _CODES.get(name.lower(), OTHER_CLASS)
 
 
 @functools.lru_cache(maxsize=1024)
 def neighbour_code(name: str) -> int:
-    """The class that this one is ignored for (never missed, yet it may be found); OTHER_CLASS."""
+    """Find the class that ignores this one (never missed, but may be found), or OTHER_CLASS."""
     return _NEIGHBOURS.get(name.lower(), OTHER_CLASS)
 
 
@@ -125,7 +125,7 @@ def truth_levels(
     occlusion: Float64[np.ndarray, " num_objects"],
     boxes2d: Float64[np.ndarray, "num_objects 4"],
 ) -> Int8[np.ndarray, " num_objects"]:
-    """The first difficulty at which each labelled object counts, `NEVER` if there is none."""
+    """Compute the first difficulty at which each labelled object counts; `NEVER` if none."""
     height = boxes2d[:, 3] - boxes2d[:, 1]
     levels = np.zeros(len(height), dtype=np.int8)
     for max_truncation, max_occlusion, min_height in zip(
@@ -140,10 +140,10 @@ def truth_levels(
 def detection_levels(
     boxes2d: Float64[np.ndarray, "num_objects 4"],
 ) -> Int8[np.ndarray, " num_objects"]:
-    """The first difficulty at which each detection is not small, `NEVER` if there is none.
+    """Compute the first difficulty at which each detection is not small; `NEVER` if none.
 
-    The official program first truncates the height to a whole number, which never changes the
-    outcome of comparing it with one.
+    The official program first truncates the height to a whole number, which never changes its
+    comparison with one.
     """
     height = np.abs(boxes2d[:, 1] - boxes2d[:, 3])
     levels = np.zeros(len(height), dtype=np.int8)

@@ -1,4 +1,4 @@
-"""From matched frames to KITTI's figures: precision by slot, AP, AOS, and AP over all scores."""
+"""KITTI's figures from matched frames: precision by slot, AP, AOS, and AP over all scores."""
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -29,13 +29,13 @@ from sightline.structures.precision_recall import NUM_SLOTS
 def score_objects(
     data: MatchingData, overlaps: MinimumOverlaps, *, bootstrap: int = 0, seed: int = 0
 ) -> ObjectReport:
-    """Scores all classes, metrics and difficulties that the detections hold something for.
+    """Score all classes, metrics and difficulties for which there are detections.
 
     Args:
         data: All frames, their pairs found with the same overlaps.
-        overlaps: What a match must exceed.
+        overlaps: Overlaps that a match must exceed.
         bootstrap: Resamples of the frames for the interval of AP over all scores; 0: without.
-        seed: Of the resamples, which are the same for all entries.
+        seed: Seed of the resamples, which are the same for all entries.
     """
     index = index_pairs(data)
     minima = overlaps.as_array()
@@ -105,9 +105,9 @@ def _score(
 def _fill_slots(
     hits: Float64[np.ndarray, " num_thresholds"], positives: Int64[np.ndarray, " num_thresholds"]
 ) -> Float64[np.ndarray, "41"]:
-    """Hits by positives, each slot raised to the best of the later ones; slots not reached are 0.
+    """Divide hits by positives, raise each slot to the best later one; unreached slots are 0.
 
-    0 by 0, which the official program prints as nan, is 0.
+    0 / 0, which the official program prints as nan, is 0.
     """
     slots = np.zeros(NUM_SLOTS)
     np.divide(hits, positives, out=slots[: len(hits)], where=positives > 0)
@@ -123,9 +123,9 @@ def _mean_r40(slots: Float64[np.ndarray, "41"]) -> float:
 
 
 def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP | None:
-    """AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
+    """Compute AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
 
-    None where no object counts; no interval without resamples that have such an object.
+    It is None if no object counts; there is no interval without resamples with such an object.
     """
     if task.n_gt == 0:
         return None

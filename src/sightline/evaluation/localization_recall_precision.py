@@ -13,34 +13,34 @@ from sightline.evaluation.kitti_object_matching import FrameSteps
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OptimalLrp:
-    """The least error over all score thresholds, and what it is made of. All in [0, 1]."""
+    """Minimum error over all score thresholds, with its components. All in [0, 1]."""
 
     error: float
-    """oLRP; 1 where nothing true is found at any threshold."""
+    """oLRP; 1 if no true positive is found at any threshold."""
     threshold: float | None
-    """Score at which it is least, the highest such; None where finding nothing is no worse."""
+    """Score threshold of the minimum, the highest one; None if an empty result is no worse."""
     localization: float | None
-    """Mean of 1 - IoU over the true positives there; None where there are none."""
+    """Mean of 1 - IoU over the true positives at this threshold; None if there are none."""
     false_positives: float | None
-    """1 - precision there; None where nothing is found."""
+    """1 - precision at this threshold; None if nothing is found."""
     false_negatives: float
-    """1 - recall there."""
+    """1 - recall at this threshold."""
 
 
 def optimal_lrp(steps: FrameSteps, n_gt: int, min_overlap: float) -> OptimalLrp | None:
-    """The least LRP error over the thresholds at which counts change.
+    """Compute the minimum LRP error over the thresholds at which counts change.
 
-    LRP = (sum of (1 - IoU) / (1 - `min_overlap`) over true positives + false positives + misses)
-    / (true positives + false positives + misses). An object that only a detection below the
-    difficulty's height covers is a miss here, as in the AP over all points.
+    LRP = (sum of (1 - IoU) / (1 - `min_overlap`) over true positives + false positives + misses) /
+    (true positives + false positives + misses). An object covered only by a detection below the
+    difficulty's height is a miss here, as in the AP over all points.
 
     Args:
-        steps: Of all frames, highest score first.
-        n_gt: Objects that count.
-        min_overlap: What a match exceeds; in [0, 1).
+        steps: Steps of all frames, highest score first.
+        n_gt: Number of objects that count.
+        min_overlap: Overlap that a match exceeds; in [0, 1).
 
     Returns:
-        None where there is no object.
+        None without objects.
     """
     if n_gt == 0:
         return None

@@ -1,4 +1,4 @@
-"""What the evaluation of objects reports: as JSON and as tables."""
+"""Report of the object evaluation, as JSON and as tables."""
 
 import math
 from collections.abc import Sequence
@@ -30,14 +30,14 @@ class BootstrapAP:
     ap: float
     """Area under the monotone precision-recall curve, percent."""
     low: float | None = None
-    """2.5 % quantile over resampled frames, percent; None without resamples of such objects."""
+    """2.5 % quantile over resampled frames, percent; None if no resample has such objects."""
     high: float | None = None
-    """97.5 % quantile over resampled frames, percent; likewise."""
+    """97.5 % quantile over resampled frames, percent; None in the same case."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ObjectEntry:
-    """Scores of one class by one metric at one difficulty. Percentages, unless said otherwise."""
+    """Scores of one class, metric and difficulty. Percentages, unless stated otherwise."""
 
     class_name: ClassName
     metric: Metric
@@ -45,29 +45,29 @@ class ObjectEntry:
     n_gt: int
     """Labelled objects that count."""
     max_recall: float
-    """Largest share of them found at a threshold, 0 to 1; 0 where there are none."""
+    """Largest share of objects found at a threshold, 0 to 1; 0 without objects."""
     ap_r11: float
     """Mean precision of the slots 0, 4, ..., 40."""
     ap_r40: float
     """Mean precision of the slots 1 to 40."""
     aos_r11: float | None
-    """The same of orientation similarity; None but for bbox, and where a detection has no alpha."""
+    """Same for orientation similarity; None except for bbox, or if a detection has no alpha."""
     aos_r40: float | None
     precision: Float64[np.ndarray, "41"]
-    """By slot, 0 to 1, the best of this and later slots; slots never reached are 0."""
+    """Precision by slot, 0 to 1, the best of this and later slots; unreached slots are 0."""
     thresholds: Float64[np.ndarray, " num_thresholds"]
-    """Scores, descending: the slots that were reached."""
+    """Score thresholds of the reached slots, descending."""
     tp: Int64[np.ndarray, " num_thresholds"]
     fp: Int64[np.ndarray, " num_thresholds"]
     fn: Int64[np.ndarray, " num_thresholds"]
     flipped_share: float | None
-    """Of the true positives at the lowest threshold, those whose heading is more than 90 degrees
-    off, 0 to 1; None where there are none, or a detection has no alpha. Not one of KITTI's."""
+    """Share of true positives at the lowest threshold with a heading error above 90 degrees, 0 to
+    1; None if there are none, or a detection has no alpha. Not one of KITTI's figures."""
     all_points: BootstrapAP | None = None
-    """None where nothing counts."""
+    """AP over all scores; None if nothing counts."""
 
     def curve(self) -> PrecisionRecall:
-        """Precision over recall, to be drawn."""
+        """Precision-recall curve for drawing."""
         positives = self.tp + self.fp
         precision = np.zeros(len(self.tp))
         np.divide(self.tp, positives, out=precision, where=positives > 0)
@@ -81,7 +81,7 @@ class ObjectEntry:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The entry as the report's file has it."""
+        """Convert the entry to the report file's content."""
         points = self.all_points
         entry: dict[str, Any] = {
             "class": self.class_name,
@@ -108,18 +108,18 @@ class ObjectEntry:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DistanceBand:
-    """Scores of what is so far away."""
+    """Scores of one band of distances."""
 
     from_m: float
-    """Over the ground, from the camera."""
+    """Minimum horizontal distance from the camera."""
     to_m: float
-    """Without this distance itself; infinity in the last band."""
+    """Maximum distance, exclusive; infinity in the last band."""
     entries: tuple[ObjectEntry, ...]
-    """As those of the report."""
+    """Entries in the order of the report's."""
 
     @property
     def title(self) -> str:
-        """Its ends, for people."""
+        """Limits of the band as text."""
         if math.isinf(self.to_m):
             return f"{self.from_m:g} m on"
         return f"{self.from_m:g}-{self.to_m:g} m"
@@ -129,23 +129,23 @@ class DistanceBand:
 class ObjectReport:
     """KITTI's object evaluation of one submission.
 
-    Classes and metrics that the submission holds nothing for are absent.
+    Classes and metrics without detections in the submission are absent.
     """
 
     frames: int
     entries: tuple[ObjectEntry, ...]
     """Entries by class, then metric, then difficulty."""
     num_resamples: int = 0
-    """Bootstrap resamples behind the intervals of `all_points`; 0: there are none."""
+    """Number of bootstrap resamples for the intervals of `all_points`; 0: there are none."""
     frames_without_results: int = 0
-    """Frames that were taken as empty because they had no file."""
+    """Number of frames without a result file, which count as empty."""
     bands: tuple[DistanceBand, ...] = ()
-    """Nearest first; none where distances were not asked for."""
+    """Distance bands from the nearest; empty if not requested."""
     remarks: tuple[str, ...] = ()
-    """Sentences on files and objects that are not scored."""
+    """Remarks on files and objects that are not scored."""
 
     def to_json(self) -> dict[str, Any]:
-        """The report as its file has it."""
+        """Convert the report to its file's content."""
         report: dict[str, Any] = {
             "frames": self.frames,
             "frames_without_results": self.frames_without_results,
@@ -164,9 +164,9 @@ class ObjectReport:
         return report
 
     def table(self) -> "Table | Group":
-        """The figures of each class and metric, a column for each difficulty; 80 wide.
+        """Make a table of the figures of each class and metric, a column per difficulty; 80 wide.
 
-        Below it, where they were asked for, those of each distance.
+        A second table contains the distance bands, if requested.
         """
         if not self.bands:
             return self._scores_table()
@@ -220,7 +220,7 @@ class ObjectReport:
         return table
 
     def notes(self) -> list[str]:
-        """What figures of all distances must be read with, a sentence or two each."""
+        """List notes on the interpretation of all figures, a sentence or two each."""
         notes = []
         if not self.entries:
             notes.append("No result is of a scored class: nothing that is labelled was found.")

@@ -1,4 +1,4 @@
-"""Scores of objects as plain rows, for spreadsheets and documents."""
+"""Object scores as plain rows, for spreadsheets and documents."""
 
 import csv
 import io
@@ -19,13 +19,13 @@ Cell = str | int | float | None
 def write_object_rows(
     report: ObjectReport, *, csv: Path | None = None, markdown: Path | None = None
 ) -> None:
-    """Writes a report's scores, a row for each class, metric, difficulty and band of distance.
+    """Write a report's scores, a row for each class, metric, difficulty and distance band.
 
     Args:
-        report: What was measured.
-        csv: File with commas between full figures; None: not wanted.
+        report: The report.
+        csv: Comma-separated file of unrounded figures; None: not written.
         markdown: File with a table of figures to two places, and the report's notes below it; None:
-            not wanted.
+            not written.
     """
     columns, rows = object_rows(report)
     if csv is not None:
@@ -36,7 +36,7 @@ def write_object_rows(
 
 
 def object_rows(report: ObjectReport) -> tuple[tuple[str, ...], list[list[Cell]]]:
-    """Names of the columns, and the rows; None where there is no figure.
+    """List the names of the columns, and the rows; a missing figure is None.
 
     AP, AOS and their interval are percentages, recall and shares are from 0 to 1, as in JSON.
     """

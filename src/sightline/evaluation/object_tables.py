@@ -1,4 +1,4 @@
-"""Tables of scores of objects: a section for each class and metric, a column for each level."""
+"""Tables of object scores: a section for each class and metric, a column for each level."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
 def score_table(
     title: str, extra_name: str | None = None, extra_level: str | None = None
 ) -> "Table":
-    """An empty table; columns for names, for what the figure is, and for the levels.
+    """Make an empty table with columns for names, the figure and the levels.
 
     Args:
-        title: Above it.
-        extra_name: Of a column after class and metric.
-        extra_level: Of a column after the difficulties.
+        title: Title above the table.
+        extra_name: Name of a column after class and metric.
+        extra_level: Name of a column after the difficulties.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
-    shown = Text(title, style="table.title")  # what folders are named is no markup
+    shown = Text(title, style="table.title")  # folder names are not markup
     table = Table(title=shown, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("class", "metric", extra_name, ""):
         if name is not None:
@@ -38,14 +38,14 @@ def score_table(
 def add_section(
     table: "Table", names: Sequence[str], rows: Sequence[tuple[str, list[str]]]
 ) -> None:
-    """Adds the figures of a class and metric, whose names stand on the first line only."""
+    """Add the figures of a class and metric, with the names only on the first line."""
     for number, (figure, cells) in enumerate(rows):
         shown = names if number == 0 else [""] * len(names)
         table.add_row(*shown, figure, *cells, end_section=number == len(rows) - 1)
 
 
 def add_notes(table: "Table", notes: Sequence[str]) -> None:
-    """Puts sentences below a table; what they name is no markup."""
+    """Put notes below a table; their text is not markup."""
     from rich.text import Text
 
     table.caption = Text("\n".join(notes), style="table.caption") if notes else None
@@ -53,18 +53,18 @@ def add_notes(table: "Table", notes: Sequence[str]) -> None:
 
 
 def percentage(value: float | None) -> str:
-    """A cell; a dash where there is no value."""
+    """Format a cell; a dash without a value."""
     return "-" if value is None else f"{value:.2f}"
 
 
 def slots_note(counts: Sequence[tuple[ClassName, Difficulty, int]]) -> list[str]:
-    """A sentence on what R40 can be at most where objects are fewer than recall positions.
+    """Note the maximum of R40 if there are fewer objects than recall positions.
 
     Args:
         counts: Class, difficulty and number of objects that count.
 
     Returns:
-        The sentence, on the class with the fewest objects; empty where all have enough.
+        The sentence, on the class with the fewest objects; empty if all have enough.
     """
     few = [each for each in counts if 0 < each[2] < NUM_SLOTS]
     if not few:

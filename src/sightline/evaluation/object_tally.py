@@ -1,4 +1,4 @@
-"""Counts of what an evaluation of objects cannot score, so that nothing is left out unsaid."""
+"""Counts of unscored results and labels of an object evaluation, for its remarks."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,8 +14,8 @@ from sightline.evaluation.kitti_object_rules import CLASSES, class_code
 _KNOWN: Final = frozenset(
     {"van", "truck", "person_sitting", "tram", "misc", "dontcare", *map(str.lower, CLASSES)}
 )
-"""KITTI's own classes: labels of them say nothing about a mistake."""
-_SHOWN = 5  # names in a sentence
+"""KITTI's own classes: their labels are no sign of a mistake."""
+_SHOWN = 5  # maximum number of names in a sentence
 
 
 @dataclass(slots=True)
@@ -25,11 +25,11 @@ class ObjectTally:
     found: Counter[str] = field(default_factory=Counter)
     labelled: Counter[str] = field(default_factory=Counter)
     without_box3d: int = 0
-    """Results of scored classes without a 3D part."""
+    """Number of results of scored classes without a 3D part."""
     found_in_degrees: int = 0
-    """Results with an angle beyond two pi."""
+    """Number of results with an angle beyond two pi."""
     labelled_in_degrees: int = 0
-    """Labels of that kind."""
+    """Number of labels with such an angle."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Count a frame."""
@@ -45,7 +45,7 @@ class ObjectTally:
         )
 
     def remarks(self) -> tuple[str, ...]:
-        """Sentences on what is not scored; none where everything is."""
+        """List remarks on unscored results and labels; empty if there are none."""
         found, labelled = _by_code(self.found), _by_code(self.labelled)
         remarks = []
         total = self.found.total()
@@ -97,19 +97,19 @@ class ObjectTally:
 def tallied(
     frames: Iterable[tuple[KittiObjects, KittiObjects]], tally: ObjectTally
 ) -> Iterator[tuple[KittiObjects, KittiObjects]]:
-    """Results and labels of each frame as they come, counted on the way."""
+    """Yield results and labels of each frame, and count them."""
     for results, labels in frames:
         tally.add(results, labels)
         yield results, labels
 
 
 def unread_files(results_dir: Path, labels_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on files that are not read where all frames with labels are scored."""
+    """List remarks on unread files when all frames with labels are scored."""
     return unread_labels(labels_dir) + unread_results(results_dir, names)
 
 
 def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """A sentence on result files that are of none of the frames; none where there are none."""
+    """Remark on result files of no scored frame; empty if there are none."""
     wanted = {f"{name}.txt" for name in names}
     extra = sorted(
         path.name
@@ -125,7 +125,7 @@ def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def unread_labels(labels_dir: Path) -> tuple[str, ...]:
-    """A sentence on label files whose ending is none of `.txt`; none where there are none."""
+    """Remark on label files with another suffix than `.txt`; empty if there are none."""
     extra = sorted(
         path.name
         for path in labels_dir.iterdir()
@@ -140,7 +140,7 @@ def unread_labels(labels_dir: Path) -> tuple[str, ...]:
 
 
 def _by_code(counts: Counter[str]) -> Counter[int]:
-    """Numbers of objects of the scored classes."""
+    """Count the objects of the scored classes."""
     coded: Counter[int] = Counter()
     for name, count in counts.items():
         if class_code(name) >= 0:
@@ -149,7 +149,7 @@ def _by_code(counts: Counter[str]) -> Counter[int]:
 
 
 def _listed(counts: dict[str, int]) -> str:
-    """The commonest names with their numbers."""
+    """List the most frequent names with their numbers."""
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     told = [f"{shortened(ascii(name)[1:-1], 24)} {count:,}" for name, count in ranked[:_SHOWN]]
     return ", ".join(told) + (", ..." if len(ranked) > _SHOWN else "")

@@ -1,4 +1,4 @@
-"""What the evaluation of proposals reports: as JSON and as a table."""
+"""Report of the proposal evaluation, as JSON and as a table."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,20 +17,20 @@ class ProposalEntry:
     class_name: ClassName
     metric: Metric
     difficulty: Difficulty | None
-    """None: all objects of the class, whatever their difficulty."""
+    """Difficulty; None: all objects of the class."""
     iou: float
-    """An object is found if some proposal overlaps it by this much, or more."""
+    """Minimum overlap of a found object with some proposal."""
     n_gt: int
     n_found: int
     recall: float
-    """Found over all objects, percent; 0 where there are none."""
+    """Share of found objects, percent; 0 if there are no objects."""
     recall_frames_with_objects: float
-    """Mean over the frames that have objects of each one's recall, percent."""
+    """Mean of the recall per frame over the frames with objects, percent."""
     recall_all_frames: float
-    """Mean over all frames, those without objects counted as 0, percent."""
+    """Mean over all frames, with 0 for frames without objects, percent."""
 
     def to_json(self) -> dict[str, Any]:
-        """The entry as the report's file has it."""
+        """Convert the entry to the report file's content."""
         return {
             "class": self.class_name,
             "metric": self.metric,
@@ -50,18 +50,18 @@ class ProposalReport:
 
     frames: int
     entries: tuple[ProposalEntry, ...]
-    """By class, metric, overlap, then difficulty."""
+    """Entries by class, metric, overlap, then difficulty."""
     remarks: tuple[str, ...] = ()
-    """Sentences on files and objects that are left out."""
+    """Remarks on omitted files and objects."""
 
     def to_json(self) -> dict[str, Any]:
-        """The report as its file has it."""
+        """Convert the report to its file's content."""
         notes = {"notes": list(self.remarks)} if self.remarks else {}
         entries = [entry.to_json() for entry in self.entries]
         return {"frames": self.frames, **notes, "entries": entries}
 
     def table(self) -> "Table":
-        """The recalls of each class, metric and overlap, a column for each difficulty; 80 wide."""
+        """Make a table of the recalls, with a column for each difficulty; 80 wide."""
         num_levels = len(DIFFICULTIES) + 1
         table = score_table(f"recall of proposals, {self.frames:,} frames, percent", "IoU", "all")
         for start in range(0, len(self.entries), num_levels):

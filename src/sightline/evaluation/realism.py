@@ -1,6 +1,6 @@
-"""Compares simulated frames with real ones, number by number.
+"""Statistical comparison of simulated frames with real ones.
 
-Needs no PyTorch. Both sides are read from KITTI's object tree by the same code.
+PyTorch is not needed. Both sides are read from KITTI's object tree by the same code.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ TOLERANCE: Final = 0.25
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Statistic:
-    """One statistic of both sides; None where a side has too little data."""
+    """Statistic of both sides; None if a side has too little data."""
 
     name: str
     simulated: float | None
@@ -27,7 +27,7 @@ class Statistic:
 
     @property
     def ratio(self) -> float | None:
-        """Simulated over real."""
+        """Ratio of simulated to real."""
         if self.simulated is None or not self.real:
             return None
         return self.simulated / self.real
@@ -44,11 +44,11 @@ class RealismReport:
 
     num_simulated: int
     num_real: int
-    """Frames looked at."""
+    """Number of frames used."""
     statistics: tuple[Statistic, ...]
 
     def table(self) -> Text:
-        """For a person: a row for each statistic, marked where the sides differ."""
+        """Make a text table: a row per statistic, marked if the sides differ."""
         header = f"simulated ({self.num_simulated})", f"real ({self.num_real})", "ratio"
         lines = [f"{'':<44}" + "".join(f"{title:>18}" for title in header)]
         for row in self.statistics:
@@ -61,7 +61,7 @@ class RealismReport:
         return Text("\n".join(lines))
 
     def to_json(self) -> Mapping[str, object]:
-        """For a script."""
+        """Convert the report to JSON types."""
         return {
             "num_simulated": self.num_simulated,
             "num_real": self.num_real,
@@ -79,7 +79,7 @@ def evaluate_realism(
     real_labels: Path | str | None = None,
     max_frames: int | None = None,
 ) -> RealismReport:
-    """Measures simulated and real frames in the same way and puts the numbers side by side.
+    """Measure simulated and real frames in the same way and compare the numbers.
 
     Examples:
         >>> import sightline
@@ -89,15 +89,14 @@ def evaluate_realism(
         (2, 0)
 
     Args:
-        simulated: An object tree that `generate.simulate` wrote.
-        real: KITTI's object tree; a folder `full_sweeps` in it, beside `training`, is where
-            whole sweeps are where `velodyne` holds those cut to the image. None: nothing real.
-        real_labels: A folder of label files for the statistics of objects, where there are more
-            than those of `real`.
-        max_frames: Uses so many frames of each, evenly spaced; None: all.
+        simulated: Object tree of `generate.simulate`.
+        real: KITTI's object tree; if `velodyne` holds sweeps cut to the image, a folder
+            `full_sweeps` beside `training` holds the whole ones. None: no real data.
+        real_labels: Folder of more label files than in `real`, for the statistics of objects.
+        max_frames: Maximum number of frames of each, evenly spaced; None: all.
 
     Raises:
-        ValueError: A tree holds no labelled frames, or a file of it cannot be understood.
+        ValueError: A tree holds no labelled frames, or a file cannot be parsed.
     """
     ours = measure_tree(Path(simulated), None, max_frames)
     theirs = Measures()

@@ -26,16 +26,16 @@ from sightline.data.velodyne import read_sweep
 from sightline.evaluation.realism_points import FreeCar, Ground, fit_ground, free_cars
 
 GRADIENTS: Final = (4, 16, 64)
-"""Between these steps of grey from pixel to pixel, pixels are counted."""
+"""Borders of the bins of grey steps between neighbouring pixels."""
 
 _CROP: Final = (352, 1216)
 """Height and width of the depth benchmark's crop: bottom, centre."""
 _DARK: Final = 32
-"""Grey of 255 below which a pixel lies in a deep shadow."""
+"""Grey level of 255 below which a pixel is in a deep shadow."""
 
 
 class BoxFit(NamedTuple):
-    """A labelled 2D box against the projection of its 3D box, clipped to the image."""
+    """Labelled 2D box compared with the projection of its 3D box, clipped to the image."""
 
     class_name: str
     iou: float
@@ -45,7 +45,7 @@ class BoxFit(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measures:
-    """The measurements on a data set."""
+    """Measurements on a data set."""
 
     points_in_image: list[int] = field(default_factory=list)
     points_in_sweep: list[int] = field(default_factory=list)
@@ -54,26 +54,26 @@ class Measures:
     reflectances: list[Float32[np.ndarray, " num_points"]] = field(default_factory=list)
     objects: list[KittiObjects] = field(default_factory=list)
     box_fits: list[BoxFit] = field(default_factory=list)
-    """Of the frames that were looked at, even where `objects` are others'."""
+    """Fits from the measured frames, even if `objects` is from others."""
     cars: list[FreeCar] = field(default_factory=list)
     grounds: list[Ground] = field(default_factory=list)
     brightness: list[float] = field(default_factory=list)
     contrasts: list[float] = field(default_factory=list)
     dark_shares: list[float] = field(default_factory=list)
-    """Of the pixels below the horizon."""
+    """Shares of dark pixels below the horizon."""
     gradients: list[Float64[np.ndarray, " num_bins"]] = field(default_factory=list)
 
 
 def measure_tree(root: Path, labels: Path | None, max_frames: int | None) -> Measures:
-    """Looks through an object tree.
+    """Measure an object tree.
 
     Args:
         root: The folder with `training`.
-        labels: Takes the objects from this folder of label files instead.
-        max_frames: Uses so many frames, evenly spaced; None: all.
+        labels: Folder of label files to take the objects from instead.
+        max_frames: Maximum number of frames, evenly spaced; None: all.
 
     Raises:
-        ValueError: There are no whole frames, or a file cannot be understood.
+        ValueError: There are no whole frames, or a file cannot be parsed.
     """
     measures = Measures()
     frames = list(_whole_frames(root))
@@ -156,7 +156,7 @@ def _box_fits(
         corners = box_corners(location, objects.dimensions_hwl[index], turn)
         box, _ = project_box(corners, matrices.image_from_camera, size)
         sides, labelled = box[2:] - box[:2], objects.boxes2d[index]
-        if sides.min() > 0:  # false where nothing of it is in the image
+        if sides.min() > 0:  # false if no part is in the image
             labelled_sides = labelled[2:] - labelled[:2]
             shared = np.minimum(box, labelled)[2:] - np.maximum(box, labelled)[:2]
             both = float(np.prod(np.clip(shared, 0, None)))

@@ -1,4 +1,4 @@
-"""Measurements on a sweep: the ground, and cars that nothing hides."""
+"""Measurements on a sweep: the ground, and unoccluded cars."""
 
 from typing import Final, NamedTuple
 
@@ -9,38 +9,37 @@ from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 
 _GROUND_M: Final = (5.0, 40.0)
-"""How far ahead the ground is looked at."""
+"""Range ahead in which the ground is measured."""
 _HALF_WIDTH_M: Final = 5.0
 _CELL_M: Final = 1.0
 _MIN_CELLS: Final = 50
 _ROUNDS: Final = 30
 _SCALES_M: Final = (1.0, 0.05)
-"""Residuals above which a cell counts less, in the first rounds and the last ones."""
+"""Residuals above which a cell has less weight, in the first rounds and the last ones."""
 _GROUND_ENDS_M: Final = 0.5
-"""Points farther from the plane are not ground."""
+"""Maximum distance of ground points from the plane."""
 _FACES_M: Final = (0.25, 1.1)
-"""How high above a car's bottom its ends and flanks are looked at: above the road, below the
-windows."""
+"""Heights above a car's bottom for its ends and flanks: above the road, below the windows."""
 _FLANK_M: Final = 0.3
-"""Points so near to the nearer side are on the flank."""
+"""Maximum distance of flank points from the nearer side."""
 _MIN_ON_FLANK: Final = 15
 _LEAST_SINE: Final = 0.1
-"""Of the angle between a flank and the line of sight, for a flank that is seen."""
+"""Minimum sine of the angle between a visible flank and the line of sight."""
 _MIRRORS_M: Final = ((0.06, 0.35), (0.75, 1.25))
-"""How far beyond the label's sides door mirrors are looked for, and how high."""
+"""Distances beyond the label's sides, and heights, of door mirrors."""
 _MIRROR_PLACES: Final = (0.0, 0.7)
-"""How far ahead of the middle, as a share of half the length."""
+"""Positions of mirrors ahead of the middle, as shares of half the length."""
 
 
 class Ground(NamedTuple):
-    """The plane that fits the road ahead best, and how badly it fits."""
+    """Best-fit plane of the road ahead, with its residuals."""
 
     pitch_deg: float
     roll_deg: float
-    """Slope of the ground ahead and to the left, LiDAR frame."""
+    """Slopes of the ground ahead and to the left, LiDAR frame."""
     residual_m: float
     residual_90_m: float
-    """Median and 90 % quantile of how far the ground is off the plane."""
+    """Median and 90 % quantile of the ground's distance from the plane."""
 
 
 class FreeCar(NamedTuple):
@@ -48,19 +47,19 @@ class FreeCar(NamedTuple):
 
     distance_m: float
     reflectances: Float32[np.ndarray, " num_points"]
-    """Of the points in its box."""
+    """Reflectances of the points in its box."""
     beyond_flank_m: float | None
-    """How far the label reaches beyond the last points of the flank, on the far side; None: the
-    flank is not seen well."""
+    """Distance from the last points of the flank to the label's end, on the far side; None: the
+    flank is not well visible."""
     shows_mirrors: bool
-    """Whether points lie where mirrors stand out beyond the label."""
+    """Whether there are points at the places of mirrors beyond the label."""
 
 
 def fit_ground(points: Float32[np.ndarray, "num_points 4"]) -> Ground | None:
-    """The plane through the lowest points of 1 m cells, 5 to 40 m ahead and 5 m to either side.
+    """Fit a plane to the lowest points of 1 m cells, 5 to 40 m ahead and 5 m to either side.
 
-    By weighted least squares, where a cell counts less the farther off it is (Cauchy's weights,
-    ever stricter), so that objects on the ground do not lift it. None: too few cells.
+    Weighted least squares reduce the weight of cells far off the plane (Cauchy's weights, ever
+    stricter), so that objects on the ground do not lift the plane. None: too few cells.
     """
     x, y, z = points[:, :3].astype(np.float64).T
     ahead = (x > _GROUND_M[0]) & (x < _GROUND_M[1]) & (np.abs(y) < _HALF_WIDTH_M)
@@ -87,7 +86,7 @@ def free_cars(
     matrices: CalibrationMatrices,
     objects: KittiObjects,
 ) -> list[FreeCar]:
-    """The labelled cars that are whole in the image and not occluded."""
+    """Select the labelled cars that are whole in the image and not occluded."""
     points = points[points[:, 0] > 0]
     rotation, offset = matrices.camera_from_lidar[:3, :3], matrices.camera_from_lidar[:3, 3]
     in_camera = points[:, :3] @ rotation.T + offset
@@ -116,7 +115,7 @@ def _beyond_flank(
     camera: Float64[np.ndarray, "3"],
     size_hwl: Float64[np.ndarray, "3"],
 ) -> float | None:
-    """`FreeCar.beyond_flank_m`; coordinates are down from the middle, to the right and ahead."""
+    """Compute `FreeCar.beyond_flank_m`; coordinates are down from the middle, right and ahead."""
     height, width, length = size_hwl
     _, side, end = np.where(camera < 0, -1, 1)
     down, right, ahead = own.T
@@ -131,13 +130,13 @@ def _beyond_flank(
     reach = reach[(reach > _FLANK_M - length / 2) & (reach < length / 2 + 2 * _FLANK_M)]
     if len(reach) < _MIN_ON_FLANK:
         return None
-    return float(length / 2 - np.sort(reach)[-2])  # the last may be a stray one
+    return float(length / 2 - np.sort(reach)[-2])  # the last may be a stray point
 
 
 def _shows_mirrors(
     own: Float64[np.ndarray, "num_points 3"], size_hwl: Float64[np.ndarray, "3"]
 ) -> bool:
-    """`FreeCar.shows_mirrors`; coordinates as in `_beyond_flank`."""
+    """Compute `FreeCar.shows_mirrors`; coordinates as in `_beyond_flank`."""
     height, width, length = size_hwl
     down, right, ahead = own.T
     values = np.abs(right) - width / 2, height / 2 - down, ahead / (length / 2)

@@ -1,4 +1,4 @@
-"""The rows of the comparison of simulated and real frames: names and how to compute them."""
+"""Rows of the comparison of simulated and real frames: names and computations."""
 
 import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -12,13 +12,13 @@ from sightline.evaluation.realism_measures import GRADIENTS, BoxFit, Measures
 from sightline.evaluation.realism_points import FreeCar
 
 _DISTANCES_M: Final = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0)
-"""Between these, cars are compared by their points."""
+"""Borders of the distance bins in which cars are compared by their points."""
 _MIN_OBJECTS: Final = 5
-"""Statistics of fewer objects are left out."""
+"""Minimum number of objects for a statistic."""
 _FAR_M: Final = 30.0
-"""Beyond this, the height of what stands on the ground tells how flat the ground is."""
+"""Minimum distance at which the height of objects on the ground measures its flatness."""
 _SEEN_WELL_M: Final = 25.0
-"""Within this, the flanks of cars are compared with their labels."""
+"""Maximum distance at which flanks of cars are compared with their labels."""
 _AXIS_RAD: Final = np.radians(5)
 _GROUP_M: Final = 1.5
 _NO_OBJECTS: Final = parse_objects(b"", "no labels", with_scores=False)
@@ -42,12 +42,12 @@ def _quantile(values: _Values, share: float, fewest: int = 1) -> float | None:
 
 
 def _spread(values: _Values) -> float | None:
-    """Standard deviation."""
+    """Compute the standard deviation."""
     return float(np.std(values)) if len(values) else None
 
 
 def _half_spread(values: _Values) -> float | None:
-    """Half the width of the middle two thirds: a normal distribution's standard deviation."""
+    """Compute half the width of the middle two thirds: the deviation of a normal distribution."""
     return float(np.diff(np.quantile(values, (0.16, 0.84)))[0] / 2) if len(values) else None
 
 
@@ -61,7 +61,7 @@ _Column = Literal["dimensions_hwl", "locations", "truncation", "occlusion", "box
 def _of(
     measures: Measures, names: Collection[str], column: _Column
 ) -> Float64[np.ndarray, "num_objects *fields"]:
-    """A column of all objects of some classes that have a 3D part."""
+    """Take a column of all objects of some classes with a 3D part."""
     columns: list[Float64[np.ndarray, "num_objects *fields"]] = []
     for objects in (_NO_OBJECTS, *measures.objects):
         chosen = np.isin(objects.class_names, [*names])
@@ -79,7 +79,7 @@ def _length_ratio(share: float) -> _Tell:
 
 
 def _length_unknown(measures: Measures) -> float | None:
-    """By how much cars' length differs from what a linear fit tells of their height and width."""
+    """Compute the deviation of cars' length from a linear fit to their height and width."""
     height, width, length = _of(measures, ["Car"], "dimensions_hwl").T
     terms = np.column_stack((height, width, np.ones(len(length))))
     return _spread(length - terms @ np.linalg.lstsq(terms, length, rcond=None)[0])
@@ -94,13 +94,13 @@ def _distance(name: str, share: float) -> _Tell:
 
 
 def _far_bottoms(measures: Measures) -> Float64[np.ndarray, " num_cars"]:
-    """How far below the camera the far cars stand [m]."""
+    """Compute how far below the camera the far cars stand [m]."""
     far = _distances(measures, "Car") > _FAR_M
     return np.asarray(_of(measures, ["Car"], "locations")[far, 1])
 
 
 def _counts(measures: Measures, name: str) -> list[int]:
-    """Of each frame."""
+    """Count the objects of a class in each frame."""
     return [objects.class_names.count(name) for objects in measures.objects]
 
 
@@ -128,12 +128,12 @@ def _along_an_axis(measures: Measures) -> float | None:
 
 
 def _in_company(measures: Measures) -> float | None:
-    """Share of pedestrians with another one near."""
+    """Compute the share of pedestrians with another one nearby."""
     near: list[bool] = []
     for objects in measures.objects:
         places = objects.locations[np.isin(objects.class_names, "Pedestrian")][:, [0, 2]]
         apart = np.linalg.norm(places[:, None] - places, axis=2)
-        near += ((apart < _GROUP_M).sum(axis=1) > 1).tolist()  # each is near itself
+        near += ((apart < _GROUP_M).sum(axis=1) > 1).tolist()  # each is near to itself
     return _mean(near)
 
 
@@ -164,7 +164,7 @@ def _points_on_cars(nearest_m: float, farthest_m: float, share: float) -> _Tell:
 
 
 def _on_cars(measures: Measures, nearest_m: float, farthest_m: float) -> _Values:
-    """Reflectances of all points in the boxes of free cars."""
+    """Pool the reflectances of all points in the boxes of unoccluded cars."""
     return _pooled([car.reflectances for car in _cars(measures, nearest_m, farthest_m)])
 
 

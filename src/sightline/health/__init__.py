@@ -1,1 +1,1 @@
-"""How well sensors work, told from what they deliver, without a model of it."""
+"""Health of sensors, measured from their output without a reference model."""

@@ -1,4 +1,4 @@
-"""What is wrong between camera and LiDAR, told by the edges that both see."""
+"""Alignment checks between camera and LiDAR, from edges in both."""
 
 from typing import NamedTuple
 
@@ -7,24 +7,24 @@ from sightline.health.yaw_error import EdgeMatch, estimate_yaw, match_at_zero
 
 
 class AlignmentChecks(NamedTuple):
-    """What is looked at in how edges match; each number grows as the match gets worse."""
+    """Checks of edge matches; a larger number is a worse match."""
 
     turned: float
-    """Degrees that the LiDAR seems turned by, about z, either way."""
+    """Absolute estimated rotation of the LiDAR about z [degrees]."""
     mismatched: float
-    """How much better edges match at the best angle than as the calibration says, in standard
-    deviations of the curve."""
+    """Advantage of the best angle over the calibration's, in standard deviations of the match
+    curve."""
     tilted: float
-    """Likewise of upper edges, over all angles of pitch and roll."""
+    """Same for upper edges, over all angles of pitch and roll."""
 
 
 LEAST_SPREADS = AlignmentChecks(turned=0.4, mismatched=1.0, tilted=1.0)
-"""By how much each differs between sound mounts of other makes, and streets harder to tell: least
-spreads for limits that shall serve them, too."""
+"""Minimum spreads for limits that also serve other sensors: variation of each check between sound
+mounts of other makes, and in streets with fewer edges."""
 
 
 def check_alignment(match: EdgeMatch) -> AlignmentChecks:
-    """Looks at how the edges of one or more frames match."""
+    """Check the edge matches of one or more frames."""
     yaw_deg = estimate_yaw(match).yaw_deg
     return AlignmentChecks(
         turned=abs(yaw_deg),

@@ -1,4 +1,4 @@
-"""What is wrong with an image, told from its pixels alone."""
+"""Image quality checks, from the pixels alone."""
 
 from typing import NamedTuple
 
@@ -7,63 +7,62 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
 BLOCK_PX = 24
-"""Side of the blocks that regions are told by."""
+"""Side length of the blocks of image regions."""
 
 _BLACK = 12.0  # grey levels; a block whose mean and deviation are below these is covered
 _FLAT = 1.5
 _WHITE = 250
-_SPECKLE = 40  # grey levels that a pixel sticks out of its neighbours by
-_EVEN_SHARE = 0.1  # of the blocks, the evenest: there, what varies is noise
-_LOWER = 0.45  # of the height: below it there is no sky
+_SPECKLE = 40  # difference from its neighbours in grey levels
+_EVEN_SHARE = 0.1  # share of the blocks that are most uniform: their variation is noise
+_LOWER = 0.45  # share of the height below which there is no sky
 _JPEG_PX = 8
-_LIFTED = 158  # grey levels; where nothing is darker but much is brighter, stray light was added
-_LIFTED_RANGE = 40  # grey levels between the darkest and the brightest there: the sky has less
-_CELL_PX = 5  # in which that is looked for
-_REACH_CELLS = 16  # to either side
-_STILL = 0.3  # grey levels, what rounding leaves; a sensor's noise is more, unless saturated
-_STILL_PX = 12  # side of the blocks in which that is looked for
+_LIFTED = 158  # grey levels; stray light leaves nothing darker but much that is brighter
+_LIFTED_RANGE = 40  # minimum range of grey levels there: the sky has less
+_CELL_PX = 5  # side of the cells of stray light
+_REACH_CELLS = 16  # neighbourhood of a cell to either side
+_STILL = 0.3  # grey levels of rounding; a sensor's noise is more, unless saturated
+_STILL_PX = 12  # side of the blocks of this check
 _SATURATED = (20.0, 235.0)
-_MUDDY = 0.35  # grey levels of noise, likewise, in spots of dirt
+_MUDDY = 0.35  # same limit in spots of dirt
 _MUDDY_PX = 8  # side of the blocks, two by two of them: spots are small
-_SHADED = (20.0, 120.0)  # grey levels: what covers a lens is no light, and black is `covered`
-_FEWEST_PX = 4  # of a side, below which nothing is said of detail
+_SHADED = (20.0, 120.0)  # grey levels: dirt on a lens emits no light, and black is `covered`
+_FEWEST_PX = 4  # minimum side for a check of detail
 _TINY = 1e-3
 _REACH = np.ones((2 * _REACH_CELLS + 1, 2 * _REACH_CELLS + 1), np.uint8)
 
 
 class CameraChecks(NamedTuple):
-    """What is looked at in an image; each number grows as the image gets worse."""
+    """Checks of an image; a larger number is a worse image."""
 
     dark: float
-    """255 - the grey level [0, 255] that a tenth of the pixels exceed."""
+    """255 - the grey level [0, 255] exceeded by a tenth of the pixels."""
     bright: float
-    """The grey level that a twentieth of the pixels stay below: haze, stray light, exposure."""
+    """Grey level of the 5 % quantile of pixels: haze, stray light, exposure."""
     faint: float
-    """255 - what lies between the levels of the lowest and the highest twentieth."""
+    """255 - the difference between the 5 % and 95 % quantiles."""
     white: float
     """Share of saturated pixels in the lower part, where there is no sky."""
     covered: float
-    """Share of the blocks that are black and without texture."""
+    """Share of blocks that are black and without texture."""
     textureless: float
-    """Share of the blocks in the lower part whose deviation is below 1.5 grey levels."""
+    """Share of blocks in the lower part with a standard deviation below 1.5 grey levels."""
     lifted: float
-    """Share of the image in whose neighbourhood nothing is dark, but as much contrast as the sky
-    never has: light that blinds."""
+    """Share of the image whose neighbourhood has no dark pixel, but more contrast than a sky:
+    blinding light."""
     still: float
-    """Share of small blocks, saturated ones apart, where not even the sensor's noise is left: what
-    veils the view."""
+    """Share of small unsaturated blocks without the sensor's noise: the view is covered."""
     muddy: float
-    """Likewise, of smaller and dim places: spots on the lens."""
+    """Same for smaller and dim places: spots on the lens."""
     blurred: float
-    """Log2 of how much the gradient grows from full to half size, in the direction that loses
-    more: blur takes the fine detail first."""
+    """Log2 of the gradient's growth from full to half size, in the direction that loses more: blur
+    removes the finest detail first."""
     noisy: float
     """Log2 of the noise [grey levels]: Immerkaer 1996, "Fast noise variance estimation", in the
-    evenest tenth of the blocks."""
+    most uniform tenth of the blocks."""
     speckled: float
-    """Share of the pixels that stick out of the median of their 3x3 neighbours by 40 levels."""
+    """Share of the pixels that differ from the median of their 3x3 neighbours by 40 levels."""
     blocky: float
-    """Log2 of the gradient across the borders of JPEG's blocks over that within them."""
+    """Log2 of the ratio of the gradients across the borders of JPEG's blocks and within them."""
 
 
 LEAST_SPREADS = CameraChecks(
@@ -81,17 +80,17 @@ LEAST_SPREADS = CameraChecks(
     speckled=0.01,
     blocky=0.05,
 )
-"""By how much each differs between sound cameras of other makes: least spreads for limits that
-shall serve them, too."""
+"""Minimum spreads for limits that also serve other sensors: variation of each check between sound
+cameras of other makes."""
 JPEG_LEAST_SPREADS = LEAST_SPREADS._replace(
     still=0.2, muddy=0.15, blurred=0.15, noisy=1.2, blocky=0.2
 )
-"""Least spreads of pictures saved as JPEG, qualities 75 to 95: compression takes the noise away
-that `still` and `muddy` look for, of real pictures more than of simulated ones."""
+"""Minimum spreads for JPEG images of quality 75 to 95: compression removes the noise that `still`
+and `muddy` test, more in real images than in simulated ones."""
 
 
 def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
-    """Looks at an RGB image; about 10 ms on one core for KITTI's size."""
+    """Check an RGB image; about 10 ms on one core for KITTI's size."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     levels = np.cumsum(np.bincount(grey.ravel(), minlength=256)) / grey.size
     low, high, bright = (float(np.searchsorted(levels, share)) for share in (0.05, 0.95, 0.9))
@@ -119,7 +118,7 @@ def check_camera(image: UInt8[np.ndarray, "height width 3"]) -> CameraChecks:
 
 
 def blank_blocks(grey: UInt8[np.ndarray, "height width"]) -> Bool[np.ndarray, "rows columns"]:
-    """Blocks that show nothing: black ones without texture, and blinded ones."""
+    """Mark blocks without content: black ones without texture, and blinded ones."""
     mean, deviation = block_statistics(grey)
     lifted = cv2.dilate(_lifted_cells(grey).astype(np.uint8), _REACH).astype(np.float32)
     blocks = cv2.resize(lifted, mean.shape[::-1], interpolation=cv2.INTER_AREA)
@@ -136,7 +135,7 @@ def _covered(
 def block_statistics(
     grey: UInt8[np.ndarray, "height width"],
 ) -> tuple[Float32[np.ndarray, "rows columns"], Float32[np.ndarray, "rows columns"]]:
-    """Mean and standard deviation of the grey levels of each block, about `BLOCK_PX` wide."""
+    """Compute mean and standard deviation of the grey levels of blocks of about `BLOCK_PX`."""
     values = grey.astype(np.float32)
     mean = _block_means(values, BLOCK_PX)
     square = _block_means(values * values, BLOCK_PX)
@@ -162,7 +161,7 @@ def _mean_step(grey: UInt8[np.ndarray, "height width"], axis: int) -> float:
 def _noise_residual(
     grey: UInt8[np.ndarray, "height width"],
 ) -> Float32[np.ndarray, "height width"]:
-    """What Immerkaer 1996, eq. 6, takes the mean of: there it is the noise [grey levels]."""
+    """Compute the residual of Immerkaer 1996, eq. 6: its mean is the noise [grey levels]."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     residual = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel))
     return residual * np.float32(np.sqrt(np.pi / 2) / 6)
@@ -192,7 +191,7 @@ def _is_still(
     least_noise: float,
     levels: tuple[float, float],
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Blocks of less noise whose mean lies between the levels."""
+    """Mark blocks with less noise and a mean between the levels."""
     mean = _block_means(grey.astype(np.float32), block_px)
     noise = _block_means(residual, block_px)
     still: Bool[np.ndarray, "rows columns"]

@@ -1,4 +1,4 @@
-"""How strong an image's edges are in one direction, against what is round about."""
+"""Strength of an image's edges in one direction, relative to the surroundings."""
 
 from typing import Literal
 
@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-_ALONG_PX, _ACROSS_PX = 81, 41  # of what an edge is compared with: along the gradient and across
+_ALONG_PX, _ACROSS_PX = 81, 41  # neighbourhood of an edge: along the gradient and across
 
 
 def edge_strength(
     image: UInt8[np.ndarray, "height width 3"], gradient: Literal["horizontal", "vertical"]
 ) -> Float32[np.ndarray, "height width"]:
-    """Root of the gradient over its mean round about, so that faint edges count too."""
+    """Compute the root of the gradient over its local mean, so that faint edges count too."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
     is_horizontal = gradient == "horizontal"
     order = (1, 0) if is_horizontal else (0, 1)

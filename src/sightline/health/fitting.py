@@ -1,4 +1,4 @@
-"""Limits from clean data: what is usual of sensors like these."""
+"""Health limits fitted on clean data of similar sensors."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -28,20 +28,19 @@ def fit_on_dataset(
     seed: int = 0,
     transfer: bool = False,
 ) -> HealthLimits:
-    """Limits fitted on frames of sound sensors, drawn without replacement where there are more.
+    """Fit limits on frames of sound sensors, drawn without replacement if there are more.
 
     Args:
-        data: Folder of the data set, of sensors like those that are to be judged; see
-            `open_dataset`.
-        sample_list: Which frames it is drawn from; None: all.
-        velodyne: Folder of the sweeps in an object tree: whole ones, where whole ones are judged.
-            None: velodyne, or else velodyne_reduced.
-        frames: How many, at most.
-        seed: Of the drawing.
-        transfer: Whether the limits shall serve sensors of other makes, too; see `fit_limits`.
+        data: Folder of the data set, of sensors similar to those to be judged; see `open_dataset`.
+        sample_list: Frames to draw from; None: all.
+        velodyne: Folder of the sweeps in an object tree: whole sweeps, if whole sweeps will be
+            judged. None: velodyne, or else velodyne_reduced.
+        frames: Maximum number of frames.
+        seed: Seed of the draw.
+        transfer: Whether the limits also serve sensors of other makes; see `fit_limits`.
 
     Raises:
-        ValueError: The data is at fault, a frame lacks a sensor, or there are too few frames.
+        ValueError: The data are invalid, a frame lacks a sensor, or there are too few frames.
     """
     check_enough(frames)
     if seed < 0:
@@ -72,17 +71,17 @@ def fit_on_samples(
     camera_spreads: CameraChecks = camera_checks.LEAST_SPREADS,
     lidar_spreads: LidarChecks = lidar_checks.LEAST_SPREADS,
 ) -> HealthLimits:
-    """Limits fitted on samples of sound sensors.
+    """Fit limits on samples of sound sensors.
 
     Args:
         samples: At least a hundred.
-        provenance: What is written down about them.
-        transfer: Whether the limits shall serve sensors of other makes, too; see `fit_limits`.
-        camera_spreads: Least spreads of the camera's checks.
-        lidar_spreads: Least spreads of the LiDAR's checks.
+        provenance: Description of the samples, stored with the limits.
+        transfer: Whether the limits also serve sensors of other makes; see `fit_limits`.
+        camera_spreads: Minimum spreads of the camera's checks.
+        lidar_spreads: Minimum spreads of the LiDAR's checks.
 
     Raises:
-        ValueError: A sample lacks a sensor, or there are too few.
+        ValueError: A sample lacks a sensor, or there are too few samples.
     """
     camera: list[CameraChecks] = []
     lidar: list[LidarChecks] = []

@@ -1,4 +1,4 @@
-"""What is wrong with a sweep, told from its points alone."""
+"""Sweep quality checks, from the points alone."""
 
 import math
 from typing import NamedTuple
@@ -11,35 +11,35 @@ from sightline.health.sphere import to_sphere
 from sightline.ops.compiled import compiled
 
 CELL_DEG = 1.0
-"""Side of the cells of azimuth and elevation that regions are told by."""
+"""Side of the azimuth and elevation cells of sweep regions."""
 LOWEST_DEG, HIGHEST_DEG = -12.0, -1.0
-"""Elevations between which the ground, or what stands on it, answers nearly always."""
+"""Elevation range in which the ground, or objects on it, nearly always return an echo."""
 
 WIDEST_DEG = 39.0
-"""Azimuths up to which a sweep is looked at: KITTI's camera sees a little more."""
+"""Maximum azimuth of the checked part of a sweep: KITTI's camera covers a little more."""
 SECTOR_DEG = 2.0
-"""Width of the sectors of a whole turn."""
+"""Width of the azimuth sectors of a whole turn."""
 
 _GAP = 1.5  # typical steps of azimuth; a wider one lacks a return
-_WIDEST_GAP = 4.5  # beyond it lies no lost return but a hole: glass, sky
-_SPIKE_M, _SPIKE_SHARE = 0.1, 0.02  # of the range, by which a false return leaves its neighbours
-_ALONE_M = 1.0  # in front of both neighbours: clutter
-_CLOSE_M = 20.0  # that of fog, rain and snow lies nearer
-_STRAY_DEG = 0.12  # of azimuth or elevation, off the middle of neighbours that are near each other
-_LEVER_DEG_M = 12.0  # lasers sit up to 0.2 m off the origin: nearer returns seem turned
-_NEAR_M = 25.0  # up to here surfaces are even enough to tell the noise of ranges
-_ABOVE_M = -1.3  # the road lies below it, in the LiDAR's frame
+_WIDEST_GAP = 4.5  # a wider one is not a lost return but a hole: glass, sky
+_SPIKE_M, _SPIKE_SHARE = 0.1, 0.02  # least offset of a false return, also as a share of the range
+_ALONE_M = 1.0  # distance of clutter in front of both neighbours
+_CLOSE_M = 20.0  # maximum range of clutter from fog, rain and snow
+_STRAY_DEG = 0.12  # offset of azimuth or elevation from the middle of two close neighbours
+_LEVER_DEG_M = 12.0  # lasers are up to 0.2 m off the origin: near returns appear rotated
+_NEAR_M = 25.0  # range up to which surfaces are even enough to measure the range noise
+_ABOVE_M = -1.3  # minimum height of clutter, above the road, in the LiDAR's frame
 _TINY = 1e-4
 _FEWEST = 3
-_FAR_M = 15.0  # beyond it fog has taken much of the light
-_FEWEST_FAR = 50  # returns beyond it, to tell anything by
+_FAR_M = 15.0  # range beyond which fog absorbs much of the light
+_FEWEST_FAR = 50  # minimum number of returns beyond it
 
 
 class LidarChecks(NamedTuple):
-    """What is looked at in a sweep; each number grows as the sweep gets worse.
+    """Checks of a sweep; a larger number is a worse sweep.
 
-    All but the last look at what lies ahead (`lies_ahead`), a part that KITTI's reduced sweeps hold
-    as completely as whole ones do, whatever camera there is.
+    All but the last use the part ahead (`lies_ahead`), which is as complete in KITTI's reduced
+    sweeps as in whole ones, for any camera.
     """
 
     sparse: float
@@ -49,27 +49,28 @@ class LidarChecks(NamedTuple):
     gappy: float
     """Log2 of the share of steps along rings that skip one to three returns."""
     holes: float
-    """Share of the cells below the horizon that have no point."""
+    """Share of the cells below the horizon without points."""
     narrow: float
-    """-log2 of the azimuths [degrees] that have points."""
+    """-log2 of the azimuth range [degrees] with points."""
     rough: float
-    """Log2 of how far [m] a return lies off the middle of its neighbours on the ring: the quarter
-    of the smallest, near by."""
+    """Log2 of the distance [m] of a return from the middle of its neighbours on the ring: the 25 %
+    quantile, at short range."""
     spiky: float
-    """Log2 of the share of returns that lie off both their neighbours, which agree."""
+    """Log2 of the share of returns that differ from both their neighbours, which agree."""
     stray: float
-    """Log2 of the share of returns that are off the ray of their laser: no sound sensor has any."""
+    """Log2 of the share of returns off the ray of their laser: sound sensors have none."""
     jagged: float
     """Log2 of the unevenness of the steps of azimuth, in degrees."""
     cluttered: float
-    """Log2 of the share of spikes that are near and above the road."""
+    """Log2 of the share of spikes at short range and above the road."""
     short: float
-    """-log2 of the range [m] that a twentieth of the points exceed."""
+    """-log2 of the 95 % quantile of the range [m]."""
     faded: float
-    """-log2 of the reflectance that a twentieth of the returns beyond 15 m exceed: fog takes light
-    with the distance. NaN where there are hardly any, or all are 0: a sensor that tells none."""
+    """-log2 of the 95 % quantile of the reflectance beyond 15 m: fog absorbs light with distance.
+    NaN with hardly any returns there, or if all are 0: the sensor measures none."""
     blind: float
-    """Share of the sectors of a whole turn without points; 0 for what the camera sees alone."""
+    """Share of the azimuth sectors of a whole turn without points; 0 for sweeps cut to the camera's
+    view."""
 
 
 LEAST_SPREADS = LidarChecks(
@@ -87,14 +88,14 @@ LEAST_SPREADS = LidarChecks(
     faded=0.25,
     blind=0.01,
 )
-"""By how much each differs between sound LiDARs of other makes: least spreads for limits that shall
-serve them, too."""
+"""Minimum spreads for limits that also serve other sensors: variation of each check between sound
+LiDARs of other makes."""
 FEW_RINGS_LEAST_SPREADS = LEAST_SPREADS._replace(sparse=0.8, ringless=0.3, holes=0.3)
-"""Least spreads of LiDARs of 32 and 16 beams, which differ more in where their beams point."""
+"""Minimum spreads for LiDARs of 32 and 16 beams, which differ more in their beam directions."""
 
 
 def check_lidar(points: Float32[np.ndarray, "num_points 4"]) -> LidarChecks:
-    """Looks at a sweep: a few ms on one core, in another order than KITTI's up to 0.3 s."""
+    """Check a sweep: a few ms on one core, up to 0.3 s for another point order than KITTI's."""
     ahead = ring_by_ring(points[lies_ahead(points)])
     count = len(ahead)
     if count < _FEWEST:
@@ -128,13 +129,13 @@ def check_lidar(points: Float32[np.ndarray, "num_points 4"]) -> LidarChecks:
 
 
 NOTHING = LidarChecks(*(float("inf"),) * len(LidarChecks._fields))
-"""What is said of a sweep that has no points to look at."""
+"""Checks of a sweep without points."""
 
 
 def lies_ahead(
     points: Float32[np.ndarray, "num_points 4"],
 ) -> Bool[np.ndarray, " num_points"]:
-    """Which points lie within `WIDEST_DEG` of straight ahead and above `LOWEST_DEG`."""
+    """Test which points lie within `WIDEST_DEG` of straight ahead and above `LOWEST_DEG`."""
     widest, lowest = (math.tan(math.radians(angle)) for angle in (WIDEST_DEG, LOWEST_DEG))
     x, y, z = points[:, 0], points[:, 1], points[:, 2]
     ahead: Bool[np.ndarray, " num_points"] = np.abs(y) < np.float32(widest) * x
@@ -159,7 +160,7 @@ def cell_counts(
     azimuth_deg: Float32[np.ndarray, " num_points"],
     elevation_deg: Float32[np.ndarray, " num_points"],
 ) -> Int64[np.ndarray, "rows columns"]:
-    """Points in each cell ahead, the highest elevations and the leftmost azimuths first."""
+    """Count the points in each cell ahead, from the top elevation and the leftmost azimuth."""
     rows = round((HIGHEST_DEG - LOWEST_DEG) / CELL_DEG)
     columns = round(2 * WIDEST_DEG / CELL_DEG)
     row = np.floor((HIGHEST_DEG - elevation_deg) / CELL_DEG).astype(np.int64)
@@ -170,10 +171,10 @@ def cell_counts(
 
 
 def blind_sectors(points: Float32[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_sectors"]:
-    """Of a whole sweep the sectors of azimuth without any point; counter-clockwise from behind.
+    """Mark the azimuth sectors of a whole sweep without points; counter-clockwise from behind.
 
-    Of a sweep that is cut to the camera's view, which has no point behind the sensor, none: it says
-    nothing about them.
+    A sweep cut to the camera's view has no points behind the sensor; then no sector is marked, as
+    nothing is known about them.
     """
     sectors = round(360 / SECTOR_DEG)
     if not (points[:, 0] < 0).any():
@@ -191,7 +192,7 @@ def _compare_neighbours(
     elevation: Float64[np.ndarray, " num_points"],
     height: Float64[np.ndarray, " num_points"],
 ) -> tuple[Float64[np.ndarray, " num_near"], int, int, int]:
-    """Deviations [m] from the middle of both neighbours; numbers of spikes, strays, clutter."""
+    """Compute deviations [m] from the middle of both neighbours; count spikes, strays, clutter."""
     deviations = np.empty(len(ranges))
     count, num_spikes, num_stray, num_clutter = 0, 0, 0, 0
     for i in range(1, len(ranges) - 1):

@@ -1,4 +1,4 @@
-"""What is usual of sound sensors: fitted on clean data, kept in a small file."""
+"""Limits of sound sensors, fitted on clean data and stored in a small file."""
 
 import json
 import math
@@ -21,49 +21,49 @@ from sightline.structures.health import Health
 Checks = CameraChecks | LidarChecks | AlignmentChecks
 
 FALSE_ALARMS: Final = 0.01
-"""Share of sound frames whose score is below `ALARM_SCORE`."""
+"""Share of sound frames with a score below `ALARM_SCORE`."""
 LEAST_SCORE: Final = 0.001
-"""Least score of what was delivered: how much worse than this it is says no more."""
+"""Minimum score of a sensor with output; lower values have no further meaning."""
 SHIPPED: Final = Path(__file__).with_name("limits.json")
-"""Limits fitted on simulated frames; the file says which."""
+"""Limits fitted on simulated frames, which the file describes."""
 
-_UNUSUAL = 0.99  # quantile of sound frames that a check's spread reaches up to
-_OWN_SHARE = 0.1  # of the least spreads, for limits of the fitted sensors alone
-_FEWEST_FRAMES = 100  # from which one in a hundred can be told
+_UNUSUAL = 0.99  # quantile of sound frames at one spread from the median
+_OWN_SHARE = 0.1  # share of the minimum spreads, for limits of the fitted sensors alone
+_FEWEST_FRAMES = 100  # minimum for a quantile of one in a hundred
 _MAX_BYTES = 2**20
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CheckRange:
-    """What is usual of one check."""
+    """Usual range of one check."""
 
     median: float
     spread: float
-    """From the median to what one sound frame in a hundred exceeds."""
+    """Distance from the median to the 99 % quantile of sound frames."""
 
     def excess(self, value: float) -> float:
-        """How far a number lies on the bad side of the median, in spreads."""
+        """Compute how far a value is above the median, in spreads."""
         return max((value - self.median) / self.spread, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorLimits:
-    """What is usual of all checks of one sensor together."""
+    """Usual ranges of all checks of one sensor."""
 
     checks: Mapping[str, CheckRange]
     limit: float
-    """The largest excess of a frame's checks that all but `FALSE_ALARMS` of the sound frames stay
+    """Largest excess over a frame's checks that all but `FALSE_ALARMS` of the sound frames stay
     below."""
 
     def judge(self, checks: Checks, *, without: Collection[str] = ()) -> Health:
-        """2 to the power of minus the largest excess over the limit; 0 where it is infinite.
+        """Compute the score 2^-(largest excess / limit) of a frame; 0 if infinite.
 
-        It is `LEAST_SCORE` at the least where something was delivered. A check that could not be
-        made (NaN) says nothing.
+        It is at least `LEAST_SCORE` if the sensor has output. A check without a value (NaN) is
+        ignored.
 
         Args:
-            checks: Of a frame.
-            without: Names of checks that do not count.
+            checks: Checks of a frame.
+            without: Names of ignored checks.
         """
         excesses = {
             name: self.checks[name].excess(value)
@@ -78,7 +78,7 @@ class SensorLimits:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HealthLimits:
-    """Limits of all that is judged, and what they were fitted on."""
+    """Limits of all sensors, with a description of the data that they are fitted on."""
 
     camera: SensorLimits
     lidar: SensorLimits
@@ -89,20 +89,20 @@ class HealthLimits:
 def fit_limits(
     rows: Sequence[Checks], least_spreads: Checks, *, transfer: bool = False
 ) -> SensorLimits:
-    """Limits that one sound frame in a hundred goes beyond.
+    """Fit limits that one sound frame in a hundred exceeds.
 
-    Each check is measured from its median in spreads; what counts is the largest of a frame. The
-    limit is the quantile of that over the frames, 1 at the least, so the share of false alarms is
-    that of all checks together.
+    Each check is measured from its median in spreads; a frame counts by its largest value. The
+    limit is the quantile of these over the frames, at least 1, so the rate of false alarms is that
+    of all checks together.
 
     Args:
         rows: The checks of sound frames.
-        least_spreads: What a check's spread is at the least where `transfer` is set, and a tenth of
-            it is otherwise: a number that hardly changed in so few frames may do so.
-        transfer: Whether the limits shall serve sensors of other makes, too.
+        least_spreads: Minimum spread of each check if `transfer` is set; otherwise a tenth of it is
+            the minimum: a check that is nearly constant in so few frames may vary in others.
+        transfer: Whether the limits also serve sensors of other makes.
 
     Raises:
-        ValueError: There are too few frames to tell, or a check is infinite or tells nothing.
+        ValueError: There are too few frames, or a check is infinite or has no values.
     """
     check_enough(len(rows))
     names = rows[0]._fields
@@ -127,7 +127,7 @@ def fit_limits(
 
 
 def check_enough(num_frames: int) -> None:
-    """Refuses numbers of clean frames that limits cannot be told from.
+    """Check that there are enough clean frames for limits.
 
     Raises:
         ValueError: There are too few.
@@ -140,7 +140,7 @@ def check_enough(num_frames: int) -> None:
 
 
 def write_limits(path: Path, limits: HealthLimits) -> None:
-    """Writes limits as JSON; the file appears whole or not at all."""
+    """Write limits as JSON; the file appears whole or not at all."""
     sensors = {
         name: {
             "limit": each.limit,
@@ -156,7 +156,7 @@ def write_limits(path: Path, limits: HealthLimits) -> None:
 
 
 def read_limits(path: Path = SHIPPED) -> HealthLimits:
-    """Reads limits; by default those that come with Sightline.
+    """Read limits; by default those included in Sightline.
 
     Raises:
         FileError: The file holds no limits, or those of other checks.

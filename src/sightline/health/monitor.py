@@ -1,4 +1,4 @@
-"""The health of a sample's sensors, one sample at a time or along a drive."""
+"""Health of a sample's sensors, for single samples or along a drive."""
 
 from collections.abc import Callable
 
@@ -15,38 +15,38 @@ from sightline.structures.health import Health, SampleHealth
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
-_TELLING = 0.2  # score from which edges are still the scene's, as with some beams missing
-# Checks that sound sensors of another make fail: pictures saved as JPEG, fewer beams.
+_TELLING = 0.2  # minimum score for edges of the scene, e.g. with some beams missing
+# Checks that fail for sound sensors of another make: JPEG images, fewer beams.
 _OF_MAKE = ("still", "muddy", "blocky", "sparse", "ringless", "holes")
 _ABSENT = Health(score=0.0, worst_check="absent")
 
 
 class HealthMonitor:
-    """Judges samples one by one, without memory."""
+    """Health monitor of single samples, without memory."""
 
     def __init__(self, limits: HealthLimits | None = None) -> None:
-        """Takes limits; None: those that come with Sightline."""
+        """Take limits; None: those included in Sightline."""
         self.limits = limits or read_limits()
 
     def __call__(self, sample: CameraLidarSample) -> SampleHealth:
-        """The health of a sample; about 35 ms on one core for KITTI's size."""
+        """Judge a sample; about 35 ms on one core for KITTI's size."""
         return self.judge(sample)[0]
 
     def judge(
         self, sample: CameraLidarSample, earlier: EdgeMatch | None = None
     ) -> tuple[SampleHealth, EdgeMatch | None]:
-        """The health of a sample, its alignment by the edges of earlier frames, too.
+        """Judge a sample, with the edges of earlier frames for its alignment.
 
-        The yaw is estimated wherever both sensors show edges of the scene, also if limits for
-        another make of sensor do not fit; the alignment is judged where they fit.
+        The yaw is estimated whenever both sensors show edges of the scene, even if the limits do
+        not fit this make of sensor; the alignment is judged only if they fit.
 
         Args:
             sample: The sample.
-            earlier: How the edges of earlier frames match. None: by this sample alone.
+            earlier: Edge matches of earlier frames. None: only this sample.
 
         Returns:
-            The health; and how the edges of all these frames match, None where this sample's tell
-            nothing: then those of earlier ones tell nothing of it.
+            The health; and the edge matches of all these frames, None if this sample has none: then
+            earlier matches do not apply to it.
         """
         sample = level_sample(sample)
         image = rgb_of(sample)
@@ -77,7 +77,7 @@ class HealthMonitor:
 def _judge(
     limits: SensorLimits, delivered: np.ndarray | None, check: Callable[[np.ndarray], Checks]
 ) -> tuple[Health, bool]:
-    """The health of a sensor, and whether it shows edges of the scene, whatever its make."""
+    """Judge a sensor, and test whether it shows edges of the scene, for any make."""
     if delivered is None:
         return _ABSENT, False
     checks = check(delivered)
@@ -86,7 +86,7 @@ def _judge(
 
 
 def rgb_of(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"] | None:
-    """The sample's image, colours last; None where there is none."""
+    """Convert the sample's image to channels last; None if there is none."""
     if sample.image is None:
         return None
     return np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())

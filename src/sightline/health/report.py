@@ -1,4 +1,4 @@
-"""What the monitor says of a drive: as JSON and as a table."""
+"""Health report of a drive, as JSON and as a table."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def doubts(frames: Sequence[FrameHealth]) -> tuple[str, ...]:
-    """Sensors that most frames are bad by: limits may be of other sensors than these."""
+    """List sensors that are bad in most frames: the limits may be for other sensors."""
     doubtful = []
     for name, what in (("camera", "images"), ("lidar", "sweeps")):
         judged: list[Health] = [getattr(frame.health, name) for frame in frames]
@@ -34,17 +34,17 @@ def doubts(frames: Sequence[FrameHealth]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HealthReport:
-    """The frames of a drive in their order."""
+    """Health of the frames of a drive, in order."""
 
     frames: tuple[FrameHealth, ...]
 
     limits: Mapping[str, str] = field(default_factory=dict)
-    """Limits by which camera and LiDAR were judged, in words."""
+    """Descriptions of the limits of camera and LiDAR."""
     warnings: tuple[str, ...] = ()
     """Reasons to doubt the scores."""
 
     def to_json(self) -> dict[str, Any]:
-        """The report as its file has it."""
+        """Convert the report to its file's content."""
         return {
             "limits": dict(self.limits),
             "warnings": list(self.warnings),
@@ -53,12 +53,12 @@ class HealthReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Limits and warnings, a line each."""
+        """List limits and warnings, a line each."""
         limits = [f"{sensor} judged by limits: {said}" for sensor, said in self.limits.items()]
         return (*limits, *self.warnings)
 
     def table(self) -> "Table":
-        """One row per frame: scores, the worst check of what is bad, alarms that are on."""
+        """Make a table of scores, the worst check of bad sensors and active alarms per frame."""
         from rich.box import SIMPLE_HEAD
         from rich.table import Table
         from rich.text import Text
@@ -77,7 +77,7 @@ class HealthReport:
             judged = (health.camera, health.lidar, health.alignment)
             worst = min((each for each in judged if each), key=lambda each: each.score)
             table.add_row(
-                Text(health.sample_id),  # a name may hold brackets, which are no markup
+                Text(health.sample_id),  # brackets in a name are not markup
                 *map(_score, judged),
                 "-" if health.yaw_deg is None else f"{health.yaw_deg:+.2f}",
                 worst.worst_check if worst.is_alarm else "",

@@ -1,4 +1,4 @@
-"""Sweeps of any order as the checks want them: one ring after the other, as KITTI's files are."""
+"""Sorting of sweeps in any order ring by ring, as in KITTI's files."""
 
 import numpy as np
 from jaxtyping import Float32, Int64
@@ -7,27 +7,27 @@ from sightline.data.ring_elevations import FEWEST_RINGS, rings_by_elevation
 from sightline.health.sphere import to_sphere
 
 SEAM_DEG = 30.0
-"""Inside a ring the azimuth never falls back so far."""
-_FEWEST = 100  # points, below which no order can be told
-_APART = 7  # points that far from each other are on one ring, or nearly so
-_SCATTERED = 0.2  # of the spread of elevations, that they differ by where they are not
-_MOST_DOUBTFUL = 0.15  # of points between rings: a noisy sensor is to be judged, too
+"""Largest decrease of the azimuth inside a ring."""
+_FEWEST = 100  # minimum number of points to detect an order
+_APART = 7  # index distance of points on one ring, or nearly so
+_SCATTERED = 0.2  # share of the elevations' spread between points that are not
+_MOST_DOUBTFUL = 0.15  # share of points between rings: a noisy sensor must be judged, too
 _RING_GAP_DEG = 0.1
 _FEWEST_RINGS = 4
-_RING_STEP_DEG = 0.4  # where noise blurs the rings
+_RING_STEP_DEG = 0.4  # step for rings blurred by noise
 
 
 def ring_by_ring(
     points: Float32[np.ndarray, "num_points 4"],
 ) -> Float32[np.ndarray, "num_points 4"]:
-    """The same points, the highest ring first, each by rising azimuth.
+    """Sort points with the highest ring first, each ring by increasing azimuth.
 
-    What is in KITTI's order stays as it is. Rings that run clockwise are turned round. Points that
-    come in the order of the laser's shots, or in none, are parted into rings by their elevation
-    (`rings_by_elevation`; where noise blurs these, by gaps or even steps).
+    Points in KITTI's order are unchanged. Clockwise rings are reversed. Points in the order of the
+    laser's firings, or in none, are split into rings by their elevation (`rings_by_elevation`; if
+    noise blurs these, by gaps or even steps).
 
     Args:
-        points: Of a sweep, or of a part of it that does not reach round.
+        points: A sweep, or a part of it that is less than a full turn.
     """
     if len(points) < _FEWEST:
         return points
@@ -52,7 +52,7 @@ def ring_by_ring(
 def number_rings(
     azimuth_deg: Float32[np.ndarray, " num_points"],
 ) -> Int64[np.ndarray, " num_points"]:
-    """The ring of each point of a part of a sweep, from 0, by where the azimuth falls back."""
+    """Number the rings of a part of a sweep, from 0, by the decreases of the azimuth."""
     return np.cumsum(np.diff(azimuth_deg, prepend=azimuth_deg[:1]) < -SEAM_DEG, dtype=np.int64)
 
 
@@ -62,7 +62,7 @@ def _rings_from_below(
     *,
     is_scattered: bool,
 ) -> Int64[np.ndarray, " num_points"] | None:
-    """Numbers by elevation; None of points that may be ring by ring and show no other rings."""
+    """Number rings by elevation; None for points possibly ring by ring that show no other rings."""
     try:
         return -rings_by_elevation(points, _MOST_DOUBTFUL)
     except ValueError:
@@ -72,7 +72,7 @@ def _rings_from_below(
 def _groups_by_elevation(
     elevation_deg: Float32[np.ndarray, " num_points"],
 ) -> Int64[np.ndarray, " num_points"]:
-    """Numbers from below: groups with gaps between them, or steps where there are no gaps."""
+    """Number groups from below: by gaps between them, or by even steps if there are no gaps."""
     order = np.argsort(elevation_deg)
     gaps = np.diff(elevation_deg[order], prepend=elevation_deg[order[:1]]) > _RING_GAP_DEG
     if gaps.sum() + 1 < _FEWEST_RINGS:

@@ -1,4 +1,4 @@
-"""The health of a drive's sensors: alarms that neither flicker nor come late."""
+"""Health of a drive's sensors, with alarms that neither flicker nor come late."""
 
 from dataclasses import dataclass
 
@@ -10,26 +10,28 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HysteresisConfig:
-    """When an alarm is raised, and when it is taken back.
+    """Settings for raising and clearing alarms.
 
     Raises:
         ValueError: A number is out of range.
     """
 
     raise_after: int = 2
-    """Frames in a row below `ALARM_SCORE`."""
+    """Consecutive frames below `ALARM_SCORE`."""
     at_once_score: float = 0.01
-    """At or below it a single frame raises the alarm: a sensor is absent, black or empty."""
+    """Maximum score at which a single frame raises the alarm: a sensor is absent, black or
+    empty."""
     clear_after: int = 5
-    """Frames in a row at `clear_score` or more."""
+    """Consecutive frames at `clear_score` or more."""
     clear_score: float = 0.55
-    """Above `ALARM_SCORE`, so that an alarm does not come and go about one score."""
+    """Minimum score to clear; above `ALARM_SCORE`, so that an alarm does not flicker around one
+    score."""
     memory: float = 0.8
-    """Weight of the edges of earlier frames in the alignment, relative to the latest: 0.8 averages
-    over about five frames. Frames whose edges cannot be matched do not count."""
+    """Weight of earlier frames' edges in the alignment, relative to the latest: 0.8 averages over
+    about five frames. Frames without matching edges do not count."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if self.raise_after < 1 or self.clear_after < 1:
             raise ValueError(
                 f"alarms are raised and cleared after at least 1 frame, got {self.raise_after} and "
@@ -46,16 +48,16 @@ class HysteresisConfig:
 
 
 class Alarm:
-    """One alarm with hysteresis."""
+    """Alarm with hysteresis."""
 
     def __init__(self, config: HysteresisConfig) -> None:
-        """Starts without an alarm."""
+        """Start without an alarm."""
         self.config = config
         self.is_on = False
         self._in_a_row = 0
 
     def update(self, health: Health | None) -> None:
-        """Takes the next frame's health, None where it cannot be told."""
+        """Update with the next frame's health, None if it is unknown."""
         if health is None:
             self._in_a_row = 0
             return
@@ -71,20 +73,20 @@ class Alarm:
 
 
 class DriveMonitor:
-    """Judges the frames of a drive in their order.
+    """Health monitor for the frames of a drive, in order.
 
-    Camera and LiDAR are judged by each frame, the alignment by the edges of the last ones together:
-    one frame's may mislead.
+    Camera and LiDAR are judged by each frame, the alignment by the edges of the last frames
+    together: a single frame can be misleading.
     """
 
     def __init__(
         self, monitor: HealthMonitor | None = None, config: HysteresisConfig | None = None
     ) -> None:
-        """Starts a drive.
+        """Start a drive.
 
         Args:
-            monitor: None: by the limits that come with Sightline.
-            config: Of the alarms.
+            monitor: The monitor. None: one with the limits included in Sightline.
+            config: Settings of the alarms.
         """
         self.monitor = monitor or HealthMonitor()
         self.config = config or HysteresisConfig()
@@ -93,12 +95,12 @@ class DriveMonitor:
 
     @property
     def alarms(self) -> Alarms:
-        """Those that are on after the last frame."""
+        """Active alarms after the last frame."""
         camera, lidar, alignment = (alarm.is_on for alarm in self._alarms)
         return Alarms(camera=camera, lidar=lidar, alignment=alignment)
 
     def __call__(self, sample: CameraLidarSample) -> FrameHealth:
-        """The health of the drive's next frame."""
+        """Judge the drive's next frame."""
         earlier = self._match and self._match.faded(self.config.memory)
         health, match = self.monitor.judge(sample, earlier)
         self._match = match or self._match

@@ -1,4 +1,4 @@
-"""Limits that come with Sightline, and which of them fit the frames of a drive."""
+"""Limits included in Sightline, and their selection for the frames of a drive."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -20,25 +20,25 @@ from sightline.health.monitor import rgb_of
 from sightline.structures.sample import CameraLidarSample
 
 ImageKind = Literal["png", "jpeg"]
-"""How pictures were saved: without loss, or as JPEG of quality 75 to 95."""
+"""Format of the images: lossless, or JPEG of quality 75 to 95."""
 BEAMS: Final = (64, 32, 16)
-"""Numbers of beams that there are limits for."""
+"""Numbers of beams with included limits."""
 
 LOOKED_AT: Final = 15
-"""Frames, evenly spread over a drive, that the shipped limits are chosen by."""
+"""Number of frames, evenly spread over a drive, for choosing the included limits."""
 FEWEST_FIRST: Final = 10
-"""Frames that limits of the drive itself can be fitted to, at least."""
+"""Minimum number of frames for limits fitted to the drive itself."""
 
-_RINGS_AHEAD = {64: 40.0, 32: 20.0, 16: 10.0}  # in the part of a sweep that is looked at
-_BLOCKY = 0.045  # of JPEG's blocks in pictures, the median; without compression it is below 0.035
-_MOST_ALARMS = 0.2  # of frames, up to which limits fit: a sensor may have failed in some
+_RINGS_AHEAD = {64: 40.0, 32: 20.0, 16: 10.0}  # rings in the checked part of a sweep
+_BLOCKY = 0.045  # median of `blocky` in JPEG images; without compression it is below 0.035
+_MOST_ALARMS = 0.2  # maximum share of frames for fitting limits: a sensor may have failed in some
 _MOST_RINGS = 0.8  # quantile over the frames: in some a LiDAR may have failed
-_WIDER = 2.0  # by how much limits of few frames reach beyond what these show
+_WIDER = 2.0  # factor by which limits of few frames exceed their range
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DriveChecks:
-    """Checks of some frames of a drive, without those that a sensor delivered nothing in."""
+    """Checks of some frames of a drive, without frames in which the sensor has no output."""
 
     camera: tuple[CameraChecks, ...]
     lidar: tuple[LidarChecks, ...]
@@ -46,21 +46,21 @@ class DriveChecks:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ChosenLimits:
-    """Limits for a drive, and what was chosen."""
+    """Limits chosen for a drive, with descriptions."""
 
     limits: HealthLimits
     camera: str
-    """Limits by which the camera is judged, in words."""
+    """Description of the camera's limits."""
     lidar: str
-    """Likewise for the LiDAR and the alignment."""
+    """Description of the limits of the LiDAR and the alignment."""
     warnings: tuple[str, ...] = ()
 
 
 def shipped_limits(images: ImageKind = "png", beams: int = 64) -> HealthLimits:
-    """Limits for a camera's pictures and a LiDAR's beams; the alignment's go by the beams.
+    """Read limits for an image format and a number of beams; the alignment's depend on the beams.
 
     Raises:
-        ValueError: There are none for so many beams.
+        ValueError: There are none for this number of beams.
     """
     if beams not in BEAMS:
         raise ValueError(
@@ -75,7 +75,7 @@ def shipped_limits(images: ImageKind = "png", beams: int = 64) -> HealthLimits:
 
 
 def check_frames(samples: Iterable[CameraLidarSample]) -> DriveChecks:
-    """Checks of all frames whose image, or whose sweep, is there and holds something."""
+    """Check all frames with an image, or a sweep, that is not empty."""
     camera: list[CameraChecks] = []
     lidar: list[LidarChecks] = []
     for sample in samples:
@@ -95,19 +95,19 @@ def choose_shipped(
     beams: int | None = None,
     are_jpeg_files: bool = False,
 ) -> ChosenLimits:
-    """Limits for the kind of pictures and the number of beams that most frames show.
+    """Choose limits for the image format and the number of beams of most frames.
 
-    Those for PNG pictures and 64 beams are taken wherever they fit. Pictures count as JPEG if they
-    are such files, or show the borders of its blocks.
+    The limits for PNG images and 64 beams are preferred if they fit. Images count as JPEG if the
+    files are JPEG, or if they show the borders of its blocks.
 
     Args:
-        checks: Of frames from all over the drive.
-        images: The kind of pictures. None: by the frames.
-        beams: The number of beams. None: by the frames.
-        are_jpeg_files: Whether the pictures are stored as JPEG.
+        checks: Checks of frames from the whole drive.
+        images: The image format. None: from the frames.
+        beams: The number of beams. None: from the frames.
+        are_jpeg_files: Whether the images are stored as JPEG.
 
     Raises:
-        ValueError: There are no limits for so many beams.
+        ValueError: There are no limits for this number of beams.
     """
     usual = read_limits()
     found_images: ImageKind = images or _image_kind(
@@ -131,7 +131,7 @@ def choose_shipped(
 
 
 def check_first(count: int | None) -> None:
-    """Refuse numbers of first frames that limits cannot be fitted to.
+    """Check that there are enough first frames to fit limits to.
 
     Raises:
         ValueError: There are too few.
@@ -143,18 +143,18 @@ def check_first(count: int | None) -> None:
 
 
 def fit_to_first(base: ChosenLimits, checks: DriveChecks) -> ChosenLimits:
-    """Limits of camera and LiDAR about what the first frames of a drive show.
+    """Fit limits of camera and LiDAR to the first frames of a drive.
 
-    Each check's median is that of the frames; its spread is that of the shipped limits, or twice
-    from the median to the worst of the frames, whichever is wider. The alignment's limits stay: a
-    LiDAR that is turned from the start shall be seen.
+    Each check's median is that of the frames; its spread is that of the included limits, or twice
+    the distance from the median to the worst of the frames, whichever is wider. The alignment's
+    limits are unchanged, so that a LiDAR rotated from the start is detected.
 
     Args:
-        base: The shipped limits that come nearest.
-        checks: Of the first frames.
+        base: The included limits that fit best.
+        checks: Checks of the first frames.
 
     Raises:
-        ValueError: There are too few frames that hold something of a sensor.
+        ValueError: There are too few frames with output of a sensor.
     """
     counts = {"camera": len(checks.camera), "lidar": len(checks.lidar)}
     for name, count in counts.items():
@@ -220,7 +220,7 @@ def _num_rings(checks: DriveChecks) -> float:
 
 
 def _fits(limits: SensorLimits, rows: Sequence[Checks]) -> bool:
-    """True if most frames are sound by these limits."""
+    """Test whether most frames are sound by these limits."""
     return sum(limits.judge(each).is_alarm for each in rows) <= _MOST_ALARMS * len(rows)
 
 

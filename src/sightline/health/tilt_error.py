@@ -1,8 +1,8 @@
-"""How far the LiDAR has tipped against the camera, told by the upper edges of what both see.
+"""Pitch and roll errors of the LiDAR relative to the camera, from upper edges in both.
 
-What `yaw_error` does along rings, across them: where the range jumps from one ring to the next
-higher one there is the top of an object, and its edge in the image is looked for at every angle of
-pitch, apart for parts of the view from the left to the right, whose differences tell the roll.
+`yaw_error` works along rings; this works across them: where the range jumps from one ring to the
+next higher one, there is the top of an object. Its edge in the image is searched at every pitch
+angle, separately for parts of the view from left to right; their differences give the roll.
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ from sightline.ops.compiled import compiled
 _TILTS_DEG = np.linspace(-4.8, 4.8, 121)
 _PITCHES_DEG = np.linspace(-3.2, 3.2, 41)
 _ROLLS_DEG = np.linspace(-1.6, 1.6, 9)
-_NONE_DEG = 0.2  # of pitch, that edges halfway between rings may be off by
+_NONE_DEG = 0.2  # pitch error of edges halfway between rings
 _PARTS = np.linspace(-0.86, 0.86, 7)  # borders, as tangents of the azimuth: KITTI's whole view
-_JUMP_M = 0.5  # of range from one ring to the next, for a top
-_JUMP_SHARE = 0.1  # likewise, of the nearer one's range
-_BESIDE_DEG = 0.15  # of azimuth, up to which points of two rings stand above each other
+_JUMP_M = 0.5  # minimum range jump from one ring to the next at a top
+_JUMP_SHARE = 0.1  # same, as a share of the nearer range
+_BESIDE_DEG = 0.15  # maximum azimuth difference of points above each other
 _WIDEST_RING_STEP_DEG = 3.0
-_BLUR_PX = (1.0, 3.0)  # of the image's edges, along them and across
+_BLUR_PX = (1.0, 3.0)  # blur of the image's edges, along and across them
 _MIDDLES = (_PARTS[1:] + _PARTS[:-1]) / 2
 
 
@@ -34,39 +34,39 @@ class TopEdges(NamedTuple):
     """Upper edges of objects."""
 
     places: Float64[np.ndarray, "num_edges 3"]
-    """Halfway between the rings, at the nearer range [m]."""
+    """Positions halfway between the rings, at the nearer range [m]."""
     weights: Float64[np.ndarray, " num_edges"]
     """Logarithm of the ratio of both ranges, at most 1."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TopMatch:
-    """How well upper edges match at each angle, in each part of the view; adds up over frames."""
+    """Match of upper edges at each angle, in each part of the view; can be summed over frames."""
 
     strengths: Float64[np.ndarray, "num_parts num_tilts"]
-    """Sums of what the image has there, times the weights."""
+    """Sums of the image's edge strength at the edges, times the weights."""
     weights: Float64[np.ndarray, "num_parts num_tilts"]
 
     def __add__(self, other: "TopMatch") -> "TopMatch":
-        """Of the frames of both."""
+        """Sum the matches of both."""
         return TopMatch(
             strengths=self.strengths + other.strengths, weights=self.weights + other.weights
         )
 
     def faded(self, share: float) -> "TopMatch":
-        """With a share of its weight."""
+        """Scale the match's weight."""
         return TopMatch(strengths=share * self.strengths, weights=share * self.weights)
 
 
 class TiltEstimate(NamedTuple):
-    """The LiDAR's turn about its y and x axes that the calibration does not account for."""
+    """Uncalibrated rotation of the LiDAR about its y and x axes."""
 
     pitch_deg: float
-    """As `data.faults.TurnedLidar` has it."""
+    """Pitch as defined by `data.faults.TurnedLidar`."""
     roll_deg: float
-    """Likewise."""
+    """Roll as defined by `data.faults.TurnedLidar`."""
     behind: float
-    """How far the match without a tilt stays behind the best one, in deviations over all tilts."""
+    """Deficit of the match without tilt to the best one, in standard deviations over all tilts."""
 
 
 def match_tops(
@@ -74,12 +74,12 @@ def match_tops(
     points: Float32[np.ndarray, "num_points 4"],
     image_from_lidar: Float64[np.ndarray, "3 4"],
 ) -> TopMatch:
-    """Matches the upper edges of one frame.
+    """Match the upper edges of one frame.
 
     Args:
         image: RGB.
-        points: About what the camera sees, ring by ring (`ring_by_ring`).
-        image_from_lidar: As a `Calibration` has it.
+        points: Points about the camera's view, ring by ring (`ring_by_ring`).
+        image_from_lidar: Projection as in a `Calibration`.
     """
     places, weights = find_top_edges(points)
     sharp = edge_strength(image, "vertical")
@@ -93,10 +93,10 @@ def match_tops(
 
 
 def estimate_tilt(match: TopMatch) -> TiltEstimate:
-    """The pitch and roll at which upper edges match best.
+    """Find the pitch and roll with the best match of upper edges.
 
-    A roll tips what lies ahead to the left by its sine one way, to the right the other way: at an
-    azimuth it looks like a pitch of minus the roll times the azimuth's tangent.
+    A roll tilts the left and the right of the view in opposite directions, by its sine: at an
+    azimuth it is equivalent to a pitch of minus the roll times the azimuth's tangent.
     """
     means = match.strengths / np.maximum(match.weights, 1e-9)
     shares = match.weights.mean(axis=1)
@@ -114,10 +114,10 @@ def estimate_tilt(match: TopMatch) -> TiltEstimate:
 
 
 def find_top_edges(points: Float32[np.ndarray, "num_points 4"]) -> TopEdges:
-    """Where the range grows by a jump from a ring to the next higher one, above the same place.
+    """Find edges where the range jumps from a ring to the next higher one, above the same place.
 
     Args:
-        points: Ring by ring, see `ring_by_ring`.
+        points: Points ring by ring, see `ring_by_ring`.
     """
     if not len(points):
         return TopEdges(np.zeros((0, 3)), np.zeros(0))
@@ -143,7 +143,7 @@ def find_top_edges(points: Float32[np.ndarray, "num_points 4"]) -> TopEdges:
 def _points_above(
     azimuth_deg: Float64[np.ndarray, " num_points"], starts: Int64[np.ndarray, " num_edges"]
 ) -> Int64[np.ndarray, " num_points"]:
-    """For each point the one of the next higher ring at nearly its azimuth, -1 where none is."""
+    """Find for each point the one of the next higher ring at nearly its azimuth; -1 if none."""
     above = np.full(len(azimuth_deg), -1)
     for ring in range(1, len(starts) - 1):
         place, end = starts[ring - 1], starts[ring]
@@ -169,7 +169,7 @@ def _strength_by_part(
 ) -> tuple[
     Float64[np.ndarray, "num_parts num_angles"], Float64[np.ndarray, "num_parts num_angles"]
 ]:
-    """For each pitch [rad] sums of strength and of weights where points fall once it is undone."""
+    """Sum strength and weights at each pitch [rad] at the points' pixels after undoing it."""
     height, width = strength.shape
     matrix = image_from_lidar
     sums = np.zeros((num_parts, len(angles)))

@@ -1,8 +1,8 @@
-"""How far the LiDAR has turned against the camera, told by where depth and image have edges.
+"""Yaw error of the LiDAR relative to the camera, from edges of depth and image.
 
-In the manner of Levinson and Thrun 2013, "Automatic online calibration of cameras and lasers":
-where the range jumps along a ring there is the side of an object, and its edge in the image is
-looked for at every angle of a grid. Without a network and without any target.
+As in Levinson and Thrun 2013, "Automatic online calibration of cameras and lasers": where the range
+jumps along a ring, there is the side of an object. Its edge in the image is searched at every angle
+of a grid. This needs neither a network nor a calibration target.
 """
 
 import math
@@ -22,30 +22,30 @@ from sightline.ops.compiled import compiled
 from sightline.structures.sample import CameraLidarSample
 
 LARGEST_DEG = 3.0
-"""Turns up to here are found."""
+"""Largest detectable rotation."""
 _STEP_DEG = 0.05
-_ANGLES_DEG = np.linspace(-4.0, 4.0, 161)  # beyond the largest, so that its peak is whole
-_BLURS_PX = (12.0, 4.0, 1.5)  # of the image's edges, coarse to fine
-_WINDOWS_DEG = (0.8, 0.3)  # about the last peak, in which the next finer one is looked for
-_JUMP_M = 0.5  # of range between neighbours on a ring
-_JUMP_SHARE = 0.07  # likewise, of the nearer one's range
-_WIDEST_STEP = 4.0  # typical steps of azimuth, beyond which points are no neighbours
+_ANGLES_DEG = np.linspace(-4.0, 4.0, 161)  # beyond the largest, so that its peak is complete
+_BLURS_PX = (12.0, 4.0, 1.5)  # blur of the image's edges, coarse to fine
+_WINDOWS_DEG = (0.8, 0.3)  # search windows of the next finer peak, around the last one
+_JUMP_M = 0.5  # minimum range jump between neighbours on a ring
+_JUMP_SHARE = 0.07  # same, as a share of the nearer range
+_WIDEST_STEP = 4.0  # maximum azimuth distance of neighbours, in typical steps
 _FEWEST_EDGES = 30
-_MARGIN_SHARE = 0.15  # of the image's width, beyond its borders
+_MARGIN_SHARE = 0.15  # margin beyond the image's borders, as a share of its width
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class EdgeMatch:
-    """How well the edges of one or more frames match at each angle of the grid, coarse to fine."""
+    """Match of the edges of one or more frames at each angle of the grid, coarse to fine."""
 
     curves: Float64[np.ndarray, "num_blurs num_angles"]
     num_edges: int
-    """Edges of depth that were looked for."""
+    """Number of depth edges searched."""
     tops: TopMatch
-    """Of upper edges, which tell pitch and roll."""
+    """Match of upper edges, for pitch and roll."""
 
     def __add__(self, other: "EdgeMatch") -> "EdgeMatch":
-        """Of the frames of both."""
+        """Sum the matches of both."""
         return EdgeMatch(
             curves=self.curves + other.curves,
             num_edges=self.num_edges + other.num_edges,
@@ -53,24 +53,24 @@ class EdgeMatch:
         )
 
     def faded(self, share: float) -> "EdgeMatch":
-        """With a share of its weight: what was long ago counts less than what is now."""
+        """Scale the match's weight, so that older frames count less."""
         return replace(self, curves=share * self.curves, tops=self.tops.faded(share))
 
 
 class YawEstimate(NamedTuple):
-    """The LiDAR's turn about its z axis that the calibration does not account for."""
+    """Uncalibrated rotation of the LiDAR about its z axis."""
 
     yaw_deg: float
-    """Counter-clockwise, as `data.faults.TurnedLidar` has it."""
+    """Counter-clockwise, as in `data.faults.TurnedLidar`."""
     prominence: float
-    """How far the match at its peak stands out of the curve, in standard deviations of it."""
+    """Height of the peak above the curve's mean, in standard deviations of the curve."""
 
 
 def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
-    """Matches the edges of one frame; about 25 ms on one core for KITTI's size.
+    """Match the edges of one frame; about 25 ms on one core for KITTI's size.
 
     Returns:
-        None where a sensor is absent, or too few edges of depth are in view.
+        None if a sensor is absent, or too few depth edges are in view.
     """
     if sample.image is None or sample.points is None:
         return None
@@ -100,9 +100,9 @@ def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
 
 
 def estimate_yaw(match: EdgeMatch) -> YawEstimate:
-    """The angle at which edges match best: the coarse map's peak, then those of finer ones near it.
+    """Find the angle of the best match: the coarse curve's peak, then refined by the finer ones.
 
-    A peak lies between the angles of the grid where a parabola through three of them has its top.
+    A parabola through three angles of the grid gives the peak between them.
     """
     yaw_deg, reach_deg = 0.0, math.inf
     for curve, next_reach in zip(match.curves, (*_WINDOWS_DEG, 0.0), strict=True):
@@ -117,9 +117,9 @@ def estimate_yaw(match: EdgeMatch) -> YawEstimate:
 
 
 def match_at_zero(match: EdgeMatch) -> float:
-    """How far the match without a turn stays behind the best one, in deviations of the curve.
+    """Compute the deficit of the match at zero rotation to the best one, in standard deviations.
 
-    Of the middle of the blurs: the finest has peaks of chance, the coarsest hardly one.
+    The middle blur is used: the finest has random peaks, the coarsest hardly any.
     """
     curve = match.curves[len(match.curves) // 2]
     spread = float(curve.std())
@@ -128,7 +128,7 @@ def match_at_zero(match: EdgeMatch) -> float:
 
 
 def estimate_yaw_of(samples: Iterable[CameraLidarSample]) -> YawEstimate | None:
-    """The turn that all frames have in common; None where none of them tells anything."""
+    """Estimate the rotation common to all frames; None if no frame has matching edges."""
     total: EdgeMatch | None = None
     for sample in samples:
         match = match_edges(sample)
@@ -140,13 +140,13 @@ def estimate_yaw_of(samples: Iterable[CameraLidarSample]) -> YawEstimate | None:
 def find_depth_edges(
     points: Float32[np.ndarray, "num_points 4"],
 ) -> tuple[Float64[np.ndarray, "num_edges 3"], Float64[np.ndarray, " num_edges"]]:
-    """Sides of objects, where the range jumps from one point to the next on a ring.
+    """Find sides of objects, where the range jumps from one point to the next on a ring.
 
-    The place [m] is that of the nearer point, half a step of azimuth towards the farther one; the
+    The place [m] is that of the nearer point, half an azimuth step towards the farther one; the
     weight is the logarithm of the ratio of both ranges, at most 1.
 
     Args:
-        points: Ring by ring, see `ring_by_ring`.
+        points: Points ring by ring, see `ring_by_ring`.
     """
     if len(points) < 2:
         return np.zeros((0, 3)), np.zeros(0)
@@ -168,7 +168,7 @@ def _near_view(
     image_from_lidar: Float64[np.ndarray, "3 4"],
     image_size: tuple[int, int],
 ) -> Float32[np.ndarray, "num_near 4"]:
-    """Points that some turn of the grid brings into the image: a quarter of a whole sweep."""
+    """Select points that some rotation of the grid brings into the image: a quarter of a sweep."""
     height, width = image_size
     matrix = image_from_lidar.astype(np.float32)
     x, y, depth = matrix[:, :3] @ points[:, :3].T + matrix[:, 3:]
@@ -184,7 +184,7 @@ def _near_view(
 
 
 def _parabola_top(curve: Float64[np.ndarray, " num_angles"], best: int) -> float:
-    """Where the parabola through a peak and its neighbours has its top, in steps from the peak."""
+    """Compute the top of the parabola through a peak and its neighbours, in steps from the peak."""
     if not 0 < best < len(curve) - 1:
         return 0.0
     before, at, after = curve[best - 1 : best + 2]
@@ -200,7 +200,7 @@ def _mean_strength(
     strength: Float32[np.ndarray, "height width"],
     angles: Float64[np.ndarray, " num_angles"],
 ) -> Float64[np.ndarray, " num_angles"]:
-    """For each turn [rad] the mean strength where the points fall once it is undone."""
+    """Compute the mean strength at the points' pixels after undoing each rotation [rad]."""
     height, width = strength.shape
     matrix = image_from_lidar
     means = np.zeros(len(angles))

@@ -1,1 +1,1 @@
-"""The robustness bench: breaks sensors under any task and tells what it costs; knows no task."""
+"""Robustness bench: corrupts sensors for any task and measures the loss; independent of tasks."""

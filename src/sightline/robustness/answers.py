@@ -1,4 +1,4 @@
-"""Lets methods answer to every frame in every case, and keeps what is needed of the answers."""
+"""Predictions of methods for every frame in every case, stored for scoring."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,19 +10,19 @@ from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
 from sightline.robustness.scoring import Answered, Keeper
 
-_CASES_AT_A_TIME = 8  # of a frame that is read once: few enough for many workers on few frames
+_CASES_AT_A_TIME = 8  # cases per read of a frame: few enough for many workers on few frames
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Asked:
-    """A method, and in which cases it is asked."""
+    """Method with the cases to run it in."""
 
     predictor: Predictor
     cases: tuple[Case, ...]
     folder: Path
-    """For what is kept of its answers: CASE/NAME with the keeper's suffix."""
+    """Folder of the stored predictions: CASE/NAME with the keeper's suffix."""
     also: Callable[[Case, Answered], None] | None = None
-    """What else is done with an answer, before it is kept; picklable."""
+    """Further processing of a prediction, before it is stored; picklable."""
 
 
 def answer_in_cases(
@@ -34,26 +34,26 @@ def answer_in_cases(
     workers: int,
     description: str,
 ) -> JobResult:
-    """Lets every method answer to every frame as each of its cases has it.
+    """Run every method on every frame in each of its cases.
 
-    Methods never see the truth: labels and true depth are taken off what they are given. What a
-    frame meets depends on the seed, its name and the kind of corruption alone. A file appears whole
-    or not at all, and what is there is skipped: a job that was stopped goes on where it was.
+    Methods never get the ground truth: labels and true depth are removed from their input. A
+    frame's corruption depends only on the seed, its name and the kind. A file appears whole or not
+    at all, and existing files are skipped, so a stopped job can be resumed.
 
     Args:
         dataset: The frames; they are only read.
-        asked: The methods; their folders are claimed already.
-        keeper: Says what methods get of a frame, and what is kept of their answers.
-        seed: Another one draws other boxes, discs and noise.
-        workers: Processes that work; 1 is this process alone.
-        description: What happens, for the display of progress.
+        asked: The methods; their folders are already claimed.
+        keeper: Defines the methods' input and the stored part of their predictions.
+        seed: Another seed draws other boxes, discs and noise.
+        workers: Number of processes; 1 uses this process alone.
+        description: Text for the progress display.
 
     Returns:
-        Answers written and skipped.
+        Predictions written and skipped.
 
     Raises:
-        ValueError: A frame cannot be read, posed or answered. The error names it; frames done
-            before stay done.
+        ValueError: A frame cannot be read, prepared or predicted. The error contains its name;
+            finished frames are kept.
     """
     check_numbers(seed, workers)
     present = {
@@ -81,7 +81,7 @@ def answer_in_cases(
 
 
 def check_numbers(seed: int, workers: int) -> None:
-    """Refuses what makes no sense, before a folder is claimed.
+    """Check the numbers before a folder is claimed.
 
     Raises:
         ValueError: The seed is negative, or there is no worker.
@@ -92,13 +92,13 @@ def check_numbers(seed: int, workers: int) -> None:
 
 
 def _present(folder: Path, suffix: str) -> frozenset[str]:
-    """Names of the frames that are done."""
+    """List the names of finished frames."""
     return frozenset(path.stem for path in folder.glob(f"*{suffix}"))
 
 
 @dataclass(frozen=True, slots=True)
 class _FrameWork:
-    """Reads a frame once, breaks it once for each case, and lets the methods answer."""
+    """Job that reads a frame once, corrupts it once for each case, and runs the methods."""
 
     dataset: SampleDataset
     index: int

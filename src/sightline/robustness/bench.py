@@ -1,7 +1,7 @@
-"""The bench: a method's answers in every case of a suite, scored and measured.
+"""Robustness bench: a method's predictions in every case of a suite, scored and measured.
 
-Everything that is asked for is checked first. Then answers are made and kept frame by frame, scored
-case by case, and measured and told in one go; each step skips what an earlier run has done.
+All arguments are checked first. Then predictions are made and stored frame by frame, scored case by
+case, and measured and reported together; each step skips the results of an earlier run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,20 +44,20 @@ _BASELINE: Final = "baseline"
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class BenchTask(Protocol):
-    """A task, as far as the bench goes; see `sightline.tasks.Task`."""
+    """Part of a task used by the bench; see `sightline.tasks.Task`."""
 
     @property
     def name(self) -> str:
-        """Stands in records."""
+        """Name of the task in records."""
         ...
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """What answers without a network."""
+        """Methods without a network."""
         ...
 
     def scoring(self) -> Scoring:
-        """How answers are scored."""
+        """Scoring of the predictions."""
         ...
 
     def predictor(
@@ -69,35 +69,36 @@ class BenchTask(Protocol):
         device: str = "cpu",
         threads: int | None = None,
     ) -> Predictor:
-        """What answers."""
+        """Load a predictor."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BenchSettings:
-    """What a method is put to, and what it is held against."""
+    """Settings of a run, and records for comparison."""
 
     suite: str | Suite | None = None
-    """By name or one's own. None: dgfn7, or for results that of the data."""
+    """Suite, by name or as an object. None: dgfn7, or for results that of the data."""
     seed: int | None = None
-    """None: 0, or for results that of the data."""
+    """Seed. None: 0, or for results that of the data."""
     cases: tuple[str, ...] | None = None
-    """Of the suite; the clean one is always among them. None: all."""
+    """Cases of the suite; the clean one is always included. None: all."""
     sample_list: str | Path | Sequence[str] | None = None
     velodyne: Velodyne | None = None
     """The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced."""
     baseline: str | None = None
-    """For CE: a record (.json) of another run, or weights or a method, which run as well."""
+    """Baseline for CE: a record (.json) of another run, or weights or a method, which run as
+    well."""
     healthy: Mapping[Sensor, Path] | None = None
-    """Records of methods that look at one sensor each, by that sensor."""
+    """Records of single-sensor methods, by their sensor."""
     shown: str | None = None
-    """The frame of the example pictures. None: the first."""
+    """Frame of the example pictures. None: the first."""
     picture_px: int = 800
-    """How wide these are."""
+    """Width of these pictures."""
     workers: int = 2
 
     def chosen_cases(self, suite: Suite) -> tuple[Case, ...]:
-        """Those that are asked for.
+        """List the requested cases.
 
         Raises:
             ValueError: The suite has no such case.
@@ -105,10 +106,10 @@ class BenchSettings:
         return suite.cases if self.cases is None else suite.select([CLEAN, *self.cases])
 
     def drawer(self, out: Path, dataset: SampleDataset, scoring: Scoring) -> ExampleDrawer:
-        """What draws the example pictures of a run.
+        """Make the drawer of a run's example pictures.
 
         Raises:
-            ValueError: The data set has no such frame, or the width makes no sense.
+            ValueError: The data set has no such frame, or the width is invalid.
         """
         names, shown = dataset.sample_ids, self.shown
         if shown is not None and shown not in names:
@@ -132,24 +133,24 @@ def run_bench(
     engine: EngineChoice = "auto",
     device: str = "cpu",
 ) -> RobustnessReport:
-    """Lets a method answer in every case, and tells what each costs.
+    """Run a method in every case, and measure the loss in each.
 
-    A run that was stopped goes on where it was, to the same bytes of robustness.json.
+    A stopped run can be resumed, to the same bytes of robustness.json.
 
     Args:
-        task: Whose method it is.
+        task: Task of the method.
         data: Folder of the data set; see `open_dataset`.
-        out: Folder of the run; its sightline.json says what made it.
-        settings: The cases and what to compare with.
-        method: What answers without a network.
-        weights: The network. Neither: the task's default.
-        engine: What runs networks: by default openvino where it is installed, on the CPU.
-        device: Where they run.
+        out: Output folder of the run; its sightline.json records the settings.
+        settings: Cases and comparisons.
+        method: A method without a network.
+        weights: Weights of a network. Neither: the task's default.
+        engine: Inference engine: by default openvino on the CPU, if it is installed.
+        device: Device of the networks.
 
     Raises:
-        ValueError: There is no such suite, case, method or frame; the data lack what a case or the
-            scoring needs; a record to compare with is of something else; or `out` holds another
-            run. All of these before any work. Errors about a frame name it.
+        ValueError: There is no such suite, case, method or frame; the data lack a part needed by a
+            case or the scoring; a record for comparison does not match; or `out` holds another run.
+            All of these are raised before any work. Errors about a frame contain its name.
     """
     suite, seed = settings.suite or _SUITE, settings.seed or 0
     if isinstance(suite, str):
@@ -164,7 +165,7 @@ def run_bench(
     if given is None and settings.baseline is not None:
         is_method = settings.baseline in task.methods
         answering.append((settings.baseline, None) if is_method else (None, settings.baseline))
-    predictors = [  # of several threads PyTorch gives other last digits
+    predictors = [  # with several threads PyTorch has other last digits
         task.predictor(method=name, weights=file, engine=engine, device=device, threads=1)
         for name, file in answering
     ]
@@ -219,21 +220,21 @@ def run_bench(
 
 
 def _with_earlier(cases: Sequence[Case], suite: Suite, out: Path) -> tuple[Case, ...]:
-    """The cases and those of the folder's report: a run is extended, and loses none."""
+    """Add the cases of the folder's report: a run is extended, and keeps all its cases."""
     names = {case.name for case in cases}
-    with suppress(ValueError):  # of a report that is damaged, and made anew
+    with suppress(ValueError):  # for a damaged report, which is made again
         names |= set(read_record(out / RECORD_NAME).cases)
     return tuple(case for case in suite.cases if case.name in names)
 
 
 def read_baseline(baseline: str | None) -> Record | None:
-    """The record that is named; None where weights, a method or nothing is."""
+    """Read the baseline's record; None for weights, a method or no baseline."""
     is_record = baseline is not None and baseline.endswith(".json")
     return read_record(Path(baseline)) if baseline is not None and is_record else None
 
 
 def read_healthy(healthy: Mapping[Sensor, Path] | None) -> dict[Sensor, Record]:
-    """The records by the sensor that their methods look at."""
+    """Read the records of single-sensor methods, by sensor."""
     return {sensor: read_record(path) for sensor, path in (healthy or {}).items()}
 
 
@@ -243,7 +244,7 @@ def check_compared(
     setting: Setting,
     cases: Mapping[str, CaseInfo],
 ) -> None:
-    """Refuses records that do not compare; see `check_baseline` and `check_healthy`."""
+    """Check that records can be compared; see `check_baseline` and `check_healthy`."""
     if baseline is not None:
         check_baseline(baseline, setting, cases)
     for sensor, record in healthy.items():
@@ -260,16 +261,16 @@ def setting_of(
     suite: Suite,
     seed: int,
 ) -> Setting:
-    """What a run's scores are of.
+    """Describe the setting of a run's scores.
 
     Args:
-        task: Whose methods answer.
-        scoring: By which their answers are scored.
+        task: Task of the methods.
+        scoring: Scoring of their predictions.
         dataset: The frames.
-        data: What records call them; see `data_name`.
+        data: Name of the data in records; see `data_name`.
         velodyne: The sweeps' folder.
-        suite: Of the cases.
-        seed: Of what they draw.
+        suite: Suite of the cases.
+        seed: Seed of the cases' random draws.
     """
     return Setting(
         task=task.name,
@@ -288,7 +289,7 @@ def setting_of(
 def claim_of(
     setting: Setting, suite: Suite, method: str, made_by: Mapping[str, str]
 ) -> dict[str, Any]:
-    """All that the files of a run depend on, but for which of the suite's cases are asked for."""
+    """Collect all settings that a run's files depend on, except the suite's requested cases."""
     plain = asdict(setting)
     del plain["figures"]
     cases = {case.name: asdict(describe_case(case)) for case in suite.cases}

@@ -1,4 +1,4 @@
-"""Charts of a run as HTML and SVG: heat map of kinds and severities, curves, bars."""
+"""Charts of a run in HTML and SVG: heat map of kinds and severities, curves, bars."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ from sightline.robustness.texts import (
     severities,
 )
 
-_HEAT: Final = (  # share of the clean performance that is left, and its colour
+_HEAT: Final = (  # remaining share of the clean performance, and its colour
     (0.0, (122, 28, 48)),
     (0.25, (190, 60, 60)),
     (0.5, (230, 126, 84)),
@@ -26,39 +26,39 @@ _HEAT: Final = (  # share of the clean performance that is left, and its colour
     (0.9, (252, 236, 200)),
     (1.0, (222, 240, 230)),
 )
-_DARK: Final = 0.55  # below it letters are white
+_DARK: Final = 0.55  # maximum share with white text
 _CHART_PX: Final = (260, 150)
-_PLOT_PX: Final = (38, 10, 250, 124)  # left, top, right, bottom of what curves are drawn in
+_PLOT_PX: Final = (38, 10, 250, 124)  # left, top, right, bottom of the plot area
 
 
 LINE_STYLES: Final = ("ours", "other", "third", "fourth")
-"""CSS classes of methods that are drawn together; with more methods they come again."""
+"""CSS classes of methods in one chart; they repeat if there are more methods."""
 
 
 class Line(NamedTuple):
-    """A method in the charts."""
+    """Method in a chart."""
 
     name: str
     style: str
-    """CSS class: one of `LINE_STYLES`, or alone."""
+    """CSS class: one of `LINE_STYLES`, or "alone"."""
     record: Record
 
 
 def kept_share(score: float | None, clean: float | None, figure: Figure) -> float | None:
-    """The share of the clean performance that is left, from 0 to 1: what colours tell.
+    """Compute the remaining share of the clean performance, from 0 to 1, for the colours.
 
-    None where there is no score, or no clean performance that could be lost.
+    It is None without a score, or if there is no clean performance to lose.
     """
     if score is None or clean is None:
         return None
     above, below = (clean, score) if figure.highest is None else (score, clean)
     if figure.highest is None and score == 0:
-        return 1.0  # without any error, whatever the clean one
+        return 1.0  # without any error, independent of the clean one
     return min(max(above / below, 0.0), 1.0) if below > 0 else None
 
 
 def heat_color(share: float) -> tuple[str, str]:
-    """Background and letters of a cell, as CSS colours."""
+    """Choose background and text of a cell, as CSS colours."""
     for (low, first), (high, second) in itertools.pairwise(_HEAT):
         if share <= high:
             part = (share - low) / (high - low)
@@ -70,7 +70,7 @@ def heat_color(share: float) -> tuple[str, str]:
 
 
 def heat_map(record: Record, figure: Figure, measures: Measures) -> str:
-    """Kinds by severities; colours tell how much of the clean score is left."""
+    """Draw kinds by severities; colours show the remaining share of the clean score."""
     head = "".join(
         f'<th scope="col">{escape(name)}</th>'
         for name in (*score_columns(record), "mean", "RR", "CE", "gap")
@@ -109,7 +109,7 @@ def _heat_cell(score: float | None, figure: Figure, clean: float) -> str:
 
 
 def heat_legend() -> str:
-    """What the colours mean."""
+    """Draw the legend of the colours."""
     steps = "".join(
         f'<i style="background:{heat_color(share)[0]};color:{heat_color(share)[1]}">'
         f"{100 * share:.0f}</i>"
@@ -119,7 +119,7 @@ def heat_legend() -> str:
 
 
 def nice_top(value: float) -> float:
-    """The end of an axis: 1, 2, 2.5 or 5 times a power of 10 at least as large as the value."""
+    """Round up the end of an axis to 1, 2, 2.5 or 5 times a power of 10."""
     if value <= 0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
@@ -127,11 +127,11 @@ def nice_top(value: float) -> float:
 
 
 def curve_charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> str:
-    """A small chart for each kind that has several severities; empty where none has.
+    """Draw a small chart for each kind with several severities; empty if none has.
 
     Args:
         lines: The methods; kinds and severities are the first one's.
-        figure: What is drawn.
+        figure: The figure to draw.
         alone: The best clean score of a single sensor's method, or None.
     """
     record = lines[0].record
@@ -142,7 +142,7 @@ def curve_charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> 
     highest = max((max(each) for each in values.values() if each), default=0.0)
     charts = []
     for kind in kinds:
-        # Scores share an axis; of errors one kind can be a hundred times another.
+        # Scores share an axis, but errors of one kind can be a hundred times another's.
         top = highest if figure.highest is not None else max(values[kind], default=0.0)
         drawn = [(line, some) for line, some in zip(lines, points[kind], strict=True)]
         charts.append(_curve_chart(kind, drawn, figure, nice_top(max(top, alone or 0.0)), alone))
@@ -150,29 +150,29 @@ def curve_charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> 
 
 
 def _points(record: Record, shown: Record, kind: str, figure: Figure) -> list[tuple[int, float]]:
-    """Severity and score, 0 for sound sensors."""
+    """List severities with scores, 0 for sound sensors."""
     names = [(0, CLEAN), *((shown.cases[name].severity or 0, name) for name in shown.kinds[kind])]
     scores = [(level, record.score(name, figure)) for level, name in names if name in record.cases]
     return [(level, score) for level, score in scores if score is not None]
 
 
 class _Plot(NamedTuple):
-    """Where severities and scores lie in a chart."""
+    """Plot positions of severities and scores."""
 
     last: int
-    """The highest severity, at the right end."""
+    """Highest severity, at the right end."""
     top: float
-    """The score at the upper end; 0 is at the lower one."""
+    """Score at the upper end; 0 is at the lower end."""
 
     def place(self, level: int, score: float) -> str:
-        """Column and row [px]."""
+        """Compute column and row [px]."""
         left, above, right, bottom = _PLOT_PX
         x = left + (right - left) * level / self.last
         y = bottom - (bottom - above) * score / self.top
         return f"{x:.1f},{y:.1f}"
 
     def axes(self, figure: Figure) -> str:
-        """Lines at the end, the middle and the start of the scores, and the severities' names."""
+        """Draw lines at the maximum, middle and zero scores, and the severities' labels."""
         left, _, _, bottom = _PLOT_PX
         parts = []
         for share in (0.0, 0.5, 1.0):
@@ -222,7 +222,7 @@ def _curve_chart(
 
 
 def bar_chart(lines: Sequence[Line], figure: Figure) -> str:
-    """One bar for each kind that has a single level, and for sound sensors; empty without any."""
+    """Draw a bar for each kind with a single level, and for sound sensors; empty without any."""
     record = lines[0].record
     names = [names[0] for names in record.kinds.values() if len(names) == 1]
     if not names:

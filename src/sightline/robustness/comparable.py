@@ -1,4 +1,4 @@
-"""Which runs may be held against each other: refused before any work is done for them."""
+"""Checks that runs can be compared, before any work is done."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -8,7 +8,7 @@ from sightline.corruptions.suites import CLEAN
 from sightline.data.plain_text import shortened
 from sightline.robustness.record import CaseInfo, Record, Setting
 
-_LONGEST = 200  # characters of a case's parameters that an error shows
+_LONGEST = 200  # maximum characters of a case's parameters in an error message
 
 _FILES: Final = "files_digest"
 
@@ -16,16 +16,16 @@ _FILES: Final = "files_digest"
 def check_baseline(
     baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo], *, called: str = ""
 ) -> None:
-    """Refuses a baseline of another task, suite or data set, or without some of the cases.
+    """Refuse a baseline of another task, suite or data set, or without some of the cases.
 
     Args:
         baseline: The record.
-        setting: What it must be of.
-        cases: What it must have.
-        called: By errors.
+        setting: Required setting.
+        cases: Required cases.
+        called: Name of the baseline in error messages.
 
     Raises:
-        ValueError: It is one.
+        ValueError: The baseline does not match.
     """
     who = called or f"the baseline {shortened(baseline.method)}"
     _check(who, asdict(baseline.setting), asdict(setting))
@@ -44,10 +44,10 @@ def check_baseline(
 
 
 def check_healthy(sensor: str, healthy: Record, setting: Setting) -> None:
-    """Refuses a method of one sensor whose clean scores are of something else.
+    """Refuse a single-sensor method with clean scores of another setting.
 
     Raises:
-        ValueError: They are, or there are none.
+        ValueError: The clean scores do not match, or there are none.
     """
     who = f"the healthy {sensor}'s {shortened(healthy.method)}"
     _check(who, healthy.setting.of_clean_frames, setting.of_clean_frames)
@@ -56,10 +56,10 @@ def check_healthy(sensor: str, healthy: Record, setting: Setting) -> None:
 
 
 def warn_of_files(records: Mapping[str, Record]) -> tuple[str, ...]:
-    """A sentence where frames of one name are other files: not refused, they may be written anew.
+    """Warn if frames of equal names are different files: not refused, as files may be rewritten.
 
     Args:
-        records: By what the sentence calls them. Those that do not know their files are left out.
+        records: Records by their name in the warning. Records without a file digest are left out.
     """
     digests = {
         name: record.setting.files_digest

@@ -1,4 +1,4 @@
-"""Runs side by side."""
+"""Comparison of runs side by side."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Comparison:
-    """Runs of the same cases; CE of each but the last is against the last."""
+    """Runs of the same cases; CE of each but the last is relative to the last."""
 
     records: tuple[Record, ...]
-    """Two or more."""
+    """Two or more records."""
     left_out: tuple[str, ...] = ()
-    """Cases that not all runs have."""
+    """Cases that are missing in some run."""
 
     def measured(self) -> list[tuple[Figure, list[Measures | None]]]:
-        """Every figure with the measures of all runs."""
+        """Compute the measures of all runs for every figure."""
         *others, last = self.records
         return [
             (figure, [*(measure(each, figure, last) for each in others), measure(last, figure)])
@@ -44,12 +44,12 @@ class Comparison:
         ]
 
     def tables(self) -> list[TextTable]:
-        """Cases by the leading figures, and all figures."""
+        """Make tables of cases by the leading figures, and of all figures."""
         leading = leading_figures(self.records[0].setting.figures)
         return [*map(self._cases_table, leading), self._figures_table()]
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences to read the scores with."""
+        """List notes on the interpretation of the scores."""
         notes = tuple(dict.fromkeys(note for each in self.records for note in each.notes))
         notes = (*warn_of_files(dict(zip(self._names(), self.records, strict=True))), *notes)
         if self.left_out:
@@ -58,7 +58,7 @@ class Comparison:
         return notes
 
     def table(self) -> "Group":
-        """The tables for a terminal."""
+        """Make the tables for a terminal."""
         from rich.console import Group
         from rich.text import Text
 
@@ -68,7 +68,7 @@ class Comparison:
         return Group(head, *(rich_table(each) for each in self.tables()))
 
     def to_json(self) -> dict[str, object]:
-        """The measures of all runs."""
+        """Convert the measures of all runs to JSON types."""
         return {
             "methods": [each.method for each in self.records],
             "measures": {
@@ -123,7 +123,7 @@ class Comparison:
         return TextTable(title="All figures", header=("figure", *header, *errors), rows=tuple(rows))
 
     def _names(self) -> tuple[str, ...]:
-        """Names of the methods, numbered where several have one name."""
+        """List names of the methods, numbered if several have the same name."""
         counts = Counter(each.method for each in self.records)
         return tuple(
             each.method if counts[each.method] == 1 else f"{each.method} ({number})"
@@ -132,7 +132,7 @@ class Comparison:
 
 
 def compare_runs(paths: Sequence[Path]) -> Comparison:
-    """Compare runs by their files, as far as all have the same cases.
+    """Compare runs by their files, over their common cases.
 
     Raises:
         ValueError: There are less than two, or they are of another task, data set, suite or seed.

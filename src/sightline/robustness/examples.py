@@ -1,4 +1,4 @@
-"""Pictures of one frame, clean and under each kind of corruption, with the answers to it."""
+"""Example pictures of one frame, clean and under each kind of corruption, with the predictions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _WIDTHS_PX: Final = (100, 4000)
 
 
 class Example(NamedTuple):
-    """A picture of a run."""
+    """Picture of a run."""
 
     caption: str
     path: Path
@@ -24,17 +24,17 @@ class Example(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ExampleDrawer:
-    """Draws the answers to one frame in every case, among the answers to all frames of a run."""
+    """Drawer of the predictions for one frame in every case, during a run over all frames."""
 
     out: Path
     """Folder of the run."""
     frame: str
     scoring: Scoring
     width_px: int
-    """Of each picture."""
+    """Width of each picture."""
 
     def __post_init__(self) -> None:
-        """Checks the width."""
+        """Check the width."""
         least, most = _WIDTHS_PX
         if not least <= self.width_px <= most:
             raise ValueError(
@@ -44,11 +44,11 @@ class ExampleDrawer:
 
     @property
     def settings(self) -> dict[str, object]:
-        """All that its pictures depend on, beside the answers, for a run's manifest."""
+        """Collect all settings of the pictures, except the predictions, for a run's manifest."""
         return {"shown": self.frame, "picture_px": self.width_px}
 
     def __call__(self, case: Case, answered: Answered) -> None:
-        """Draws, where it is the frame."""
+        """Draw the prediction, if it is for this frame."""
         if answered.posed.sample.sample_id != self.frame:
             return
         for number, panel in enumerate(self.scoring.draw(answered, self.width_px)):
@@ -57,7 +57,7 @@ class ExampleDrawer:
 
 
 def shown_cases(cases: Mapping[str, CaseInfo]) -> tuple[str, ...]:
-    """The clean case, and of each kind that of the middle severity."""
+    """List the clean case and the middle severity of each kind."""
     by_kind: dict[str, list[str]] = {}
     for name, case in cases.items():
         by_kind.setdefault(case.kind, []).append(name)
@@ -66,6 +66,6 @@ def shown_cases(cases: Mapping[str, CaseInfo]) -> tuple[str, ...]:
 
 
 def examples_of(out: Path, case: str) -> list[Example]:
-    """The pictures of a case, in order; none where none were drawn."""
+    """List the pictures of a case, in order; empty if none were drawn."""
     files = list_files(out / _PICTURES / case, (".jpg",))
     return [Example(stem.partition("_")[2].replace("_", " "), path) for stem, path in files.items()]

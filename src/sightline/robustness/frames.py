@@ -1,4 +1,4 @@
-"""Opens the frames of a run, with all that its cases, methods and scoring need of them."""
+"""Frames of a run, with all parts needed by its cases, methods and scoring."""
 
 import contextlib
 import hashlib
@@ -30,21 +30,22 @@ def open_frames(
     sample_list: str | Path | Sequence[str] | None,
     velodyne: Velodyne | None,
 ) -> SampleDataset:
-    """The data set with the parts asked for, and with those of the sensors that cases break.
+    """Open the data set with the requested parts, and with those of the sensors that cases corrupt.
 
-    Images, sweeps and labels are read wherever they are, since what a kind does may hang on any of
-    them: occlusions strike objects, and fog on an image thickens with the depth that a sweep tells.
-    So every method meets the same faults, whatever it looks at.
+    Images, sweeps and labels are read if present, since the effect of a kind may depend on any of
+    them: occlusions hit objects, and fog in an image becomes denser with the depth from a sweep. So
+    every method gets the same corruptions, independent of its own inputs.
 
     Args:
         data: See `open_dataset`.
-        parts: What methods and scoring need.
-        cases: Those that are asked for.
-        sample_list: Which samples; see `read_sample_list`. None: all.
+        parts: Parts needed by methods and scoring.
+        cases: The requested cases.
+        sample_list: Samples to use; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
     Raises:
-        ValueError: The data cannot be read, or lack a part; names the case that needs it.
+        ValueError: The data cannot be read, or lack a part; the message contains the case that
+            needs it.
     """
 
     def opened(wanted: Collection[Part]) -> SampleDataset:
@@ -52,7 +53,7 @@ def open_frames(
         dataset = open_dataset(data, **given, needs=wanted)
         if isinstance(dataset, KittiObjectDataset | RecordingDataset):
             return dataset
-        # Without gaps: other data sets do not tell beforehand which frames lack what.
+        # Without gaps, because other data sets do not know in advance which frames lack a part.
         return open_dataset(data, **given)
 
     needed: set[Part] = set(parts)
@@ -68,7 +69,7 @@ def open_frames(
             raise ValueError(
                 f"case {case.name} needs {_WORDS[part]}: {error}; or {remedy}"
             ) from error
-        if getattr(dataset[0], part) is None:  # of a drive: not every one is refused by its files
+        if getattr(dataset[0], part) is None:  # for a drive: missing files are not always detected
             raise ValueError(
                 f"case {case.name} needs {_WORDS[part]}, which {data} lacks; give another data "
                 f"set, or {remedy}"
@@ -82,10 +83,10 @@ def open_frames(
 
 
 def digest_files(dataset: SampleDataset) -> str:
-    """Digest of the names and sizes of all files of the frames: data of one name told apart.
+    """Compute a digest of the names and sizes of all files of the frames, to distinguish data.
 
-    Images, sweeps, calibrations and labels count wherever they are, read or not, so that every
-    method has the same. The first 16 hexadecimal digits of a SHA-256.
+    Images, sweeps, calibrations and labels count if present, read or not, so that every method has
+    the same digest: the first 16 hexadecimal digits of a SHA-256.
     """
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
     if isinstance(whole, KittiObjectDataset):
@@ -104,5 +105,5 @@ def digest_files(dataset: SampleDataset) -> str:
 
 
 def name_of(dataset: SampleDataset, data: Path) -> str:
-    """What records call the data: the same for a tree and for the split in it."""
+    """Name the data in records: the same name for a tree and for its split."""
     return data_name(dataset.root if isinstance(dataset, KittiObjectDataset) else data)

@@ -1,4 +1,4 @@
-"""All measures of a run, figure by figure."""
+"""All measures of a run, by figure."""
 
 import statistics
 from collections.abc import Mapping
@@ -21,20 +21,20 @@ from sightline.robustness.scoring import Figure
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KindMeasures:
-    """What a kind of corruption costs."""
+    """Loss caused by a kind of corruption."""
 
     mean: float
-    """Over its severities."""
+    """Mean over its severities."""
     rr: float | None
     ce: float | None
-    """None without a baseline, or where that makes no error."""
+    """Corruption error; None without a baseline, or if the baseline has no error."""
     gap: float | None
-    """The smallest of its severities; None where no healthy sensor is known."""
+    """Smallest gap over its severities; None without a healthy sensor's record."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measures:
-    """What corruptions cost, by one figure."""
+    """Loss caused by corruptions, by one figure."""
 
     clean: float
     mpc: float
@@ -42,13 +42,13 @@ class Measures:
     mce: float | None
     worst: WorstCase
     gap: WorstCase | None
-    """The smallest lead over the best healthy sensor, and where; None where none is known."""
+    """Smallest lead over the best healthy sensor, with its case; None without a healthy sensor."""
     gaps: Mapping[str, float | None]
-    """By case."""
+    """Gaps by case."""
     kinds: Mapping[str, KindMeasures]
 
     def to_json(self) -> dict[str, object]:
-        """What a run's file holds."""
+        """Convert to the content of a run's file."""
         return {
             "clean": self.clean,
             "mPC": self.mpc,
@@ -70,14 +70,14 @@ def measure(
     baseline: Record | None = None,
     healthy: Mapping[Sensor, Record] | None = None,
 ) -> Measures | None:
-    """The measures by one figure; None where there is nothing to score or nothing is broken.
+    """Compute the measures by one figure; None without scores or corrupted cases.
 
     Args:
-        record: Of the method.
+        record: Record of the method.
         figure: One of its figures.
-        baseline: For CE: has all cases of the record.
-        healthy: Methods that look at one sensor each, by that sensor. A case that leaves the
-            sensor alone leaves its method's clean score.
+        baseline: Baseline for CE, with all cases of the record.
+        healthy: Single-sensor methods, by their sensor. In a case that does not affect the sensor,
+            its method keeps the clean score.
     """
     clean, table = record.score(CLEAN, figure), record.by_kind(figure)
     if clean is None or not table:
@@ -115,7 +115,7 @@ def measure(
 def _gaps(
     record: Record, figure: Figure, healthy: Mapping[Sensor, Record]
 ) -> dict[str, float | None]:
-    """The lead over the best healthy sensor alone in each case, sound sensors included."""
+    """Compute the lead over the best healthy sensor alone in each case, sound sensors included."""
     alone = {sensor: each.score(CLEAN, figure) for sensor, each in healthy.items()}
     gaps: dict[str, float | None] = {}
     for name, case in record.cases.items():

@@ -1,4 +1,4 @@
-"""Object detection scored by KITTI's own evaluation: for tasks that write KITTI's result files."""
+"""Object detection scores by KITTI's own evaluation, for tasks with KITTI's result files."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -26,30 +26,30 @@ if TYPE_CHECKING:
 _LEVELS: Final[tuple[Difficulty, ...]] = ("moderate", "easy", "hard")
 _METRIC_TITLES: Final[dict[Metric, str]] = {"bbox": "2D", "bev": "bird's eye", "3d": "3D"}
 _AVERAGES: Final = {"R40": "AP R40", "all_points": "AP, all points"}
-"""Of precision over recall: KITTI's own, and over all scores, for samples too small for it."""
+"""Averages of precision over recall: KITTI's own, and over all scores, for small samples."""
 
 
 class Target(NamedTuple):
-    """What detections of a class are scored by."""
+    """Class, metric and overlap for scoring detections."""
 
     class_name: ClassName
     metric: Metric
     iou: float
-    """What a match must exceed."""
+    """Overlap that a match must exceed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectScoring:
-    """`Scoring` by average precision, percent, as `sightline evaluate objects` gives it."""
+    """`Scoring` by average precision, percent, as in `sightline evaluate objects`."""
 
     targets: tuple[Target, ...]
-    """The one that everybody looks at first."""
+    """Targets, the most important first."""
     write: "Callable[[Path, CameraLidarSample, Any], None]"
-    """Writes the task's answer as a result file."""
+    """Function that writes the task's prediction as a result file."""
     read_file: "Callable[[Path, CameraLidarSample], Any]"
-    """Reads what a result file tells of such an answer."""
+    """Function that reads a prediction from a result file."""
     panels: Callable[[Answered, int], tuple[Panel, ...]]
-    """See `Scoring.draw`."""
+    """Function for `Scoring.draw`."""
     name: str = field(default="KITTI objects", init=False)
     suffix: str = field(default=".txt", init=False)
     parts: "tuple[Part, ...]" = field(default=("objects",), init=False)
@@ -57,7 +57,7 @@ class ObjectScoring:
 
     @property
     def figures(self) -> tuple[Figure, ...]:
-        """Of each target both averages, moderate first."""
+        """Both averages of each target, moderate first."""
         return tuple(
             Figure(
                 name=_figure_name(target, difficulty, average),
@@ -74,11 +74,11 @@ class ObjectScoring:
         )
 
     def check(self, dataset: "SampleDataset") -> None:
-        """See `Scoring.check`."""
+        """Check for labels; see `Scoring.check`."""
         _labels_folder(dataset)
 
     def notes(self, dataset: "SampleDataset") -> tuple[str, ...]:
-        """What R40 can be at most where objects are fewer than its places."""
+        """Note the maximum of R40 if there are fewer objects than recall positions."""
         from sightline.evaluation.object_tables import slots_note
 
         counts = _object_counts(_labels_folder(dataset), dataset.sample_ids)
@@ -88,23 +88,23 @@ class ObjectScoring:
         )
 
     def pose(self, sample: "CameraLidarSample") -> PosedFrame:
-        """The frame as it is."""
+        """Return the frame unchanged."""
         return PosedFrame(sample, None)
 
     def keep(self, path: Path, answered: Answered) -> None:
-        """Writes KITTI's result file."""
+        """Write KITTI's result file."""
         self.write(path, answered.posed.sample, answered.answer)
 
     def read(self, path: Path, sample: "CameraLidarSample") -> object:
-        """See `Scoring.read`."""
+        """Read a result file; see `Scoring.read`."""
         return self.read_file(path, sample)
 
     def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
-        """See `Scoring.draw`."""
+        """Draw a prediction; see `Scoring.draw`."""
         return self.panels(answered, width_px)
 
     def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
-        """See `Scoring.score`; None where no object of the class counts at the difficulty."""
+        """Score result files; see `Scoring.score`. None if no object of the class counts."""
         from sightline.evaluation.kitti_object import evaluate_objects
 
         labels, names = _labels_folder(dataset), dataset.sample_ids
@@ -136,7 +136,7 @@ def _labels_folder(dataset: "SampleDataset") -> Path:
 
 
 def _apart(targets: Sequence[Target]) -> list[list[Target]]:
-    """Targets that one evaluation can score: of a class and metric, one overlap."""
+    """Group targets for single evaluations: one overlap per class and metric."""
     groups: list[list[Target]] = []
     for target in targets:
         for group in groups:
@@ -149,7 +149,7 @@ def _apart(targets: Sequence[Target]) -> list[list[Target]]:
 
 
 def _overlaps(targets: Sequence[Target]) -> MinimumOverlaps:
-    """Those of the targets; of all else, which nobody looks at, KITTI's own."""
+    """Collect the targets' overlaps, with KITTI's own for all other classes and metrics."""
     strict = MinimumOverlaps()
     wanted = {(target.class_name, target.metric): target.iou for target in targets}
 
@@ -178,7 +178,7 @@ def _scores(
     for difficulty in _LEVELS:
         if entries:
             values = _of_entry(entries[difficulty])
-        else:  # nothing of the class was detected, which the report leaves out
+        else:  # the report omits a class without detections
             count = _object_counts(labels, names)[target.class_name, difficulty]
             values = dict.fromkeys(_AVERAGES, 0.0 if count else None)
         for average, value in values.items():
@@ -194,7 +194,7 @@ def _of_entry(entry: "ObjectEntry") -> dict[str, float | None]:
 
 
 def _object_counts(labels: Path, names: Sequence[str]) -> Counter[tuple[ClassName, Difficulty]]:
-    """How many labelled objects count, by class and difficulty."""
+    """Count the labelled objects by class and difficulty."""
     from sightline.data.kitti_labels import read_labels
     from sightline.evaluation.kitti_object_rules import class_code, truth_levels
 

@@ -1,4 +1,4 @@
-"""A run as a page: one HTML file with heat map, curves, example pictures and tables."""
+"""HTML page of a run in one file, with heat map, curves, example pictures and tables."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -51,15 +51,15 @@ def run_page(
     *,
     notes: Sequence[str] = (),
 ) -> str:
-    """The page of a run.
+    """Make the page of a run.
 
     Args:
-        record: Of the run.
-        measured: All of its figures.
-        baseline: Drawn beside it.
-        healthy: Methods of one sensor each; the best is drawn beside it.
+        record: Record of the run.
+        measured: All of its figures with their measures.
+        baseline: Record for comparison in the charts.
+        healthy: Single-sensor methods; the charts show the best.
         out: Folder of the run, where its pictures are.
-        notes: Sentences to read the scores with.
+        notes: Notes on the interpretation of the scores.
     """
     lines = [Line(record.method, "ours", record)]
     if baseline is not None:
@@ -83,13 +83,13 @@ def run_page(
 def compare_page(
     records: Sequence[Record], table: TextTable, measured: Compared, *, notes: Sequence[str] = ()
 ) -> str:
-    """The page of several runs.
+    """Make the page of several runs.
 
     Args:
         records: The runs, of the same cases.
         table: All figures of all runs.
         measured: Every figure with the measures of all runs.
-        notes: Sentences to read the scores with.
+        notes: Notes on the interpretation of the scores.
     """
     lines = [
         Line(record.method, LINE_STYLES[number % len(LINE_STYLES)], record)
@@ -196,7 +196,7 @@ def _embedded(path: Path) -> str:
 
 
 def plain_table(table: TextTable) -> str:
-    """A table of words."""
+    """Make an HTML table of text cells."""
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in table.header)
     rows = "".join(
         f'<tr><th scope="row">{escape(row[0])}</th>'

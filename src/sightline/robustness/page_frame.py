@@ -1,4 +1,4 @@
-"""The frame of a report: style and script within the file, nothing fetched from anywhere."""
+"""Frame of a report page: embedded style and script, without any downloads."""
 
 from html import escape
 from typing import Final
@@ -98,15 +98,15 @@ _PAGE: Final = """<!doctype html>
 
 
 def whole_page(title: str, body: str) -> str:
-    """A page in one file; its body has a `figure_picker`."""
+    """Make a page in one file; its body has a `figure_picker`."""
     return _PAGE.format(title=escape(title), style=_STYLE, body=body, script=_SCRIPT)
 
 
 def figure_picker(titles: dict[str, str]) -> str:
-    """A choice of the figure; elements whose data-figure is another one are hidden.
+    """Make a selection of the figure; elements with another data-figure are hidden.
 
     Args:
-        titles: What each figure is called, by its name.
+        titles: Titles of the figures, by name.
     """
     options = "".join(
         f'<option value="{escape(name)}">{escape(title)}</option>' for name, title in titles.items()
@@ -115,5 +115,5 @@ def figure_picker(titles: dict[str, str]) -> str:
 
 
 def of_figure(name: str, content: str) -> str:
-    """Content that is shown where the figure is chosen."""
+    """Wrap content that is shown only for the selected figure."""
     return f'<section data-figure="{escape(name)}">{content}</section>'

@@ -1,4 +1,4 @@
-"""What a method scored in the cases of a suite, as the file of its run holds it."""
+"""Record of a method's scores in the cases of a suite, as in the file of its run."""
 
 import hashlib
 import json
@@ -15,30 +15,30 @@ from sightline.robustness.measures import ByKind
 from sightline.robustness.scoring import Figure, Scores
 
 RECORD_NAME: Final = "robustness.json"
-"""File of a run's folder."""
+"""Name of the record's file in a run's folder."""
 
-_LARGEST = 10**12  # of a number that is believed
-_LONGEST = 10_000  # characters of a text
+_LARGEST = 10**12  # maximum of a plausible number
+_LONGEST = 10_000  # maximum characters of a text
 _REMEDY = f"give the {RECORD_NAME} of a run of `sightline robustness`"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CaseInfo:
-    """What a case is."""
+    """Description of a case."""
 
     title: str
     kind: str
-    """Of corruption: cases of one kind differ in severity."""
+    """Kind of corruption: cases of one kind differ in severity."""
     severity: int | None
-    """From 1 to 5; None where the suite has no levels."""
+    """Severity from 1 to 5; None if the suite has no levels."""
     sensors: tuple[Sensor, ...]
-    """Those that are broken."""
+    """Sensors that are corrupted."""
     parameters: Mapping[str, object]
-    """See `Corruption.described`."""
+    """Parameters; see `Corruption.described`."""
 
 
 def describe_case(case: Case) -> CaseInfo:
-    """What reports say of a suite's case."""
+    """Describe a suite's case for reports."""
     suffix = "" if case.severity is None else f"-{case.severity}"
     return CaseInfo(
         title=case.title,
@@ -51,56 +51,56 @@ def describe_case(case: Case) -> CaseInfo:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Setting:
-    """What two runs must have in common to be held against each other."""
+    """Settings that two runs must share for a comparison."""
 
     task: str
     scoring: str
-    """The protocol by which answers are scored."""
+    """Protocol of the scoring."""
     data: str
-    """See `data_name`."""
+    """Name of the data; see `data_name`."""
     velodyne: str
     """The sweeps' folder."""
     frames: int
     frames_sha256: str
-    """Of the frames' names, in order."""
+    """Digest of the frames' names, in order."""
     figures: tuple[Figure, ...]
     suite: str
     seed: int
     files_digest: str | None = None
-    """See `digest_files`: another one is told, not refused. None: a record of before, or of a
+    """See `digest_files`: a difference causes a warning, not an error. None: an older record, or a
     corrupted data set without its clean case."""
 
     @property
     def of_clean_frames(self) -> dict[str, object]:
-        """Those fields that clean scores depend on."""
+        """Fields that clean scores depend on."""
         plain = asdict(self)
         return {name: plain[name] for name in plain if name not in ("suite", "seed")}
 
 
 def digest_names(names: Sequence[str]) -> str:
-    """SHA-256 of the names of a run's frames, in order."""
+    """Compute the SHA-256 of the names of a run's frames, in order."""
     return hashlib.sha256("\n".join(names).encode()).hexdigest()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Record:
-    """What a method scored."""
+    """Scores of a method."""
 
     method: str
-    """Its name, or that of its weights."""
+    """Name of the method or of its weights."""
     made_by: Mapping[str, str]
-    """What else tells which it was: the weights' hash and the engine, say."""
+    """Further identification, e.g. the weights' hash and the engine."""
     setting: Setting
     cases: Mapping[str, CaseInfo]
-    """By name, sound sensors first."""
+    """Cases by name, sound sensors first."""
     scores: Mapping[str, Scores]
-    """By case."""
+    """Scores by case."""
     notes: tuple[str, ...] = ()
-    """Sentences to read the scores with: of objects that are too few for a figure."""
+    """Notes on the scores, e.g. on figures with too few objects."""
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
-        """The cases of each kind of corruption, in the suite's order."""
+        """Cases of each kind of corruption, in the suite's order."""
         found: dict[str, tuple[str, ...]] = {}
         for name, case in self.cases.items():
             if name != CLEAN:
@@ -108,13 +108,13 @@ class Record:
         return found
 
     def score(self, case: str, figure: Figure) -> float | None:
-        """One score; None where there is nothing to score."""
+        """Look up a score; None if there is nothing to score."""
         return self.scores[case][figure.name]
 
     def by_kind(
         self, figure: Figure, kinds: Mapping[str, Sequence[str]] | None = None
     ) -> ByKind | None:
-        """A figure's scores by kind; None where there is nothing to score.
+        """Collect a figure's scores by kind; None if there is nothing to score.
 
         Args:
             figure: One of the setting's.
@@ -130,7 +130,7 @@ class Record:
         return known if known == table else None
 
     def to_json(self) -> dict[str, object]:
-        """What its file holds of it."""
+        """Convert the record to its file's content."""
         notes = {"notes": list(self.notes)} if self.notes else {}
         return {
             "method": self.method,
@@ -143,10 +143,10 @@ class Record:
 
 
 def read_record(path: Path) -> Record:
-    """What a run's file holds.
+    """Read the record from a run's file.
 
     Raises:
-        FileError: It is no such file.
+        FileError: The file is not a record.
     """
     text = read_text(path)
     try:
@@ -228,7 +228,7 @@ def checked_text(value: object) -> str:
     """Turn text from a file into one line that any screen and page can show.
 
     Raises:
-        TypeError: It is none, or longer than any that a run writes.
+        TypeError: It is not a string, or longer than any in a run's files.
     """
     if not isinstance(value, str) or len(value) > _LONGEST:
         raise TypeError(f"expected text of up to {_LONGEST:,} characters, got {value!r}")
@@ -236,10 +236,10 @@ def checked_text(value: object) -> str:
 
 
 def checked_count(value: object) -> int:
-    """Return a whole number from a file as it is.
+    """Return a whole number from a file unchanged.
 
     Raises:
-        TypeError: It is none, negative or beyond belief.
+        TypeError: It is not a whole number, negative or implausibly large.
     """
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _LARGEST:
         raise TypeError(f"expected a whole number, got {value!r}")
@@ -250,7 +250,7 @@ def number_or_none(value: object) -> float | None:
     """Return a score from a file.
 
     Raises:
-        TypeError: It is no number, not finite or beyond belief.
+        TypeError: It is not a number, not finite or implausibly large.
     """
     if value is None:
         return None

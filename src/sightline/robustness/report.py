@@ -1,4 +1,4 @@
-"""What a run of the bench tells: measures of all figures, as tables and files."""
+"""Report of a bench run: measures of all figures, as tables and files."""
 
 import csv
 import io
@@ -38,26 +38,26 @@ _COLUMNS = ("case", "kind", "severity", "figure", "unit", "score", "baseline", "
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobustnessReport:
-    """A run, and what it is held against."""
+    """Run with its records for comparison."""
 
     record: Record
     baseline: Record | None = None
     healthy: Mapping[Sensor, Record] = field(default_factory=dict)
     absent_cases: tuple[str, ...] = ()
-    """Cases of the suite that there are no results of: not scored, and in no mean."""
+    """Cases of the suite without results: not scored, and not in any mean."""
     no_cases: tuple[str, ...] = ()
-    """Folders of results that are called as no case of the suite, likewise."""
+    """Folders of results that match no case of the suite; not scored, either."""
 
     @property
     def measured(self) -> list[tuple[Figure, Measures | None]]:
-        """Every figure with its measures; None where there is nothing to score."""
+        """Compute the measures of every figure; None if there is nothing to score."""
         return [
             (figure, measure(self.record, figure, self.baseline, self.healthy))
             for figure in self.record.setting.figures
         ]
 
     def to_json(self) -> dict[str, object]:
-        """What robustness.json holds."""
+        """Convert the report to the content of robustness.json."""
         absent = {"absent_cases": list(self.absent_cases)} if self.absent_cases else {}
         strange = {"folders_not_scored": list(self.no_cases)} if self.no_cases else {}
         return {
@@ -74,7 +74,7 @@ class RobustnessReport:
         }
 
     def tables(self) -> list[TextTable]:
-        """Of the leading figures by kind, and of all figures."""
+        """Make tables of the leading figures by kind, and of all figures."""
         measured = self.measured
         leading = leading_figures(self.record.setting.figures)
         by_kind = [
@@ -85,7 +85,7 @@ class RobustnessReport:
         return [*by_kind, figures_table(self.record, measured)]
 
     def table(self) -> "Group":
-        """The tables for a terminal."""
+        """Make the tables for a terminal."""
         from rich.console import Group
         from rich.text import Text
 
@@ -93,7 +93,7 @@ class RobustnessReport:
         return Group(head, *(rich_table(each) for each in self.tables()))
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences to read the scores with."""
+        """List notes on the interpretation of the scores."""
         others = {f"the healthy {sensor}": each for sensor, each in self.healthy.items()}
         if self.baseline is not None:
             others["the baseline"] = self.baseline
@@ -116,7 +116,7 @@ class RobustnessReport:
         return notes
 
     def markdown(self) -> str:
-        """The tables as Markdown."""
+        """Format the tables as Markdown."""
         return "\n".join(
             [
                 f"{markdown_text(setting_text(self.record))}.\n",
@@ -126,7 +126,7 @@ class RobustnessReport:
         )
 
     def csv(self) -> str:
-        """One row for each case and figure."""
+        """Format the scores as CSV, one row for each case and figure."""
         file = io.StringIO()
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(_COLUMNS)
@@ -140,10 +140,10 @@ class RobustnessReport:
         return file.getvalue()
 
     files: ClassVar[tuple[str, ...]] = (RECORD_NAME, CSV_NAME, MARKDOWN_NAME, PAGE_NAME)
-    """What `write` writes."""
+    """Files from `write`."""
 
     def write(self, out: Path) -> None:
-        """Writes all files of the report into the folder of the run."""
+        """Write all files of the report into the folder of the run."""
         atomic_write_text(out / CSV_NAME, self.csv())
         atomic_write_text(out / MARKDOWN_NAME, self.markdown())
         page = run_page(
@@ -158,7 +158,7 @@ def _named(record: Record) -> dict[str, object]:
 
 
 def rich_table(table: TextTable) -> "Table":
-    """A table for a terminal; its words are no markup."""
+    """Make a table for a terminal; its text is not markup."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text

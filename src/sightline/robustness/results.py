@@ -1,4 +1,4 @@
-"""Scores what any other method made of the cases that `sightline corrupt` wrote."""
+"""Scores of any other method's results in the cases from `sightline corrupt`."""
 
 import difflib
 import json
@@ -30,29 +30,29 @@ from sightline.robustness.report import RobustnessReport
 from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import Answered, PosedFrame, Scoring
 
-_LIKENESS: Final = 0.75  # of a folder's name to the case that may be meant
-_NAMED: Final = 4  # folders that an error names
+_LIKENESS: Final = 0.75  # minimum similarity of a folder's name to the intended case
+_NAMED: Final = 4  # maximum number of folders in an error message
 _HOW: Final = "give the folder that `sightline corrupt` wrote, which holds a folder for each case"
 
 
 def score_results(
     task: BenchTask, cases: Path, results: Path, out: Path, settings: BenchSettings
 ) -> RobustnessReport:
-    """Scores folders of result files, one for each case, and tells what each case costs.
+    """Score folders of result files, one for each case, and measure the loss in each case.
 
     Args:
-        task: By whose scoring.
-        cases: What `sightline corrupt` wrote: a data set for each case, and what made them, which
-            tells suite and seed.
-        results: Folder with a folder for each case, which holds a result file for each frame. Where
-            no cases are named, those that are there are scored, and the report says which are not.
-        out: Folder of the run.
-        settings: The sweeps' folder is that of `cases`, and so are suite and seed.
+        task: Task with the scoring.
+        cases: Output of `sightline corrupt`: a data set for each case, and its settings, which
+            include suite and seed.
+        results: Folder with a folder for each case, with a result file for each frame. If no cases
+            are given, the existing ones are scored, and the report lists the missing ones.
+        out: Output folder of the run.
+        settings: The sweeps' folder, the suite and the seed are those of `cases`.
 
     Raises:
-        ValueError: The task is not scored by such files; `cases` is something else, or made with
-            another version's cases; results lack the clean case, a case that is named or a frame;
-            or as `run_bench`.
+        ValueError: The task is not scored by such files; `cases` is something else, or has cases of
+            another version; results lack the clean case, a given case or a frame; or as for
+            `run_bench`.
     """
     check_workers(settings.workers)
     scoring = task.scoring()
@@ -98,7 +98,7 @@ def score_results(
         suite=suite,
         seed=made_with["seed"],
     )
-    if tree.name != CLEAN:  # whose files are not those of the data
+    if tree.name != CLEAN:  # its files differ from the data's
         setting = replace(setting, files_digest=None)
     infos = {case.name: describe_case(case) for case in chosen}
     check_compared(given, healthy, setting, infos)
@@ -128,7 +128,7 @@ def score_results(
 def _draw(
     drawer: ExampleDrawer, cases: Path, results: Path, chosen: Sequence[Case], velodyne: Velodyne
 ) -> None:
-    """Pictures of one frame, of the cases whose frames are still there."""
+    """Draw pictures of one frame, for the cases with existing frames."""
     for case in chosen:
         corrupted = read_corrupted(cases / case.name, drawer.frame, case.corruption, velodyne)
         if corrupted is not None:
@@ -138,7 +138,7 @@ def _draw(
 
 
 def _made_with(cases: Path) -> dict[str, Any]:
-    """What the manifest says of the cases; its texts are made fit to be shown."""
+    """Read the manifest of the cases; its texts are made safe for display."""
     path = cases / MANIFEST_NAME
     found: Any = None
     if path.is_file():
@@ -169,7 +169,7 @@ def _check_cases(suite: Suite, written: Mapping[str, object], cases: Path) -> No
 
 
 def _no_cases(results: Path, suite: Suite) -> tuple[str, ...]:
-    """Folders of results that are called as no case, each with the case that may be meant."""
+    """List folders of results that match no case, each with the case probably intended."""
     known = [case.name for case in suite.cases]
     strange = []
     for path in sorted(results.iterdir()) if results.is_dir() else ():
@@ -183,7 +183,7 @@ def _no_cases(results: Path, suite: Suite) -> tuple[str, ...]:
 def _present_cases(
     results: Path, wanted: Sequence[Case], strange: Sequence[str]
 ) -> tuple[Case, ...]:
-    """Those of the cases that results hold a folder of; the clean one must be among them."""
+    """Select the cases with a folder of results; the clean one must be among them."""
     present = tuple(case for case in wanted if (results / case.name).is_dir())
     if CLEAN not in {case.name for case in present}:
         raise ValueError(
@@ -204,7 +204,7 @@ def _beside(strange: Sequence[str]) -> str:
 
 
 def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:
-    """Where labels are: every case has the same."""
+    """Find a case's tree with the labels, which are equal in all cases."""
     for case in chosen:
         if (cases / case.name).is_dir():
             return cases / case.name
@@ -214,7 +214,7 @@ def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:
 def _check_complete(
     results: Path, cases: Sequence[Case], dataset: SampleDataset, scoring: Scoring
 ) -> None:
-    """Before any is scored."""
+    """Check that all results exist, before any is scored."""
     for case in cases:
         folder = results / case.name
         if not folder.is_dir():

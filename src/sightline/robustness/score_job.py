@@ -1,4 +1,4 @@
-"""Scores what was kept in each case, several cases at once; what has been scored stays."""
+"""Scoring of the stored predictions, several cases at once; existing scores are kept."""
 
 import json
 from collections.abc import Sequence
@@ -27,19 +27,19 @@ def score_cases(
     *,
     anew: bool = False,
 ) -> dict[str, Scores]:
-    """The figures of every case.
+    """Score every case.
 
     Args:
-        scoring: The task's.
-        dataset: Whose frames were answered.
-        answers: What was kept, a folder for each case.
-        cases: Their names.
-        out: Folder of the run, where scores are kept, too.
-        workers: Processes that work; 1 is this process alone.
-        anew: Whether to score again what has been scored: answers may have changed.
+        scoring: The task's scoring.
+        dataset: The frames of the predictions.
+        answers: Stored predictions, a folder for each case.
+        cases: Names of the cases.
+        out: Folder of the run, in which scores are stored, too.
+        workers: Number of processes; 1 uses this process alone.
+        anew: Whether to repeat existing scores, because predictions may have changed.
 
     Raises:
-        ValueError: A file is missing or at fault; names the case.
+        ValueError: A file is missing or invalid; the message contains the case.
     """
     files = {case: out / _SCORES / f"{case}.json" for case in cases}
     works = [
@@ -58,7 +58,7 @@ def score_cases(
 
 
 def _kept_scores(path: Path, scoring: Scoring) -> Scores | None:
-    """The scores of a case that were kept; None where there are none, or not all, or no numbers."""
+    """Read the stored scores of a case; None if missing, incomplete or not numbers."""
     try:
         told = json.loads(read_text(path))
         for figure in scoring.figures:
@@ -71,7 +71,7 @@ def _kept_scores(path: Path, scoring: Scoring) -> Scores | None:
 
 @dataclass(frozen=True, slots=True)
 class _CaseWork:
-    """Scores a case and keeps the figures."""
+    """Job that scores a case and stores the figures."""
 
     scoring: Scoring
     dataset: SampleDataset

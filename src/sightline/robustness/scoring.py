@@ -1,4 +1,4 @@
-"""What a task declares so that the bench can score its answers to corrupted frames."""
+"""Scoring interface of a task, by which the bench scores predictions for corrupted frames."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -15,51 +15,51 @@ if TYPE_CHECKING:
     from sightline.structures.sample import CameraLidarSample
 
 Scores = Mapping[str, float | None]
-"""By the figures' names; None where there is nothing to score, e.g. no object of a class."""
+"""Scores by the figures' names; None if there is nothing to score, e.g. no object of a class."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Figure:
-    """One of the numbers that say how good answers are."""
+    """Figure of merit of the predictions."""
 
     name: str
-    """In files, e.g. rmse_mm."""
+    """Name in files, e.g. rmse_mm."""
     title: str
-    """For people, without its unit."""
+    """Title for display, without the unit."""
     unit: str
-    """E.g. % or mm."""
+    """Unit, e.g. % or mm."""
     highest: float | None = None
-    """What perfect answers have, where more is better; None: an error, of which 0 is the best."""
+    """Score of perfect predictions, if more is better; None: an error, with 0 as the best."""
 
     def error(self, score: float) -> float:
-        """How far a score is from perfect, in the figure's unit."""
+        """Compute the difference of a score from the perfect one, in the figure's unit."""
         return score if self.highest is None else self.highest - score
 
     def lead(self, score: float, other: float) -> float:
-        """By how much a score is better than another one, in the figure's unit."""
+        """Compute by how much a score is better than another, in the figure's unit."""
         return self.error(other) - self.error(score)
 
 
 class PosedFrame(NamedTuple):
-    """A frame as it is put to methods."""
+    """Frame prepared for methods."""
 
     sample: "CameraLidarSample"
-    """Of sound sensors: what is corrupted and then given."""
+    """Sample of sound sensors, to be corrupted and then given to methods."""
     truth: Any
-    """The task's own, where scores are taken frame by frame; otherwise None."""
+    """The task's own truth, if scores are computed frame by frame; otherwise None."""
 
 
 class Answered(NamedTuple):
-    """An answer to a corrupted frame, with all that it can be held against."""
+    """Prediction for a corrupted frame, with all data for comparison."""
 
     posed: PosedFrame
     corrupted: "Corrupted"
     answer: Any
-    """The predictor's."""
+    """The predictor's output."""
 
 
 class Panel(NamedTuple):
-    """A picture of a report."""
+    """Picture of a report."""
 
     caption: str
     picture: "UInt8[np.ndarray, 'height width 3']"
@@ -67,18 +67,18 @@ class Panel(NamedTuple):
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Keeper(Protocol):
-    """Puts frames to methods, and keeps of each answer what is needed later, as one file.
+    """Interface that prepares frames for methods and stores a file for each prediction.
 
-    Picklable where workers are started afresh (macOS, Windows).
+    It must be picklable if workers start as new processes (macOS, Windows).
     """
 
     @property
     def suffix(self) -> str:
-        """Of the files, with its dot."""
+        """Suffix of the files, with its dot."""
         ...
 
     def pose(self, sample: "CameraLidarSample") -> PosedFrame:
-        """The frame as methods may see it.
+        """Prepare the frame for methods.
 
         Raises:
             ValueError: It cannot be scored.
@@ -86,62 +86,62 @@ class Keeper(Protocol):
         ...
 
     def keep(self, path: Path, answered: Answered) -> None:
-        """Writes the file of an answer, whole or not at all."""
+        """Write the file of a prediction, whole or not at all."""
         ...
 
 
 @runtime_checkable
 class Scoring(Keeper, Protocol):
-    """How good a task's answers are, from the files that were kept of them."""
+    """Interface that scores a task's predictions from the stored files."""
 
     @property
     def name(self) -> str:
-        """The protocol: results of two of them do not compare."""
+        """Name of the protocol: results of different protocols cannot be compared."""
         ...
 
     @property
     def figures(self) -> tuple[Figure, ...]:
-        """What is scored, the one that everybody looks at first."""
+        """Figures, the most important first."""
         ...
 
     @property
     def parts(self) -> "Collection[Part]":
-        """What it needs of a sample, beside what methods are given."""
+        """Parts of a sample needed in addition to the methods' input."""
         ...
 
     @property
     def takes_results(self) -> bool:
-        """Whether the files are a format of answers that any method may write."""
+        """Whether the files are a format of predictions that any method may write."""
         ...
 
     def check(self, dataset: "SampleDataset") -> None:
-        """Refuses data that hold nothing to score against.
+        """Check that the data can be scored.
 
         Raises:
-            ValueError: They do not.
+            ValueError: The data hold no truth to score against.
         """
         ...
 
     def notes(self, dataset: "SampleDataset") -> tuple[str, ...]:
-        """Sentences to read the scores of such data with, of objects that are too few for one."""
+        """List notes on the scores of such data, e.g. on figures with too few objects."""
         ...
 
     def read(self, path: Path, sample: "CameraLidarSample") -> object:
-        """The answer that a kept file holds, for pictures; asked only where `takes_results`.
+        """Read a prediction from a stored file, for pictures; called only if `takes_results`.
 
         Raises:
-            ValueError: The file is at fault, or such files hold no answers.
+            ValueError: The file is invalid, or such files hold no predictions.
         """
         ...
 
     def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
-        """The figures of the files in a folder, one for each of the data set's samples.
+        """Score the files in a folder, one for each of the data set's samples.
 
         Raises:
-            ValueError: A file is missing or at fault.
+            ValueError: A file is missing or invalid.
         """
         ...
 
     def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
-        """Pictures of so many columns of what was given and answered."""
+        """Draw pictures of the input and the prediction, of this width."""
         ...

@@ -1,4 +1,4 @@
-"""A run in words and numbers: the tables that the terminal, Markdown and the page share."""
+"""Text tables of a run, shared by the terminal, Markdown and the page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ NOTHING: Final = "-"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TextTable:
-    """A table of words; the first column names the rows."""
+    """Table of text cells; the first column names the rows."""
 
     title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
     def markdown(self) -> str:
-        """As Markdown has it, under its title."""
+        """Format the table as Markdown, under its title."""
         lines = [
             _markdown_row(self.header),
             f"|{'---|' * len(self.header)}",
@@ -36,12 +36,12 @@ def _markdown_row(cells: Sequence[str]) -> str:
 
 
 def markdown_text(text: str) -> str:
-    """Text for Markdown, in which a name of anybody's ends no cell and begins no tag or link."""
+    """Escape text for Markdown, so that it ends no cell and begins no tag or link."""
     return plain_line(text).replace("|", "\\|").replace("<", "&lt;").replace("](", "]\\(")
 
 
 def score_text(value: float | None, figure: Figure, *, signed: bool = False) -> str:
-    """A score, or a difference of two, without its unit."""
+    """Format a score, or a difference of two, without its unit."""
     if value is None:
         return NOTHING
     digits = 0 if figure.highest is None and abs(value) >= 100 else 1
@@ -49,12 +49,12 @@ def score_text(value: float | None, figure: Figure, *, signed: bool = False) -> 
 
 
 def ratio_text(value: float | None) -> str:
-    """RR or CE."""
+    """Format RR or CE."""
     return NOTHING if value is None else f"{value:.2f}"
 
 
 def case_text(name: str, case: CaseInfo) -> str:
-    """What people call a case."""
+    """Format a case for display."""
     if name == CLEAN:
         return "sound sensors"
     words = case.kind.replace("_", " ")
@@ -62,7 +62,7 @@ def case_text(name: str, case: CaseInfo) -> str:
 
 
 def setting_text(record: Record) -> str:
-    """What the scores are of, in one line."""
+    """Describe the setting of the scores in one line."""
     setting = record.setting
     frames = f"{setting.frames:,} frame{'' if setting.frames == 1 else 's'}"
     return (
@@ -72,14 +72,14 @@ def setting_text(record: Record) -> str:
 
 
 def severities(record: Record) -> tuple[int, ...]:
-    """Those that some kind has, in order."""
+    """List the severities of all kinds, in order."""
     return tuple(sorted({case.severity for case in record.cases.values() if case.severity}))
 
 
 def cells_of_kind(record: Record, kind: str) -> tuple[str | None, ...]:
-    """The case in each column of scores, one for each severity; None where there is none.
+    """Find the case in each column of scores, one for each severity; None if there is none.
 
-    A kind without levels stands in the last column, which is the only one where no kind has any.
+    A kind without levels is in the last column, which is the only one if no kind has levels.
     """
     levels = severities(record)
     by_level = {record.cases[name].severity: name for name in record.kinds[kind]}
@@ -90,7 +90,7 @@ def cells_of_kind(record: Record, kind: str) -> tuple[str | None, ...]:
 
 
 def score_columns(record: Record) -> tuple[str, ...]:
-    """What stands above the columns of `cells_of_kind`."""
+    """Make the headers of the columns of `cells_of_kind`."""
     levels = tuple(map(str, severities(record)))
     is_plain = any(record.cases[name].severity is None for name in record.cases if name != CLEAN)
     only = "one level" if levels else "score"
@@ -98,7 +98,7 @@ def score_columns(record: Record) -> tuple[str, ...]:
 
 
 def kinds_table(record: Record, figure: Figure, measures: Measures) -> TextTable:
-    """One row a kind: the scores of its severities, and what they come to."""
+    """Make a table with one row per kind: the scores of its severities, and its measures."""
     clean = score_text(measures.clean, figure)
     columns = score_columns(record)
     rows = [("sound sensors", *(("",) * len(columns)), clean, "", "",
@@ -136,14 +136,14 @@ def kinds_table(record: Record, figure: Figure, measures: Measures) -> TextTable
 
 
 def leading_figures(figures: Sequence[Figure]) -> tuple[Figure, ...]:
-    """The first figure, and beside an average over recall positions that over all points."""
+    """Select the first figure and, for an average over recall positions, that over all points."""
     first = figures[0]
     beside = first.name.removesuffix("_R40") + "_all_points"
     return (first, *(each for each in figures if each.name == beside))
 
 
 def figures_table(record: Record, measured: Sequence[tuple[Figure, Measures | None]]) -> TextTable:
-    """One row a figure: what all kinds come to."""
+    """Make a table with one row per figure: the measures over all kinds."""
     rows = []
     for figure, measures in measured:
         name = f"{figure.title}, {figure.unit}"

@@ -1,1 +1,1 @@
-"""Simulated streets, as a camera and a LiDAR see them, with labels as KITTI's."""
+"""Simulated streets with camera images, LiDAR sweeps and labels in KITTI's format."""

@@ -1,8 +1,8 @@
-"""Cheap smooth edges: extra visibility rays there, with light borrowed from nearby pixels.
+"""Antialiasing of edges: extra visibility rays, shaded by radiance borrowed from nearby pixels.
 
-As graphics hardware does it (multisampling): a pixel with an edge looks along more rays, and each
-shows the radiance of a neighbouring pixel that sees the same surface. Only surfaces that no pixel
-sees at its centre are shaded separately.
+This is multisampling, as in graphics hardware: a pixel at an edge casts more rays, and each takes
+the radiance of a neighbouring pixel on the same surface. Only surfaces that lie at no pixel's
+centre are shaded separately.
 """
 
 from typing import Final
@@ -25,9 +25,9 @@ The inverse depth of a plane is linear over the image, so only bends and steps c
 _COLOR_STEP: Final = 0.04
 _SAME_CROWN_M: Final = 0.5
 _SAME_DIRECTION: Final = 0.9
-"""Cosine between normals."""
+"""Minimum cosine between the normals of one surface."""
 _SAME_PLANE: Final = 0.004
-"""How far off a plane a point on it may seem to lie, as a share of the depth."""
+"""Maximum distance of a point from a plane that contains it, as a share of the depth."""
 
 
 def edge_pixels(
@@ -36,9 +36,9 @@ def edge_pixels(
     hits: Hits,
     image_size: tuple[int, int],
 ) -> Int32[np.ndarray, " num_edges"]:
-    """Flat indices of pixels with a neighbour that may show something else.
+    """Find the flat indices of pixels at edges, where a neighbour may show something else.
 
-    `hits` are those of an image's pixels; their distances are depths along the optical axis.
+    `hits` has one row per pixel; its distances are depths along the optical axis.
     """
     is_edge = np.zeros(image_size, bool)
     _mark_edges(
@@ -78,7 +78,7 @@ def _mark_edges(
 
 @compiled
 def _both_leaves(mesh: MeshTables, face: int, other: int) -> bool:
-    """Foliage is all edges; a coarse answer is preferred to an expensive one."""
+    """Test for two leaves, between which edges are ignored to save time: foliage is all edges."""
     if face < 0 or other < 0:
         return False
     return bool(mesh.materials[face] == _LEAF and mesh.materials[other] == _LEAF)
@@ -88,7 +88,7 @@ def _both_leaves(mesh: MeshTables, face: int, other: int) -> bool:
 def _differ(
     mesh: MeshTables, owners: Int32[np.ndarray, " num_faces"], face: int, other: int
 ) -> bool:
-    """Whether two faces belong to different things, or to things that look different."""
+    """Test whether two faces belong to different objects or differ in material or colour."""
     if face < 0 or other < 0:
         return face != other
     if owners[face] != owners[other] or mesh.materials[face] != mesh.materials[other]:
@@ -108,9 +108,9 @@ def lenders(
     more_hits: Hits,
     pixels: Int32[np.ndarray, " num_more"],
 ) -> Int32[np.ndarray, " num_more"]:
-    """Which pixel sees the same surface as each further ray; -1 where none does.
+    """Find a pixel on the same surface for each additional ray; -1 if there is none.
 
-    `pixels` are the flat indices of those that the further rays belong to.
+    `pixels` holds the flat index of the pixel of each additional ray.
     """
     found = np.empty(len(pixels), np.int32)
     _find_lenders(mesh, owners, hits.faces.reshape(image_size), more_rays, more_hits, pixels, found)
@@ -159,7 +159,7 @@ def _same_surface(
     reached: Vector,
     depth: float,
 ) -> bool:
-    """Whether a point on one face looks like the other face: same thing, side by side."""
+    """Test whether a point on one face can take the radiance of the other face."""
     if _differ(mesh, owners, face, other):
         return False
     apart = minus(reached, row_of(mesh.vertices, mesh.faces[other, 0]))

@@ -1,4 +1,4 @@
-"""The camera: a picture of a scene, with dense depth and the owner of each pixel."""
+"""Camera renderer: image, dense depth and the actor of each pixel."""
 
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -34,22 +34,22 @@ _BRIGHTEST: Final = 3.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraConfig:
-    """How the camera is mounted and how well its pictures are computed."""
+    """Camera mount and rendering quality."""
 
     picture: bool = True
-    """Whether there is an image, or only the truth behind it."""
+    """Whether to render the image as well as its ground truth."""
     samples_per_pixel: int = 1
-    """1, with more at edges, or 4 everywhere."""
+    """Samples per pixel: 1, with more at edges, or 4 everywhere."""
     ambient_stride: int = 3
-    """Ambient light is gathered at every so many pixels."""
+    """Step [px] of the grid on which ambient light is gathered."""
     ambient_rays: int = 4
-    """Rays that gather it there."""
+    """Ambient rays per grid point."""
     lidar_height_m: float = KITTI_LIDAR_HEIGHT_M
-    """Height of the LiDAR, which the calibration refers to, above the ego's footprint."""
+    """Height of the LiDAR, the calibration's reference frame, above the ego's footprint."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
 
     def __post_init__(self) -> None:
-        """Checks the choices."""
+        """Check the values."""
         if self.samples_per_pixel not in (1, 4):
             raise ValueError(f"samples_per_pixel must be 1 or 4, got {self.samples_per_pixel}")
         if self.ambient_stride < 1 or self.ambient_rays < 1:
@@ -61,12 +61,12 @@ class CameraConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraFrame:
-    """What the camera sees at one moment, and the truth behind it."""
+    """Camera image of one moment, with its ground truth."""
 
     image: UInt8[np.ndarray, "height width 3"] | None
     """RGB; None without `CameraConfig.picture`."""
     depth_m: Float32[np.ndarray, "height width"]
-    """Along the optical axis, at the centre of each pixel; 0 = sky."""
+    """Depth along the optical axis at the centre of each pixel; 0 = sky."""
     owners: Int32[np.ndarray, "height width"]
     """Index of the actor at the centre of each pixel, STREET or SKY."""
 
@@ -80,10 +80,10 @@ def render_camera(
     config: CameraConfig | None = None,
     raycaster: Raycaster | None = None,
 ) -> CameraFrame:
-    """Takes a picture of (height, width) of a scene.
+    """Render a scene at (height, width).
 
-    A scene has the same depth and owners whatever the samples per pixel; only the sensor's noise in
-    the image is drawn from `rng`. A `raycaster` over the scene's mesh saves building one.
+    Depth and owners do not depend on the samples per pixel; only the sensor's noise in the image is
+    drawn from `rng`. A `raycaster` over the scene's mesh saves building one.
     """
     config = config or CameraConfig()
     world = lit_world(scene, raycaster or Raycaster(scene.mesh))

@@ -1,4 +1,4 @@
-"""The light that reaches a camera's pixels, before lens and sensor."""
+"""Radiance that reaches a camera's pixels, before lens and sensor."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ from sightline.simulation.vectors import dot, minus, row_of
 
 _LEAF: Final = int(Material.LEAF)
 _SAME_PLANE: Final = 0.004
-"""How far off the plane of a surface its neighbour in the image may lie, by distance."""
+"""Maximum distance of a neighbour from the surface's plane, as a share of the distance."""
 
 
 def pixel_radiance(
@@ -35,7 +35,7 @@ def pixel_radiance(
     ambient_rays: int,
     brightest: float,
 ) -> Float32[np.ndarray, "height width 3"]:
-    """Linear RGB radiance of each pixel: the mean of its samples, each cut at `brightest`."""
+    """Compute each pixel's linear RGB radiance: mean of its samples, clipped at `brightest`."""
     found = surfaces_met(world.mesh, samples.rays, samples.hits, pixel_angle)
     sun_visible = _soft_sun(world, found, samples)
     grid = gathered_ambient(
@@ -55,17 +55,17 @@ def pixel_radiance(
 def _soft_sun(
     world: LitWorld, found: SurfaceHits, samples: Samples
 ) -> Float32[np.ndarray, " num_rays"]:
-    """Share of the sun's disc that each sample sees.
+    """Compute the share of the sun's disc visible from each sample.
 
-    One ray a sample finds where shadows end. There three more are cast from each pixel, and the
-    views of neighbouring pixels, which look at other quarters of the sun, are joined.
+    One shadow ray per sample finds the borders of shadows. Pixels there cast three more, and the
+    results of neighbouring pixels, which sample other quarters of the sun, are averaged.
     """
     height, width = samples.image_size
     everywhere = np.arange(len(samples.strata), dtype=np.int32)
     sun_visible = sun_visibility(world, found, everywhere, samples.strata)
     mixed = np.zeros((height, width), bool)
     _mark_mixed(sun_visible[: height * width].reshape(height, width), mixed)
-    # Foliage mixes light and shade anyway.
+    # Foliage mixes light and shade anyway, so it is left out.
     is_leaf = found.materials[: height * width] == _LEAF
     edges = np.flatnonzero(mixed.ravel() & ~is_leaf).astype(np.int32)
     for turn in range(1, SUN_STRATA // SUN_QUARTERS):
@@ -81,11 +81,11 @@ def _soft_sun(
 def _mark_mixed(
     sun_visible: Float32[np.ndarray, "height width"], mixed: Bool[np.ndarray, "height width"]
 ) -> None:
-    """Finds pixels that see more or less of the sun than one of their eight neighbours."""
+    """Mark pixels with another sun visibility than one of their eight neighbours."""
     height, width = mixed.shape
     for row in range(height):
         for column in range(width):
-            # Right, below left, below and below right: the other four have had this one.
+            # Right, below left, below, below right: the other four are covered by symmetry.
             for place in range(4):
                 y = row + min(place, 1)
                 x = column + (1 if place == 0 else place - 2)
@@ -102,7 +102,7 @@ def _soften(
     width: int,
     softened: Float32[np.ndarray, " num_rays"],
 ) -> None:
-    """A filter of 3 x 3 pixels with weights 1 2 1, which weighs all quarters of the sun equally."""
+    """Filter over 3 x 3 pixels with weights 1 2 1, which weighs all quarters of the sun equally."""
     for pixel in pixels:
         if found.materials[pixel] == NOTHING:
             continue
@@ -138,7 +138,7 @@ def _blend_edges(
     shown: Int32[np.ndarray, "num_offsets num_edges"],
     pixels: Float32[np.ndarray, "num_pixels 3"],
 ) -> None:
-    """Replaces the radiance of edge pixels by the mean over all their samples."""
+    """Replace the radiance of edge pixels by the mean over all their samples."""
     share = 1.0 / (1 + shown.shape[0])
     for edge in range(edges.shape[0]):
         pixel = edges[edge]

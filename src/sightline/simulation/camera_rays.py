@@ -1,4 +1,4 @@
-"""Where a camera's pixels look, and the rays that sample them."""
+"""Camera viewpoint and the rays that sample its pixels."""
 
 from typing import Final, NamedTuple
 
@@ -16,11 +16,11 @@ from sightline.simulation.shading import SUN_QUARTERS, LitWorld
 from sightline.simulation.surfaces import Rays
 
 EDGE_OFFSETS: Final = ((0.33, -0.26), (-0.33, 0.26))
-"""Where a pixel with an edge is sampled (x, y) [px], besides its centre."""
+"""Extra samples (x, y) [px] of a pixel at an edge, relative to its centre."""
 
 
 class View(NamedTuple):
-    """Where a camera stands and where its pixels look; world frame.
+    """Camera position and pixel directions; world frame.
 
     The direction of pixel (x, y) is `corner + x * right + y * down`. It is scaled to advance one
     metre along the optical axis, so that distances along it are depths.
@@ -33,35 +33,35 @@ class View(NamedTuple):
 
     @property
     def pixel_angle(self) -> float:
-        """About the angle between neighbouring pixels [rad]."""
+        """Approximate angle between neighbouring pixels [rad]."""
         return float(np.sqrt(np.linalg.norm(self.right) * np.linalg.norm(self.down)))
 
     def rays(
         self, columns: Float32[np.ndarray, " num_rays"], rows: Float32[np.ndarray, " num_rays"]
     ) -> Rays:
-        """Rays through places in the image [px]."""
+        """Build rays through image positions [px]."""
         rays = Rays(np.empty((len(columns), 3), np.float32), np.empty((len(rows), 3), np.float32))
         _aim(self, columns, rows, rays)
         return rays
 
 
 class Samples(NamedTuple):
-    """Rays of a picture: one through each pixel, then more through the pixels with edges."""
+    """Rays of an image: one through each pixel, then more through the pixels at edges."""
 
     image_size: tuple[int, int]
     """(height, width)."""
     rays: Rays
     hits: Hits
-    """Their distances are depths."""
+    """Hits of the rays; their distances are depths."""
     columns: Float32[np.ndarray, " num_rays"]
     rows: Float32[np.ndarray, " num_rays"]
-    """Where in the image [px], counted from the ray through the first pixel."""
+    """Image position of each ray [px], relative to the ray through the first pixel."""
     strata: Int32[np.ndarray, " num_rays"]
-    """Part of the sun's disc that its first shadow ray aims at."""
+    """Part of the sun's disc sampled by each ray's first shadow ray."""
     edges: Int32[np.ndarray, " num_edges"]
-    """Flat indices of the pixels with edges."""
+    """Flat indices of the pixels at edges."""
     shown: Int32[np.ndarray, "num_offsets num_edges"]
-    """Row of the ray whose radiance an edge pixel shows at each of EDGE_OFFSETS."""
+    """Row of the ray that gives an edge pixel its radiance at each of EDGE_OFFSETS."""
 
 
 @compiled
@@ -79,7 +79,7 @@ def _aim(
 
 
 def camera_view(calibration: CalibrationMatrices, ego: Pose, lidar_height_m: float) -> View:
-    """Inverts a calibration whose LiDAR stands `lidar_height_m` above the ego's footprint."""
+    """Compute the view from a calibration whose LiDAR is `lidar_height_m` above the footprint."""
     pixels = np.array([[0, 0], [0, 0], [1, 0], [0, 1]], dtype=np.float64)
     depths = np.array([0, 1, 1, 1], dtype=np.float64)
     points = unproject_pixels(pixels, depths, calibration)
@@ -96,7 +96,7 @@ def camera_view(calibration: CalibrationMatrices, ego: Pose, lidar_height_m: flo
 def pixel_samples(
     world: LitWorld, view: View, image_size: tuple[int, int], offset: tuple[float, float]
 ) -> Samples:
-    """One ray a pixel, moved by (x, y) pixels from its centre."""
+    """Cast one ray per pixel, offset by (x, y) pixels from its centre."""
     height, width = image_size
     y, x = np.divmod(np.arange(height * width), width)
     columns, rows = x.astype(np.float32), y.astype(np.float32)
@@ -116,7 +116,7 @@ def pixel_samples(
 def with_edge_samples(
     world: LitWorld, view: View, samples: Samples, owners: Int32[np.ndarray, " num_faces"]
 ) -> Samples:
-    """Looks more closely where neighbouring pixels see different things."""
+    """Add samples at edges between neighbouring pixels."""
     edges = edge_pixels(world.mesh, owners, samples.hits, samples.image_size)
     pixels = np.tile(edges, len(EDGE_OFFSETS))
     shifts = np.repeat(np.array(EDGE_OFFSETS, np.float32), len(edges), axis=0)

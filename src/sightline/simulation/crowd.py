@@ -1,4 +1,4 @@
-"""Who is on a street: adds road users one by one where there is room for them all drive long."""
+"""Crowd of a street: adds road users one by one where there is room for the whole drive."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,25 +26,25 @@ EGO_SIZE_LW: Final = (4.4, 1.9)
 """Length and width [m] of the car that carries the sensors."""
 BACK_M: Final = -45.0
 AHEAD_M: Final = 125.0
-"""Stations between which there are road users."""
+"""Range of stations with road users."""
 _MOMENT_S: Final = 0.25
-"""Between the moments at which overlaps are checked."""
+"""Interval between the moments at which overlaps are checked."""
 _EGO_ROOM_M: Final = 1.4
-"""Room that is kept free ahead of the ego and behind it."""
+"""Free space in front of the ego and behind it."""
 _WHEELS_OF_EGO_LW: Final = (2.7, 1.55)
 _WHEELS: Final = {
     **dict.fromkeys(("Car", "Van", "Truck", "Misc"), (0.6, 0.85)),
     "Tram": (0.7, 0.6),
     "Cyclist": (0.6, 0.0),
 }
-"""How far apart wheels are, as shares of length and width; what has none stands upright."""
+"""Wheelbase and track width as shares of length and width; others stay upright."""
 _VEHICLES: Final = ("Car", "Van", "Misc")
-"""Classes that KITTI labels rarely when far away; lorries and trams are seen from afar."""
+"""Classes rarely labelled by KITTI at a distance, unlike lorries and trams."""
 _KEPT_AT_M: Final = ((20.0, 45.0, 60.0, 78.0), (1.0, 0.53, 0.42, 0.23))
-"""Share of cars that are kept at distances [m]: annotators labelled few of the far ones."""
+"""Share of cars kept at each distance [m]: annotators labelled few distant ones."""
 _SPREAD: Final = 1.7
-"""Concentration of the share of parking places taken: the lower, the more rows are full or
-empty."""
+"""Concentration of the share of parking places taken: a lower value gives more rows that are full
+or empty."""
 _JAM_MPS: Final = (0.4, 2.5)
 _HARD_BUSYNESS: Final = 1.6
 _HARD_RARITY: Final = 0.4
@@ -52,22 +52,22 @@ _HARD_RARITY: Final = 0.4
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Customs:
-    """How busy streets of a kind are."""
+    """Traffic rates for a kind of street."""
 
     vehicles_per_km: float
-    """Driving, per lane; the mean over streets, which differ widely."""
+    """Moving vehicles per lane; the mean over streets, which differ widely."""
     heavy_share: float
-    """Share of lorries among them."""
+    """Share of lorries among the vehicles."""
     van_share: float
     speed_mps: tuple[float, float]
     jam_share: float
-    """Streets whose traffic hardly moves."""
+    """Share of streets with a traffic jam."""
     parked_share: float
     """Mean share of parking places taken; most rows are nearly full or nearly empty."""
     walkers: tuple[float, float]
-    """Probability that there are pedestrians, and their mean number if so."""
+    """Probability of any pedestrians, and their mean number if there are any."""
     cyclists: float
-    """Mean number."""
+    """Mean number of cyclists."""
 
 
 CUSTOMS: Final = {
@@ -95,7 +95,7 @@ CUSTOMS: Final = {
 
 
 class Crowd:
-    """The road users of a street so far, and the rates at which more are drawn."""
+    """Road users placed so far in a street, and the rates for drawing more."""
 
     def __init__(
         self,
@@ -134,7 +134,7 @@ class Crowd:
         self.taken.take(self.ego.poses(self.times), length + 2 * _EGO_ROOM_M, width)
 
     def block(self, lots: Sequence[Lot]) -> None:
-        """Takes the ground that buildings cover."""
+        """Mark the ground of buildings as occupied."""
         for lot in lots:
             footprint = footprint_of(lot)
             if footprint is None:
@@ -144,7 +144,7 @@ class Crowd:
             self.taken.take(still.poses(self.times), footprint.width, footprint.depth)
 
     def draw_travel(self, standing_share: float) -> Travel:
-        """A speed usual for this kind of street, or 0 with some probability."""
+        """Draw a usual speed for this kind of street, or 0 with some probability."""
         if self.rng.random() < standing_share:
             return STANDING
         speed = float(self.rng.uniform(*(_JAM_MPS if self.is_jammed else self.customs.speed_mps)))
@@ -155,24 +155,24 @@ class Crowd:
     def draw_vehicle(
         self, heavy_share: float, van_share: float, misc_share: float = 0.0
     ) -> ActorModel:
-        """A lorry, a van or a trailer and the like with these probabilities, else a car."""
+        """Draw a lorry, a van or a "Misc" vehicle with these probabilities, otherwise a car."""
         shares = (heavy_share, van_share, misc_share)
         row = int(np.searchsorted(np.cumsum(shares), self.rng.random(), side="right"))
         return self.models.draw(self.rng, ("Truck", "Van", "Misc", "Car")[row], 0.0)
 
     def draw_rarity(self) -> float:
-        """How fast a row of cars thins out with distance, for `add`; 0: not at all."""
+        """Draw how fast a row of cars thins out with distance, for `add`; 0: not at all."""
         return float(self.rng.random()) * (_HARD_RARITY if self.hard else 1.0)
 
     def add(self, model: ActorModel, track: Track, margin: float, rarity: float = 0.0) -> bool:
-        """Adds a road user unless somebody or a wall is in the way within `margin` [m].
+        """Add a road user unless another or a wall is within `margin` [m].
 
-        Cars and vans far away are left out now and then, more so in a row of great `rarity`.
+        Distant cars and vans are left out at random, more of them for a high `rarity`.
         """
         if model.class_name in _VEHICLES:
             x, y = track.poses(np.zeros(1))[0, :2]
             kept = float(np.interp(np.hypot(x, y), *_KEPT_AT_M))
-            # A van is larger and so labelled from farther away.
+            # A van is larger and is therefore labelled at a greater distance.
             chance = (rarity + float(self.rng.random())) / 2 if rarity > 0 else 0.0
             if chance > (kept if model.class_name == "Car" else kept**0.5):
                 return False
@@ -195,5 +195,5 @@ class Crowd:
 
 
 def stopping_distance_m(speed_mps: float) -> float:
-    """Distance that a driver keeps: half a second to react, then hard braking."""
+    """Compute a driver's safe distance: half a second of reaction, then hard braking."""
     return 2.5 + 0.5 * speed_mps + speed_mps**2 / (2 * 7.0)

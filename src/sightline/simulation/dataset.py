@@ -1,4 +1,4 @@
-"""Simulated samples without files; unlike the rest of the simulator this needs PyTorch."""
+"""Simulated samples without files; the only module of the simulator that needs PyTorch."""
 
 from dataclasses import dataclass, field, replace
 
@@ -17,7 +17,7 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def sample_of(frame: SimulatedFrame) -> CameraLidarSample:
-    """The frame as a sample with labels, dense true depth, pose and time; its sweep is whole."""
+    """Convert a frame to a sample with labels, dense depth, pose, time and the complete sweep."""
     image = None if frame.image is None else np.ascontiguousarray(frame.image.transpose(2, 0, 1))
     calibration = Calibration(
         image_from_camera=torch.from_numpy(frame.calibration.image_from_camera),
@@ -38,20 +38,20 @@ def sample_of(frame: SimulatedFrame) -> CameraLidarSample:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedDataset(Dataset[CameraLidarSample]):
-    """Samples made as they are asked for: a data set without files."""
+    """Data set without files: samples are simulated on access."""
 
     num_frames: int
     config: SimulationConfig = field(default_factory=SimulationConfig)
     streets: StreetMaker = make_street
 
     def __post_init__(self) -> None:
-        """Checks the number of frames."""
+        """Check the number of frames."""
         if self.num_frames < 0:
             raise ValueError(f"num_frames must not be negative, got {self.num_frames}")
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
-        """Names of the samples, in order."""
+        """Sample names, in order."""
         return tuple(f"{index:06d}" for index in range(self.num_frames))
 
     def __len__(self) -> int:
@@ -59,7 +59,7 @@ class SimulatedDataset(Dataset[CameraLidarSample]):
         return self.num_frames
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Makes a sample; its points are those that the camera sees, as in KITTI's reduced sweeps.
+        """Simulate a sample with the points in the camera's view, as in KITTI's reduced sweeps.
 
         Raises:
             IndexError: There is no such sample.

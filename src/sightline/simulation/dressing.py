@@ -1,4 +1,4 @@
-"""Places what stands along a street: rows of trees, lamps, signs, lights, bollards, rails."""
+"""Placement of street furniture: rows of trees, lamps, signs, lights, bollards, rails."""
 
 from typing import Final
 
@@ -36,23 +36,23 @@ _TRUNK_M: Final = 0.5
 _SITE_SHARE: Final = 0.12
 """Share of streets with a building site."""
 _ALONG: Final = (Item.PARKING_SIGN, Item.NO_PARKING_SIGN, Item.BICYCLE, Item.POSTER)
-"""What faces along the street instead of towards it."""
+"""Items that face along the street instead of towards it."""
 _ROW_TREES: Final = (Species.PLANE, Species.LIME, Species.CHERRY, Species.BIRCH, Species.POPLAR)
 
 
 def dress(
     rng: np.random.Generator, layout: Layout, taken: Occupancy, *, hard_negatives: bool = False
 ) -> list[Mesh]:
-    """All furniture and rows of trees of a street, clear of road users and walls.
+    """Place all furniture and rows of trees of a street, clear of road users and walls.
 
     Args:
-        rng: Where all randomness comes from.
+        rng: Source of all randomness.
         layout: The street.
-        taken: The ground that is taken, which grows.
-        hard_negatives: Whether to add what is easily taken for a person or a car.
+        taken: Occupied ground; extended in place.
+        hard_negatives: Whether to add objects easily mistaken for a person or a car.
     """
     dresser = _Dresser(rng, layout, taken)
-    if layout.junction is not None:  # lights and signs of priority come before all else
+    if layout.junction is not None:  # lights and priority signs take precedence
         dresser.junction()
     for road in layout.roads:
         for side in road.sides:
@@ -73,24 +73,24 @@ def dress(
 
 
 class _Dresser:
-    """Collects places of things and makes their meshes at the end."""
+    """Collector of object places that makes their meshes at the end."""
 
     def __init__(self, rng: np.random.Generator, layout: Layout, taken: Occupancy) -> None:
         self._rng = rng
         self._layout = layout
         self.things = Things(rng, layout, taken)
         self.trunks: list[Float64[np.ndarray, "_ 3"]] = []
-        """Where the trees of rows stand."""
+        """Places of the trees in rows."""
         self._batch = QuadBatch()
         self._lamp = Item.POST_LAMP if rng.random() < 0.35 else Item.ARM_LAMP
         self._tree = _ROW_TREES[int(rng.integers(len(_ROW_TREES)))]
 
     def meshes(self) -> list[Mesh]:
-        """Everything set out so far."""
+        """Make the meshes of everything placed so far."""
         return [*self.things.meshes(), self._batch.mesh()]
 
     def trees(self, road: Road, side: Side) -> None:
-        """A row of equal trees on the verge or at the pavement's edge."""
+        """Place a row of equal trees on the verge or at the pavement's edge."""
         if not side.has_tree_row:
             return
         rng = self._rng
@@ -117,7 +117,7 @@ class _Dresser:
         self.things.plant(self._tree, Plants(places=places, heights=heights, spread=1.0))
 
     def lamps(self, road: Road, side: Side) -> None:
-        """Lamps along the kerb, on both sides or one."""
+        """Place lamps along the kerb, on both sides or one."""
         rng = self._rng
         one_sided = self._layout.kind is StreetKind.RESIDENTIAL
         if one_sided and side.sign > 0 and rng.random() < 0.7:
@@ -130,7 +130,7 @@ class _Dresser:
         self.things.put(self._lamp, road, stations, side.sign * distance, side.level, turn)
 
     def small_things(self, road: Road, side: Side) -> None:
-        """Bollards, bins, boards and the like at the kerb or against the plots."""
+        """Place bollards, bins, boards and similar items at the kerb or beside the plots."""
         rng = self._rng
         at_kerb = (
             (Item.BOLLARD, 0.15), (Item.BIN, 0.35), (Item.PARKING_SIGN, 0.35),
@@ -167,7 +167,7 @@ class _Dresser:
     def _bicycles(
         self, road: Road, side: Side, stands: Float[np.ndarray, " count"], distance: float
     ) -> None:
-        """Bicycles at most hoops of stands, with either wheel to the road."""
+        """Place bicycles at most hoops of stands, with either wheel towards the road."""
         hoops = (stands[:, None] + 0.8 * (np.arange(4) - 1.5) + 0.22).ravel()
         hoops = hoops[self._rng.random(len(hoops)) < 0.7]
         places = ground_places(self._layout, road, hoops, side.sign * distance, side.level)
@@ -177,7 +177,7 @@ class _Dresser:
         self.things.add(Item.BICYCLE, rows)
 
     def building_site(self, side: Side) -> None:
-        """Barriers and cones along the kerb, with a building site behind them."""
+        """Place barriers and cones along the kerb, with a building site behind them."""
         rng, main = self._rng, self._layout.main
         start = float(rng.uniform(4.0, 45.0))
         stop = start + float(rng.uniform(8.0, 22.0))
@@ -199,7 +199,7 @@ class _Dresser:
         set_out(Item.CONE, np.arange(start - 12.0, start, 3.0), side.edge - 0.25)
 
     def country_side(self, road: Road, side: Side) -> None:
-        """Delineators, and now and then a guard rail or a line of poles."""
+        """Place delineators, sometimes a guard rail or a line of poles."""
         rng = self._rng
         distance = side.edge + 0.6
         stations = np.arange(road.first + 6.0, road.last, 25.0 if rng.random() < 0.5 else 50.0)
@@ -229,7 +229,7 @@ class _Dresser:
         add_posts(self._batch, behind, road.line.yaw(stations), (0.05, 0.03, 0.38), zinc)
 
     def square(self) -> None:
-        """Benches, trees in planters and bollards on a pedestrian zone."""
+        """Place benches, trees in planters and bollards in a pedestrian zone."""
         rng, main = self._rng, self._layout.main
         for side in main.sides:
             width = side.outer - side.edge
@@ -246,7 +246,7 @@ class _Dresser:
                         self._bicycles(main, side, kept, distance)
 
     def signs(self) -> None:
-        """Signs beside the main road."""
+        """Place signs beside the main road."""
         rng, main = self._rng, self._layout.main
         if self._layout.kind is StreetKind.SQUARE:
             return
@@ -274,7 +274,7 @@ class _Dresser:
                 self.things.put(Item.BILLBOARD, main, spot, distance, side.level, turn)
 
     def junction(self) -> None:
-        """Lights or signs of priority at each stop line, and a street's name at a corner."""
+        """Place lights or priority signs at each stop line, and a street name at a corner."""
         layout, junction = self._layout, self._layout.junction
         assert junction is not None, "called for streets with a junction only"
         for road in layout.roads:

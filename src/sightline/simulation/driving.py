@@ -18,17 +18,17 @@ from sightline.simulation.motion import STANDING, AlongRoad, Still
 from sightline.simulation.scene import Pose
 
 _ONCOMING_FACTOR: Final = 1.4
-"""Oncoming traffic is denser than that ahead of the ego, which keeps its distance."""
+"""Density of oncoming traffic relative to that ahead of the ego, which keeps its distance."""
 _PARKED_VANS: Final = 0.042
 _PARKED_MISC: Final = 0.05
 _QUEUE_FACTOR: Final = 0.8
-"""Queues on the crossing road are shorter than those on the main one."""
+"""Factor on the probability of closing up on the crossing road: its queues are shorter."""
 _JAMMED_LANES: Final = 0.6
-"""How full lanes are where traffic hardly moves."""
+"""Probability of a queue on a lane in a traffic jam."""
 
 
 def drive_lanes(crowd: Crowd) -> None:
-    """Traffic on all lanes: it stands before the junction or drives through it."""
+    """Fill all lanes with traffic: it waits at the junction or drives through it."""
     for road in crowd.layout.roads:
         is_main = road is crowd.layout.main
         goes = crowd.layout.main_waits != is_main and (is_main or _is_through(road))
@@ -45,7 +45,7 @@ def _is_through(road: Road) -> bool:
 def _fill_lane(
     crowd: Crowd, road: Road, lane: Lane, first: float, last: float, *, goes: bool
 ) -> None:
-    """Vehicles one after the other, from the front of a lane to its rear."""
+    """Place vehicles one after the other, from the front of a lane to its rear."""
     rng = crowd.rng
     junction_ahead = last < road.last if lane.direction > 0 else first > road.first
     waits = not goes and junction_ahead
@@ -84,7 +84,7 @@ def _fill_lane(
             and _keeps_off_ego(crowd, road, lane, station, length, gap)
         ):
             crowd.add(model, track, 0.2, rarity)
-        # The gap between two cars is the distance that drivers keep and, mostly, some more.
+        # The gap between two cars is the drivers' safe distance and, mostly, some more.
         more = float(rng.exponential(1.0 if rng.random() < closed_up else 1 / density))
         position = station - lane.direction * (length / 2 + gap + more)
 
@@ -113,7 +113,7 @@ def _drive_tram(crowd: Crowd, road: Road, lane: Lane, first: float, last: float)
 
 
 def park(crowd: Crowd, road: Road, side: Side) -> None:
-    """A row of parked cars along a kerb, filled at random."""
+    """Place a row of parked cars along a kerb at random."""
     if side.parking is Parking.NONE:
         return
     share = float(np.clip(crowd.fullness + crowd.rng.normal(0, 0.12), 0.02, 1.0))
@@ -169,7 +169,7 @@ def _park_across(
     share: float,
     rarity: float,
 ) -> None:
-    """Cars in marked places, nose to the kerb or to the lane."""
+    """Place cars in marked places, with the nose to the kerb or to the lane."""
     rng = crowd.rng
     first, last = stretch
     depth = side.edge - side.lane_edge
@@ -194,7 +194,7 @@ def _park_across(
 
 
 def fill_bays(crowd: Crowd, bays: Sequence[Bay]) -> None:
-    """Cars in driveways and forecourts."""
+    """Place cars in driveways and forecourts."""
     rng = crowd.rng
     rarity = crowd.draw_rarity()
     for bay in bays:
@@ -208,5 +208,5 @@ def fill_bays(crowd: Crowd, bays: Sequence[Bay]) -> None:
 
 
 def _askew(rng: np.random.Generator) -> float:
-    """By how much a parked car is askew in its row [rad]: mostly little."""
+    """Draw the misalignment of a parked car in its row [rad]: mostly small."""
     return float(rng.normal(0, 0.09 if rng.random() < 0.15 else 0.02))

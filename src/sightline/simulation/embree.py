@@ -1,4 +1,4 @@
-"""Triangles and packets of rays in Embree.
+"""Embree scenes of triangles, and queries of ray packets.
 
 Names and layouts are those of Embree's manual: RTCRayHit8, RTCIntersectArguments.
 """
@@ -15,9 +15,9 @@ from sightline.ops.compiled import compiled
 from sightline.simulation.embree_library import embree_device, embree_library
 
 _LANES: Final = 8
-"""Rays of a packet."""
+"""Rays per packet."""
 _ALIGNMENT: Final = 64
-# Rows of an RTCRayHit8, each with a number for each lane.
+# Rows of an RTCRayHit8; each holds one number per lane.
 _ORIGIN, _NEAR, _DIRECTION, _TIME, _FAR, _MASK, _ID, _FLAGS = 0, 3, 4, 7, 8, 9, 10, 11
 _U, _V, _PRIMITIVE, _GEOMETRY, _INSTANCE = 15, 16, 17, 18, 19
 _ROWS: Final = 24  # with room to spare
@@ -30,7 +30,7 @@ _INCOHERENT, _COHERENT = 0, 1 << 16  # RTC_RAY_QUERY_FLAG_...
 
 
 class _QueryArguments(ctypes.Structure):
-    """RTCIntersectArguments, and RTCOccludedArguments, which are laid out alike."""
+    """RTCIntersectArguments, and RTCOccludedArguments of the same layout."""
 
     _fields_ = (
         ("flags", ctypes.c_uint),
@@ -52,24 +52,24 @@ class _Packet(NamedTuple):
 
     floats: Float32[np.ndarray, "24 8"]
     integers: Int32[np.ndarray, "24 8"]
-    """The same memory."""
+    """The same memory as integers."""
     active: Int32[np.ndarray, "8"]
-    """-1 for lanes that hold a ray, else 0."""
+    """-1 for lanes with a ray, otherwise 0."""
 
 
 class EmbreeScene:
-    """Triangles that rays may be cast against; usable in the process that made it only."""
+    """Triangles for ray casting; usable only in the process that made the scene."""
 
     def __init__(
         self,
         vertices: Float32[np.ndarray, "num_vertices 3"],
         faces: Int32[np.ndarray, "num_faces 3"],
     ) -> None:
-        """Copies a mesh and builds Embree's search tree over it.
+        """Copy a mesh and build Embree's search tree over it.
 
         Raises:
-            ValueError: A face names a vertex that does not exist.
-            RuntimeError: Embree reports an error, for example that memory has run out.
+            ValueError: A face refers to a vertex that does not exist.
+            RuntimeError: Embree reports an error, for example out of memory.
         """
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
             raise ValueError(
@@ -94,7 +94,7 @@ class EmbreeScene:
             raise RuntimeError(f"Embree could not take a mesh of {len(faces)} faces: error {error}")
 
     def __reduce__(self) -> NoReturn:
-        """Refuses to be copied or pickled: Embree owns the triangles, not Python."""
+        """Refuse copies and pickling: Embree owns the triangles, not Python."""
         raise TypeError("an EmbreeScene cannot be copied or pickled: build it from its mesh")
 
     def intersect(
@@ -108,9 +108,9 @@ class EmbreeScene:
         Float32[np.ndarray, " num_rays"],
         Float32[np.ndarray, "num_rays 2"],
     ]:
-        """Face, distance, u and v of the first hit of each ray: -1, inf and 0 where there is none.
+        """Find face, distance, u and v of each ray's first hit: -1, inf and 0 if there is none.
 
-        Rays are `coherent` where eight in a row have nearly the same direction.
+        Rays are `coherent` if eight in a row have nearly the same direction.
         """
         count = _count(origins, directions)
         faces, distances = np.empty(count, np.int32), np.empty(count, np.float32)
@@ -137,7 +137,7 @@ class EmbreeScene:
         *,
         coherent: bool,
     ) -> Bool[np.ndarray, " num_rays"]:
-        """Whether each ray meets anything within `max_distance`, in units of its direction."""
+        """Test whether each ray meets anything within `max_distance`, in units of its direction."""
         hidden = np.empty(_count(origins, directions), np.bool_)
         query = ctypes.addressof(_QUERIES[coherent])
         _occluded(
@@ -163,7 +163,7 @@ def _copy_rows(geometry: int, buffer: int, form: int, rows: np.ndarray) -> None:
 
 
 def _count(origins: np.ndarray, directions: np.ndarray) -> int:
-    """How many rays there are; the kernels below read memory unchecked."""
+    """Count the rays and check their shapes; the kernels below read memory unchecked."""
     if not origins.shape == directions.shape == (len(origins), 3):
         raise ValueError(
             f"rays need an origin and a direction of 3 numbers each, got arrays of {origins.shape} "
@@ -189,7 +189,7 @@ def _fill(
     directions: Float32[np.ndarray, "num_rays 3"],
     far: float,
 ) -> None:
-    """Puts rays `first` and those that follow it in a packet."""
+    """Fill a packet with rays, starting at row `first`."""
     for lane in range(min(_LANES, origins.shape[0] - first)):
         for axis in range(3):
             packet.floats[_ORIGIN + axis, lane] = origins[first + lane, axis]

@@ -1,7 +1,7 @@
-"""Embree 4 itself, called in the library that the package `embreex` brings along.
+"""Embree 4, called through the library in the package `embreex`.
 
-`embreex` hands a mesh over number by number, which takes longer than all that Embree does with it,
-and casts each ray on its own (`benchmarks/raycast.py`); its own classes are not used here.
+The classes of `embreex` are not used: they copy a mesh number by number, which takes longer than
+all of Embree's work, and cast rays one by one (`benchmarks/raycast.py`).
 """
 
 import ctypes
@@ -14,7 +14,7 @@ import embreex.rtcore_scene
 
 @functools.cache
 def embree_library() -> ctypes.CDLL:
-    """The library, its functions declared.
+    """Load the library and declare its functions.
 
     Raises:
         ImportError: If this `embreex` does not bring Embree along as a library.
@@ -51,12 +51,12 @@ def _library_file() -> Path:
     module = Path(embreex.rtcore_scene.__file__)
     if sys.platform == "win32":
         return module.parents[1] / "embreex.libs" / "embree4.dll"
-    return module  # elsewhere a library answers for those that it needs, too
+    return module  # elsewhere a library also resolves its dependencies' symbols
 
 
 @functools.cache
 def embree_device() -> int:
-    """Embree on one thread: frames are spread over processes.
+    """Create an Embree device with one thread: frames are spread over processes.
 
     Raises:
         RuntimeError: If Embree cannot start here.

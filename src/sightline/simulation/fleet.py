@@ -1,4 +1,4 @@
-"""The models of road users on a street."""
+"""Models of the road users in a street."""
 
 from typing import Final, Protocol, runtime_checkable
 
@@ -19,29 +19,29 @@ _MAKERS: Final = {
     "Person_sitting": make_sitting_person,
 }
 _MOST_MODELS: Final = 4
-"""Models made of any other class, at most; making one takes longer than copying one."""
+"""Maximum models of a class such as Truck or Tram; making one takes longer than copying one."""
 _FAMILIES: Final = {family.class_name: family for family in (CARS, VANS)}
 _MOST_DESIGNS: Final = 16
-"""Designs made of a street's cars or vans, at most."""
+"""Maximum designs of a street's cars or vans."""
 
 
 @runtime_checkable
 class ModelSource(Protocol):
-    """Where models of road users come from."""
+    """Source of road user models."""
 
     def draw(self, rng: np.random.Generator, class_name: str, speed_mps: float) -> ActorModel:
-        """A road user of a KITTI class; people walk and pedal as at that speed."""
+        """Draw a road user of a KITTI class; people walk or pedal at that speed."""
 
 
 class Fleet:
-    """Makes models as they are needed; those beyond the first few share designs or shapes."""
+    """Factory of models on demand; those beyond the first few share designs or shapes."""
 
     def __init__(self) -> None:
         self._designs: dict[str, list[VehicleDesign]] = {}
         self._made: dict[str, list[ActorModel]] = {}
 
     def draw(self, rng: np.random.Generator, class_name: str, speed_mps: float) -> ActorModel:
-        """A road user of a KITTI class; people walk and pedal as at that speed."""
+        """Draw a road user of a KITTI class; people walk or pedal at that speed."""
         if class_name == "Pedestrian":
             return make_pedestrian(rng, speed_mps)
         if class_name == "Cyclist":

@@ -1,4 +1,4 @@
-"""Gaps between leaves: foliage is made of cards, and rays pass where a card has no leaf."""
+"""Gaps in foliage: leaves are drawn on cards, and rays pass a card where it has no leaf."""
 
 from typing import Final
 
@@ -14,19 +14,19 @@ from sightline.simulation.vectors import dot, minus, row_of
 
 _LEAF: Final = int(Material.LEAF)
 _MOST_CARDS: Final = 3
-"""Cards that a ray may pass; the next one stops it."""
+"""Maximum number of cards that a ray can pass; the next one stops it."""
 _PASSED_M: Final = 0.002
 _LARGEST_CARD_M: Final = 6.0
-"""Largest diagonal of a card of leaves; anything larger is a distant wood."""
+"""Maximum diagonal of a card of leaves; anything larger is a distant wood."""
 _LEAVES_PER_METRE: Final = 11.0
 _OPENNESS: Final = -0.12
-"""Level of the noise, from -1 to 1, below which there is no leaf."""
+"""Noise level, from -1 to 1, below which there is no leaf."""
 
 
 def cast_through_foliage(raycaster: Raycaster, mesh: MeshTables, rays: Rays) -> Hits:
-    """The first hit of each ray, which passes through the gaps of foliage.
+    """Find the first hit of each ray, with rays passing through the gaps of foliage.
 
-    Like `Raycaster.cast` for rays that come in the order of pixels or of a LiDAR's shots.
+    This is `Raycaster.cast` for rays in the order of pixels or of LiDAR firings.
     """
     hits = raycaster.cast(rays.origins, rays.directions, coherent=True)
     passing = np.arange(len(hits.faces), dtype=np.int32)
@@ -48,7 +48,7 @@ def cast_through_foliage(raycaster: Raycaster, mesh: MeshTables, rays: Rays) -> 
 def _in_gap(
     mesh: MeshTables, hits: Hits, rows: Int32[np.ndarray, " num_rays"]
 ) -> Int32[np.ndarray, " num_gaps"]:
-    """Positions in `rows` of the rays that met foliage where there is no leaf."""
+    """Find the positions in `rows` of rays that met foliage in a gap between leaves."""
     found = np.empty(rows.shape[0], np.int32)
     count = 0
     for index in range(rows.shape[0]):
@@ -64,7 +64,7 @@ def _in_gap(
         side = minus(row_of(mesh.vertices, second), row_of(mesh.vertices, first))
         if max(dot(diagonal, diagonal), dot(side, side)) > _LARGEST_CARD_M**2:
             continue
-        # Both triangles of a card start at the same vertex.
+        # Both triangles of a card start at the same vertex, so it identifies the card.
         noise = value_noise(u * _LEAVES_PER_METRE, v * _LEAVES_PER_METRE, first)
         noise += 0.5 * value_noise(2.3 * u * _LEAVES_PER_METRE, 2.3 * v * _LEAVES_PER_METRE, first)
         if noise < _OPENNESS:

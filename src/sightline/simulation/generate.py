@@ -1,4 +1,4 @@
-"""Simulated data sets on disk: resumable, in parallel, the same bytes whatever happens."""
+"""Simulated data sets on disk: resumable, parallel and reproducible to the byte."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -25,10 +25,9 @@ from sightline.simulation.writer import (
 )
 
 SIMULATOR_REVISION: Final = 7
-"""Revision of what frames look like; raised by each change after which a seed gives other
-frames."""
+"""Revision of the simulator's output; raised by each change that alters a seed's frames."""
 MANIFEST_NAME: Final = "simulation.json"
-"""File in an output folder that says what made the others."""
+"""File in an output folder that records the settings of the other files."""
 
 
 def simulate(
@@ -43,30 +42,31 @@ def simulate(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
-    """Writes simulated frames as KITTI's object tree, or drives in the layout of its recordings.
+    """Write simulated frames as KITTI's object tree, or drives in the layout of its raw data.
 
-    `writer.ObjectLayout` and, where `config.sequence_length` is above 1, `writer.DriveLayout` say
-    which files there are. A file appears whole or not at all, and frames that are there are
-    skipped, so a run that was stopped goes on where it was; with more frames it extends what is
-    there. The same settings give the same bytes for any number of workers.
+    `writer.ObjectLayout` and, where `config.sequence_length` is above 1, `writer.DriveLayout`
+    define the files. A file appears whole or not at all, and existing frames are skipped, so a
+    stopped run can be resumed; a larger `frames` extends the data set. The same settings give the
+    same bytes for any number of workers.
 
     Args:
-        out: Folder for all of it; its simulation.json says which settings made it.
+        out: Output folder; its simulation.json records the settings.
         frames: Number of frames, over all drives.
-        config: What is simulated.
-        workers: Processes that work; 1 is this process alone.
-        velodyne: Whole turns of the LiDAR, or "velodyne_reduced": only what the camera sees.
+        config: Settings of the simulation.
+        workers: Number of processes; 1 uses this process alone.
+        velodyne: Whole turns of the LiDAR, or "velodyne_reduced" for only the points within view of
+            the camera.
         validation_frames: Number of frames, the first ones, that go to ImageSets/val.txt instead of
             train.txt.
-        streets: Makes the places; a function of a module.
-        shard_index: Which part of the frames, or of the drives, to do, from 0. Lists, and what
-            stands for all drives, are written by each part.
-        num_shards: Number of parts; each can be done on another machine, at the same time.
+        streets: Maker of the streets; a module-level function.
+        shard_index: Part of the frames, or of the drives, to simulate, from 0. Each part writes the
+            lists and the files common to all drives.
+        num_shards: Number of parts; parts can run on separate machines at the same time.
 
     Raises:
-        ValueError: `out` holds data of other settings, or a sweep far beyond all others and what
-            is asked for, or cannot be written to; or the numbers make no sense. Errors about a
-            frame name it; frames done before stay done.
+        ValueError: `out` holds data of other settings, or a sweep far beyond the others and the
+            requested frames, or is not writable; or the numbers are invalid. Errors about a frame
+            contain its name; finished frames are kept.
     """
     check_workers(workers)
     if frames < 1 or not 0 <= validation_frames <= frames:
@@ -80,7 +80,7 @@ def simulate(
             f"a simulation has at most {most} frames, as many as its files have names for, got "
             f"{frames}; make several folders, each with another seed"
         )
-    shard((), shard_index, num_shards)  # refuses a wrong one before the folder is claimed
+    shard((), shard_index, num_shards)  # rejects invalid values before the folder is claimed
     whole = config.camera and not validation_frames and velodyne == "velodyne"
     if config.sequence_length > 1 and not whole:
         raise ValueError(
@@ -98,7 +98,7 @@ def simulate(
 
 @dataclass(frozen=True, slots=True)
 class _Maker:
-    """Makes what is missing of one part of a data set, including what earlier runs began."""
+    """Maker of the missing files of one part, including files begun by earlier runs."""
 
     config: SimulationConfig
     streets: StreetMaker
@@ -136,7 +136,7 @@ class _Maker:
 
 @dataclass(frozen=True, slots=True)
 class _FrameWork:
-    """Makes and writes a frame."""
+    """Job that simulates and writes a frame."""
 
     layout: Layout
     config: SimulationConfig
@@ -154,7 +154,7 @@ class _FrameWork:
 
 @dataclass(frozen=True, slots=True)
 class _CourseWork:
-    """Writes poses and times of a drive."""
+    """Job that writes poses and times of a drive."""
 
     layout: DriveLayout
     config: SimulationConfig
@@ -173,7 +173,7 @@ class _CourseWork:
 def _settings(
     config: SimulationConfig, velodyne: Velodyne, validation_frames: int, streets: StreetMaker
 ) -> dict[str, object]:
-    """All that the bytes depend on, except the number of frames."""
+    """Collect all settings that affect the bytes, except the number of frames."""
     return {
         "revision": SIMULATOR_REVISION,
         "streets": f"{streets.__module__}.{streets.__qualname__}",

@@ -1,7 +1,7 @@
-"""Sets out what is easily taken for a person or a car, much more of it than real streets have.
+"""Placement of hard negatives, far more frequent than in real streets.
 
-What detectors that have only seen simulated streets find on real ones where nothing is: beacons
-and heaps of road works, low signs, masts, bins and bushes.
+These are objects on which detectors trained only on simulated streets give false positives in real
+ones: beacons and heaps of road works, low signs, masts, bins and bushes.
 """
 
 from collections.abc import Sequence
@@ -27,26 +27,26 @@ _AT_PLOTS: Final = (
 )  # fmt: skip
 _IN_THE_MIDDLE: Final = (Item.KEEP_RIGHT_SIGN, Item.CHEVRONS, Item.SIGNAL_MAST, Item.BEACON)
 _NUM_KINDS: Final = 3.0
-"""Mean number of kinds of things at a kerb, and as many at its plots."""
+"""Mean number of kinds of objects at a kerb, and the same at its plots."""
 _FIRST_M, _LAST_M = -5.0, 65.0
-"""Stations of the main road between which things stand; half as far on either arm of another."""
+"""Range of stations of objects along the main road; half as far on either arm of another road."""
 _WORKS_SHARE: Final = 0.4
 """Share of streets with road works."""
 _NUM_SLENDER, _NUM_BROAD = 4.0, 3.0
-"""Mean numbers of bushes on each side of a road."""
+"""Mean numbers of slender and broad bushes on each side of a road."""
 _SLENDER_HEIGHTS_M: Final = (0.9, 2.1)
 _SLENDER_SPREADS: Final = (0.28, 0.6)
 _BROAD_HEIGHTS_M: Final = (1.0, 2.0)
 _BROAD_SPREADS: Final = (0.9, 1.8)
 _FOOT_HEIGHTS_M: Final = (0.4, 0.9)
 _FOOT_SPREADS: Final = (0.5, 0.85)
-"""Of the bushes around trunks, which so stay within the ground that is kept free around them."""
+"""Spreads of bushes around trunks, small enough for the ground kept free around them."""
 _BUSH_WIDTH: Final = 1.6
-"""Width of a bush of spread 1, in heights, at most but for a few twigs."""
+"""Maximum width of a bush of spread 1, in heights, except for a few twigs."""
 _WIDEST: Final = 1.3
-"""Factor by which things are stretched across, at most."""
+"""Maximum factor of horizontal stretching."""
 _GARDEN_M: Final = 0.7
-"""Behind the last band; hedges and fences stand nearer to it."""
+"""Distance behind the last band, beyond hedges and fences."""
 
 
 def set_out_hard_negatives(
@@ -55,13 +55,13 @@ def set_out_hard_negatives(
     things: Things,
     trunks: Sequence[Float64[np.ndarray, "_ 3"]],
 ) -> None:
-    """Adds to a street that is dressed; no thing overlaps a road user or a house.
+    """Add hard negatives to a street with furniture; none overlaps a road user or a house.
 
     Args:
-        rng: Where all randomness comes from.
+        rng: Source of all randomness.
         layout: The street.
-        things: What is set out in it, which grows.
-        trunks: Where the trees of rows stand, which get bushes around them.
+        things: Objects placed so far; extended in place.
+        trunks: Places of the trees in rows, which get bushes around them.
     """
     planter = _Planter(rng, layout, things)
     for road in layout.roads:
@@ -77,7 +77,7 @@ def set_out_hard_negatives(
 
 
 class _Planter:
-    """Sets things out in one street."""
+    """Placer of hard negatives in one street."""
 
     def __init__(self, rng: np.random.Generator, layout: Layout, things: Things) -> None:
         self._rng = rng
@@ -85,13 +85,13 @@ class _Planter:
         self._things = things
 
     def line_kerb(self, road: Road, side: Side) -> None:
-        """Signs, masts, bins and the like at the edge of the carriageway."""
+        """Place signs, masts, bins and similar objects at the edge of the carriageway."""
         for item in self._drawn(_AT_KERB):
             clear = side.edge + _reach(item)
             self._put(item, road, side, clear + float(self._rng.uniform(0.0, 0.6)))
 
     def line_plots(self, road: Road, side: Side) -> None:
-        """Trunks, heaps, stacks and the like on the bands, or behind hedges and fences."""
+        """Place trunks, heaps, stacks and the like on the bands or behind hedges and fences."""
         for item in self._drawn(_AT_PLOTS):
             reach = _reach(item)
             inner, outer = side.edge + reach, side.outer - reach
@@ -100,7 +100,7 @@ class _Planter:
             self._put(item, road, side, float(self._rng.uniform(inner, outer)))
 
     def middle(self, road: Road) -> None:
-        """Signs and masts between lanes that run against each other."""
+        """Place signs and masts between lanes of opposite directions."""
         ahead = [lane.offset for lane in road.lanes if lane.direction > 0]
         against = [lane.offset for lane in road.lanes if lane.direction < 0]
         if not ahead or not against:
@@ -111,7 +111,7 @@ class _Planter:
             self._put(item, road, closed, between)
 
     def road_works(self, side: Side) -> None:
-        """A row of beacons on the carriageway, with heaps and stacks behind it."""
+        """Place a row of beacons on the carriageway, with heaps and stacks behind it."""
         rng, main = self._rng, self._layout.main
         start, length = float(rng.uniform(2.0, 40.0)), float(rng.uniform(6.0, 40.0))
         stations = np.arange(start, start + length, float(rng.uniform(1.5, 6.0)))
@@ -124,7 +124,7 @@ class _Planter:
             self._put(heap, main, side, behind + float(rng.uniform(0.0, 2.0)))
 
     def shrubs(self, road: Road, side: Side) -> None:
-        """Bushes as slender as people and as large as cars, beyond the last band."""
+        """Place bushes as slender as people and as large as cars, beyond the last band."""
         kinds = (
             (_NUM_SLENDER, _SLENDER_HEIGHTS_M, _SLENDER_SPREADS),
             (_NUM_BROAD, _BROAD_HEIGHTS_M, _BROAD_SPREADS),
@@ -142,25 +142,25 @@ class _Planter:
                     self._things.plant(Species.BUSH, plants)
 
     def bushes(self, places: Float64[np.ndarray, "count 3"]) -> None:
-        """Bushes around trunks, or shoots from their feet."""
+        """Place bushes around trunks, or shoots from their feet."""
         heights = self._rng.uniform(*_FOOT_HEIGHTS_M, len(places))
         spread = float(self._rng.uniform(*_FOOT_SPREADS))
         plants = Plants(places=places, heights=heights, spread=spread)
         self._things.plant(Species.BUSH, plants)
 
     def _drawn(self, items: Sequence[Item], mean: float = _NUM_KINDS) -> list[Item]:
-        """Some of the items, each once."""
+        """Draw some of the items, without repetition."""
         count = min(int(self._rng.poisson(mean)), len(items))
         return [items[row] for row in self._rng.choice(len(items), count, replace=False)]
 
     def _stations(self, road: Road, count: int) -> Float64[np.ndarray, " count"]:
-        """Stations where something may stand."""
+        """Draw stations for objects."""
         if road is self._layout.main:
             return self._rng.uniform(_FIRST_M, _LAST_M, count)
         return self._rng.uniform(-_LAST_M / 2, _LAST_M / 2, count)
 
     def _put(self, item: Item, road: Road, side: Side, distance: float) -> None:
-        """One to three of a kind somewhere along a road, facing anywhere."""
+        """Place one to three objects of a kind somewhere along a road, at any heading."""
         stations = self._stations(road, int(self._rng.integers(1, 4)))
         turn = float(self._rng.uniform(-np.pi, np.pi))
         self._set(item, road, side, stations, distance, turn)
@@ -174,7 +174,7 @@ class _Planter:
         distance: float,
         turn: float,
     ) -> None:
-        """Things at their stations, all stretched alike, on the carriageway or the pavement."""
+        """Place objects at stations, all stretched alike, on the carriageway or the pavement."""
         wide, high = self._rng.uniform(0.8, _WIDEST), self._rng.uniform(0.85, 1.2)
         free = self._things.free_stations(road, side, stations, 1.0)
         offset = side.sign * distance
@@ -182,5 +182,5 @@ class _Planter:
 
 
 def _reach(item: Item) -> float:
-    """From a thing's middle to its farthest corner [m], however it is turned and stretched."""
+    """Compute the radius [m] of an object at maximum stretch, for any heading."""
     return _WIDEST * float(np.hypot(*item_footprint(item))) / 2

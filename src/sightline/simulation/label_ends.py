@@ -1,4 +1,4 @@
-"""Where annotators let a car end that they see from one side."""
+"""Labelled ends of a car viewed from one side, as annotated in KITTI."""
 
 import math
 from typing import Final
@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 _LEAST_ANGLE: Final = math.radians(20.0)
-"""Between a flank and the line of sight in the views that a car's box is from: it has one size in
-all frames of a drive, and most of them show it from behind or ahead."""
+"""Minimum angle between a flank and the line of sight in the views that define a car's box: it has
+one size in all frames of a drive, and most show it from behind or ahead."""
 _EARLIER: Final = math.radians(25.0)
-"""By how much these views are flatter than one from the side. With both, points of the flank reach
-as near to the far ends of simulated labels as to those of KITTI's cars."""
+"""Angle by which these views are flatter than a side view. With both angles, points of the flank
+reach as near to the far ends of simulated labels as to those of KITTI's cars."""
 _BELOW: Final = 0.5
-"""Share of the height below which bodies bulge most and mirrors are not."""
+"""Share of the height below which bodies bulge most and there are no mirrors."""
 
 
 def labelled_ends(
@@ -21,15 +21,16 @@ def labelled_ends(
     size_lwh: tuple[float, float, float],
     viewpoint: Float64[np.ndarray, "2"],
 ) -> tuple[float, float]:
-    """From where to where along x [m] KITTI's annotators see a car.
+    """Compute a car's rear and front end along x [m] as KITTI's annotators label them.
 
-    They have its points alone. An end that faces away is round, so the last they see of it is
-    where the line of sight leaves the flank: there the box ends, 0.3 m before the bumper or so.
-    As one passes a car in a drive, its length changes by some centimetres.
+    Annotators have only the points. An end that faces away is round, so the last visible part is
+    where the line of sight leaves the flank: the box ends there, about 0.3 m before the bumper. The
+    length of a passing car changes by some centimetres during a drive.
 
     Args:
-        vertices: Of the car in its own frame [m]: x ahead, y left, z up, the origin on the ground.
-        size_lwh: Its length, width and height [m].
+        vertices: Car vertices in its own frame [m]: x ahead, y left, z up, the origin on the
+            ground.
+        size_lwh: Length, width and height [m].
         viewpoint: x and y of the sensor in that frame [m].
     """
     length, width, height = size_lwh

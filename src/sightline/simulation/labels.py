@@ -1,4 +1,4 @@
-"""KITTI labels of a simulated frame, from the geometry and from what the camera sees."""
+"""KITTI labels of a simulated frame, from the geometry and the camera's pixels."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -18,62 +18,63 @@ from sightline.simulation.scene import Actor, Scene, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX
 
 _NEAR_M = 0.3
-"""What is nearer to the image plane cannot be projected."""
-# How KITTI's annotators chose. The first two are fitted to the cars of all 7,481 label files: where
-# nearer labelled boxes cover as much of a car's, simulated cars have the levels as often.
+"""Minimum depth for projection into the image."""
+# Rules of KITTI's annotators. The first two are fitted to the cars of all 7,481 label files: for
+# equal cover of a car's box by nearer labelled boxes, simulated cars have each level as often.
 _VISIBLE: Final = 0.97
-"""Share of an object's pixels above which it counts as fully visible."""
+"""Share of an object's pixels above which it is fully visible."""
 _PARTLY: Final = 0.48
-"""Share above which it counts as partly occluded; largely below."""
+"""Share above which it is partly occluded; below, it is largely occluded."""
 _MIN_LABELLED_PIXELS: Final = 150
 _MIN_SHARE: Final = 0.15
 _MIN_HEIGHT_PX: Final = 14.0
 _MAX_DEPTH_M: Final = 80.0
-"""What shows fewer pixels or a smaller share of itself, or is lower or farther, is DontCare. Pixels
-are those of KITTI's focal length. KITTI's lowest labels are 12.7 px high, 0.04 % of its cars are
-farther away, and with this share as many are wholly covered by the boxes of others."""
+"""Limits of labelled objects: fewer pixels, a smaller visible share, a lower height or a greater
+depth gives DontCare. Pixels refer to KITTI's focal length. KITTI's lowest labels are 12.7 px high,
+0.04 % of its cars are farther away, and with this share as many are wholly covered by other
+boxes."""
 _MIN_PIXELS: Final = 15
-"""What shows fewer is not there."""
+"""Minimum pixels of an object; smaller ones are ignored."""
 _PERSON_ROOM_M: Final = 0.02
-"""Between a pedestrian and either side of the box, which then has 0.72 of the width of the 3D box's
-(median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
+"""Gap between a pedestrian and either side of the box, which then has 0.72 of the width of the
+projected 3D box (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
 _DONT_CARE_GAP_PX: Final = 4.0
 _ROUND: Final = ("Car", "Van")
-"""Classes of which annotators see the far end no further than the flank."""
+"""Classes labelled only up to the visible end of the flank."""
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
-"""The numbers on the line of a DontCare region; its box goes after the third."""
+"""Numbers on a DontCare line; its box goes after the third."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Seen:
-    """An actor that the camera shows."""
+    """Actor within view of the camera."""
 
     index: int
     actor: Actor
     size_lwh: tuple[float, float, float]
-    """Of the label [m]."""
+    """Size of the label [m]."""
     location: Float64[np.ndarray, "3"]
     """Bottom centre, camera frame [m]."""
     rotation_y: float
     box: Float64[np.ndarray, "4"]
     """2D box as KITTI draws it; NaN where no edge of the 3D box is in view."""
     visible_box: Float64[np.ndarray, "4"]
-    """Around the pixels that show it."""
+    """Bounding box of the visible pixels."""
     truncation: float
     visible_share: float
     num_pixels: int
-    """That it shows."""
+    """Number of visible pixels."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameLabels:
-    """Labels, and the actor that each belongs to."""
+    """Labels and the actor of each."""
 
     objects: KittiObjects
     actors: Int32[np.ndarray, " num_objects"]
     """Index into the scene's actors; -1 for DontCare."""
     visible_boxes: Float64[np.ndarray, "num_objects 4"]
-    """x_min, y_min, x_max, y_max of the pixels that show each; NaN for DontCare."""
+    """x_min, y_min, x_max, y_max of each object's visible pixels; NaN for DontCare."""
 
 
 def label_frame(
@@ -82,19 +83,20 @@ def label_frame(
     calibration: CalibrationMatrices,
     lidar_height_m: float,
 ) -> FrameLabels:
-    """Labels what the camera shows as KITTI's annotators would, in the order of the actors.
+    """Label the objects in view as KITTI's annotators would, in the order of the actors.
 
-    The 2D box is `kitti_boxes.project_box`, hidden parts included; one of a pedestrian is as wide
-    as the person, not as the 3D box. Cars and vans end as `label_ends` has it. Occlusion is 0,
-    1 or 2 by the share of the object's pixels within the image that it owns there; what is
-    largely hidden and cut by the image is 3, as are 95 % of KITTI's cars of that level. What is
-    too small, far or hidden to label is DontCare, close ones in one box.
+    The 2D box is `kitti_boxes.project_box`, hidden parts included; a pedestrian's is as wide as the
+    person, not as the 3D box. `label_ends` gives the ends of cars and vans. Occlusion is 0, 1 or 2
+    by the visible share of the object's pixels within the image; a largely hidden object cut by the
+    image border has 3, as do 95 % of KITTI's cars of that level. Objects too small, far or hidden
+    to label are DontCare, with close ones merged into one box.
 
     Args:
-        scene: Where the actors are.
-        owners: Index of the actor that each pixel of the image shows; negative: none.
-        calibration: Of the camera.
-        lidar_height_m: Of the LiDAR, to which the calibration refers, above the ego's footprint.
+        scene: The scene with its actors.
+        owners: Index of the actor at each pixel of the image; negative: none.
+        calibration: Calibration of the camera.
+        lidar_height_m: Height of the LiDAR, the calibration's reference frame, above the ego's
+            footprint.
     """
     lidar_from_world = np.linalg.inv(world_from_footprint(scene.ego, lidar_height_m))
     onlooker = _Onlooker(
@@ -128,7 +130,7 @@ def label_frame(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Onlooker:
-    """Looks at the actors of a scene one by one."""
+    """Observer that measures a scene's actors one by one."""
 
     scene: Scene
     owners: Int32[np.ndarray, "height width"]
@@ -137,7 +139,7 @@ class _Onlooker:
     image_from_camera: Float64[np.ndarray, "3 4"]
 
     def look_at(self, index: int, region: tuple[slice, ...], num_pixels: int) -> _Seen:
-        """Place, boxes, truncation and visible share of one actor."""
+        """Compute location, boxes, truncation and visible share of one actor."""
         actor, pose = self.scene.actors[index], self.scene.poses[index]
         camera_from_actor = self.camera_from_world @ world_from_footprint(pose, 0.0)
         size_lwh, middle = self._labelled(index, camera_from_actor)
@@ -168,7 +170,7 @@ class _Onlooker:
     def _labelled(
         self, index: int, camera_from_actor: Float64[np.ndarray, "4 4"]
     ) -> tuple[tuple[float, float, float], float]:
-        """Size of an actor's label [m], and how far ahead of the actor's its middle is [m]."""
+        """Compute an actor's label size [m] and its middle's offset ahead of the actor's [m]."""
         actor = self.scene.actors[index]
         if actor.class_name not in _ROUND:
             return actor.box_lwh, 0.0
@@ -181,16 +183,16 @@ class _Onlooker:
     def _mesh(
         self, index: int
     ) -> tuple[Float32[np.ndarray, "num_vertices 3"], Int32[np.ndarray, "num_faces 3"]]:
-        """Vertices in the world [m] and faces of an actor."""
+        """Select an actor's vertices in the world [m] and its faces."""
         first, last = np.searchsorted(self.scene.owners, (index, index + 1))
         faces = self.scene.mesh.faces[first:last]
-        start = faces.min()  # an actor's vertices stand together
+        start = faces.min()  # an actor's vertices are contiguous
         return self.scene.mesh.vertices[start : faces.max() + 1], faces - start
 
     def _outline(self, index: int) -> tuple[Float64[np.ndarray, "2"], float]:
-        """From where to where in the image an actor alone would reach [px], and which share shows.
+        """Compute an actor's horizontal image range if unoccluded [px], and its visible share.
 
-        What reaches behind the camera may reach anywhere: NaN.
+        An actor that reaches behind the camera has no range: NaN.
         """
         vertices, faces = self._mesh(index)
         image_from_world = self.image_from_camera @ self.camera_from_world
@@ -213,7 +215,7 @@ class _Onlooker:
 
 
 def _is_labelled(item: _Seen, scale: float) -> bool:
-    """Whether KITTI's annotators would; `scale` is of the picture, against KITTI's focal length."""
+    """Test for a labelled object; `scale` is the image's focal length over KITTI's."""
     return bool(
         item.num_pixels >= _MIN_LABELLED_PIXELS * scale**2
         and item.visible_share >= _MIN_SHARE
@@ -229,9 +231,9 @@ def _occlusion(item: _Seen) -> int:
 
 
 def _joined(boxes: list[Float64[np.ndarray, "4"]]) -> list[Float64[np.ndarray, "4"]]:
-    """Boxes, each merged with those before it that it touches or nearly does.
+    """Merge boxes that touch or nearly touch.
 
-    In one pass: a box that has grown may touch one that was apart from it before.
+    This takes one pass: a grown box may touch one that it did not touch before.
     """
     merged: list[Float64[np.ndarray, "4"]] = []
     for box in boxes:
@@ -250,7 +252,7 @@ def _joined(boxes: list[Float64[np.ndarray, "4"]]) -> list[Float64[np.ndarray, "
 
 
 def _row(item: _Seen) -> Float64[np.ndarray, "14"]:
-    """The numbers of a label's line."""
+    """Collect the numbers of a label line."""
     bearing = np.arctan2(item.location[0], item.location[2])
     turns = wrap_angle(np.array((item.rotation_y - bearing, item.rotation_y)))
     start = item.truncation, _occlusion(item), turns[0]

@@ -1,4 +1,4 @@
-"""What a street is made of: lanes, kerbs, pavements, a crossing road and what stands beside."""
+"""Street layout: lanes, kerbs, pavements, a crossing road and the plots beside them."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -13,7 +13,7 @@ KERB_HEIGHT_M: Final = 0.12
 
 
 class StreetKind(Enum):
-    """What kind of place a street is in."""
+    """Kind of street."""
 
     RESIDENTIAL = "residential"
     CITY = "city"
@@ -23,7 +23,7 @@ class StreetKind(Enum):
 
 
 class Parking(Enum):
-    """How cars stand along the kerb."""
+    """Arrangement of cars along the kerb."""
 
     NONE = "none"
     PARALLEL = "parallel"
@@ -40,7 +40,7 @@ PARKING_DEPTH_M: Final = {
 
 
 class Ground(Enum):
-    """What a band beside the carriageway is."""
+    """Kind of a band beside the carriageway."""
 
     VERGE = "verge"
     CYCLE_PATH = "cycle path"
@@ -49,7 +49,7 @@ class Ground(Enum):
 
 
 class Plots(Enum):
-    """What stands beyond the pavement."""
+    """Kind of plots beyond the pavement."""
 
     HOUSES = "houses"
     TERRACES = "terraces"
@@ -64,10 +64,10 @@ class Plots(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lane:
-    """A way for vehicles along a road."""
+    """Vehicle lane of a road."""
 
     offset: float
-    """Of its middle from the centre line [m], positive to the left."""
+    """Offset of its middle from the centre line [m], positive to the left."""
     width: float
     direction: int
     """1 along the line, -1 against it."""
@@ -76,7 +76,7 @@ class Lane:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Band:
-    """A strip of ground beside the carriageway; distances from the centre line [m]."""
+    """Strip of ground beside the carriageway; distances from the centre line [m]."""
 
     ground: Ground
     inner: float
@@ -85,40 +85,40 @@ class Band:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Side:
-    """Everything on one side of a road; distances from the centre line [m], all positive."""
+    """One side of a road; distances from the centre line [m], all positive."""
 
     sign: int
     """1 left, -1 right."""
     lane_edge: float
-    """Where the lanes end and parking begins."""
+    """End of the lanes and start of parking."""
     edge: float
-    """Where the carriageway ends."""
+    """Edge of the carriageway."""
     level: float
     """Height of the bands above the carriageway."""
     parking: Parking
     bands: tuple[Band, ...]
     plots: Plots
     setback: float
-    """Between the last band and the buildings."""
+    """Distance between the last band and the buildings."""
     has_tree_row: bool = False
     gaps: tuple[tuple[float, float], ...] = ()
-    """Stations between which a crossing road opens this side."""
+    """Ranges of stations where a crossing road opens this side."""
     ramps: tuple[float, ...] = ()
     """Stations where the kerb is lowered for driveways."""
 
     @property
     def outer(self) -> float:
-        """Where the last band ends."""
+        """End of the last band."""
         return self.bands[-1].outer
 
     def band(self, ground: Ground) -> Band | None:
-        """The band of this kind, or None."""
+        """Find the band of a kind, or None."""
         return next((band for band in self.bands if band.ground is ground), None)
 
     def stretches(
         self, first: float, last: float, margin: float = 0.0
     ) -> tuple[tuple[float, float], ...]:
-        """The stretches between two stations outside the gaps, which are widened by `margin`."""
+        """Find the stretches between two stations outside the gaps, widened by `margin`."""
         cuts = [first]
         for start, stop in self.gaps:
             cuts += [start - margin, stop + margin]
@@ -129,37 +129,37 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Road:
-    """A road with its lanes and both sides."""
+    """Road with its lanes and both sides."""
 
     line: CenterLine
     first: float
     last: float
-    """Stations between which it is built."""
+    """Range of stations where the road is built."""
     lanes: tuple[Lane, ...]
     left: Side
     right: Side
     has_kerbs: bool
     crown_m: float = 0.0
-    """How far the middle of the carriageway lies above its edges, for rain to run off."""
+    """Height of the carriageway's middle above its edges, for drainage."""
 
     @property
     def sides(self) -> tuple[Side, Side]:
-        """Left and right."""
+        """Left and right side."""
         return self.left, self.right
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Junction:
-    """Where a road crosses the main one or ends at it.
+    """Crossing of the main road, or a road that ends at it.
 
     The stations of the crossing road are the offsets of the main road.
     """
 
     station: float
     radius: float
-    """Of the kerb at the corners [m]."""
+    """Radius of the kerb at the corners [m]."""
     corner: float
-    """Side of the square that a corner occupies beside both carriageways [m]."""
+    """Side length of a corner's square beside both carriageways [m]."""
     cross: Road
     opens_left: bool
     opens_right: bool
@@ -168,7 +168,7 @@ class Junction:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Layout:
-    """A street before anything is built."""
+    """Plan of a street before anything is built."""
 
     kind: StreetKind
     terrain: Terrain
@@ -176,12 +176,12 @@ class Layout:
     junction: Junction | None
     ego_lane: Lane
     main_waits: bool
-    """Whether the main road stands at the junction while the crossing one drives."""
+    """Whether the main road waits at the junction while the crossing traffic drives."""
     wooded_horizon: bool
 
     @property
     def roads(self) -> tuple[Road, ...]:
-        """All roads."""
+        """All roads of the layout."""
         return (self.main,) if self.junction is None else (self.main, self.junction.cross)
 
 
@@ -192,7 +192,7 @@ def ground_places(
     offsets: Float[np.ndarray, "..."] | float,
     level: float,
 ) -> Float64[np.ndarray, "... 3"]:
-    """World points at stations and offsets of a road, at a level above the terrain."""
+    """Compute world points at stations and offsets of a road, at a level above the terrain."""
     places = road.line.place(np.asarray(stations, np.float64), np.asarray(offsets, np.float64))
     heights = layout.terrain.height(places) + level
     return np.concatenate((places, heights[..., None]), axis=-1)

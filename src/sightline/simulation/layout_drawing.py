@@ -1,4 +1,4 @@
-"""Draws streets: straight, curved and crossing roads of several kinds."""
+"""Random street layouts: straight, curved and crossing roads of several kinds."""
 
 from dataclasses import replace
 from typing import Final
@@ -29,7 +29,7 @@ from sightline.simulation.layout_line import (
 
 BEHIND_M: Final = 60.0
 AHEAD_M: Final = 130.0
-"""How far the street is built out behind and ahead of the ego."""
+"""Built length of the street behind and ahead of the ego."""
 _CROSS_REACH_M: Final = 90.0
 _KIND_SHARES: Final = {
     StreetKind.RESIDENTIAL: 0.36,
@@ -47,12 +47,12 @@ def draw_layout(
     *,
     hard: bool = False,
 ) -> Layout:
-    """Draws a street of a kind, or of one drawn as often as KITTI's drives have it.
+    """Draw a street of a kind, or of a kind drawn as often as in KITTI's drives.
 
     Args:
-        rng: Where all randomness comes from.
-        kind: What kind of street.
-        extra_length_m: How far the ego will drive; the street is built that much longer.
+        rng: Source of all randomness.
+        kind: Kind of street.
+        extra_length_m: Length of the ego's drive, by which the street is extended.
         hard: Whether there are parked cars and junctions wherever possible.
     """
     if kind is None:
@@ -95,7 +95,7 @@ def _draw_line(
     junction: float | None,
     origin_offset: float,
 ) -> CenterLine:
-    """Straight, curved one way or winding; straight where it is crossed."""
+    """Draw a straight, curved or winding line; it is straight at a junction."""
     stations = station_grid(-BEHIND_M - 30.0, last + 30.0)
     sharpest = 0.012 if kind in (StreetKind.RESIDENTIAL, StreetKind.COUNTRY) else 0.007
     if junction is not None:
@@ -116,7 +116,7 @@ def _draw_line(
 
 
 def _draw_ego_lane(rng: np.random.Generator, road: Road) -> Lane:
-    """A lane of the ego's direction, mostly the rightmost."""
+    """Draw a lane of the ego's direction, mostly the rightmost."""
     lanes = sorted(
         (lane for lane in road.lanes if lane.direction == 1 and not lane.for_trams),
         key=lambda lane: lane.offset,
@@ -166,7 +166,7 @@ _SETBACKS: Final = {
 def _draw_section(
     rng: np.random.Generator, kind: StreetKind, *, is_plain: bool = False, hard: bool = False
 ) -> Road:
-    """Lanes and sides of a road, a plain one without trams or one-way lane; its line is to come."""
+    """Draw lanes and sides of a road, if plain without trams or one-way lane; its line follows."""
     lanes = _draw_lanes(rng, kind, is_plain=is_plain)
     left_edge = max(lane.offset + lane.width / 2 for lane in lanes)
     right_edge = -min(lane.offset - lane.width / 2 for lane in lanes)
@@ -190,7 +190,7 @@ _FALLS: Final = (0.012, 0.03)
 
 
 def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -> tuple[Lane, ...]:
-    """Lanes from right to left; the line runs between the directions."""
+    """Draw lanes from right to left; the line runs between the directions."""
     width = float(rng.uniform(*_LANE_WIDTHS[kind]))
     is_narrow = kind in (StreetKind.RESIDENTIAL, StreetKind.SQUARE) and rng.random() < 0.3
     if is_narrow and not is_plain:
@@ -268,7 +268,7 @@ def _draw_parking(rng: np.random.Generator, kind: StreetKind, *, hard: bool) -> 
 
 
 def _draw_bands(rng: np.random.Generator, kind: StreetKind) -> list[tuple[Ground, float]]:
-    """Kinds and widths [m] of the bands from the carriageway outwards."""
+    """Draw kinds and widths [m] of the bands from the carriageway outwards."""
     if kind is StreetKind.COUNTRY:
         return [(Ground.SHOULDER, float(rng.uniform(0.8, 2.0)))]
     if kind is StreetKind.SQUARE:
@@ -286,7 +286,7 @@ def _draw_bands(rng: np.random.Generator, kind: StreetKind) -> list[tuple[Ground
 def _with_junction(
     rng: np.random.Generator, kind: StreetKind, main: Road, station: float
 ) -> tuple[Road, Junction]:
-    """The main road with gaps for a crossing road, and that road."""
+    """Add a junction: the main road with gaps, and the crossing road."""
     cross_kind = StreetKind.RESIDENTIAL if kind is StreetKind.AVENUE else kind
     cross = _draw_section(rng, cross_kind, is_plain=True)
     opens_left, opens_right = ((True, True), (True, False), (False, True))[int(rng.choice(3))]
@@ -308,7 +308,7 @@ def _with_junction(
         left=replace(cross.left, gaps=(own_gap,)),
         right=replace(cross.right, gaps=(own_gap,)),
     )
-    # The crossing road's left is where the main road comes from.
+    # The crossing road's left side faces the start of the main road.
     gap = (station - cross.left.edge - corner, station + cross.right.edge + corner)
     main = replace(
         main,

@@ -1,4 +1,4 @@
-"""Spinning LiDARs: which lasers they have, and the sweep that one takes of a scene."""
+"""Spinning LiDARs: laser models, and the sweep of a scene."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,24 +18,24 @@ from sightline.simulation.settings import LidarModel
 from sightline.simulation.surfaces import MeshTables, Rays, face_normal, mesh_tables
 from sightline.simulation.vectors import dot, row_of
 
-_MID_GREY = 0.25  # albedo (linear) of the sample that `Surface.lidar_reflectance` speaks of
-_COLOR_RANGE = (0.35, 1.8)  # how much a dark or bright colour changes the reflectance at 905 nm
+_MID_GREY = 0.25  # linear albedo of the sample for `Surface.lidar_reflectance`
+_COLOR_RANGE = (0.35, 1.8)  # range of the colour's factor on the reflectance at 905 nm
 # Paint, lamps and panes send most of the light elsewhere, more so at a slant;
 # fitted to the points and readings on KITTI's cars.
-_GLEAMING_ECHO = 0.10  # share of the echo that such a surface gives
-_GLEAMING_COSINE_POWER = 0.5  # of that echo
-_THROUGH_GLASS = 0.1  # share of the light that passes a pane twice
-_STEEPNESS = 10.0  # of the chance that an echo is found, around the detectable one
-# Where returns become rarer whatever they hit, fitted to the depths in KITTI's images.
+_GLEAMING_ECHO = 0.10  # share of the echo from such a surface
+_GLEAMING_COSINE_POWER = 0.5  # exponent of that echo's cosine
+_THROUGH_GLASS = 0.1  # share of the light after passing a pane twice
+_STEEPNESS = 10.0  # slope of the detection probability around the detectable echo
+# Range at which returns become rarer on any surface, fitted to the depths in KITTI's images.
 _REACH_M = 74.0
 _REACH_SPREAD_M = 6.0
 _BEHIND_GLASS_M = 1e-3
 _TURN_S = 0.1
 
-# Fitted to the reflectances of KITTI's files: over all, by range, from shot to shot and on cars.
-# The reading is roughly the logarithm of the echo, and independent of the slant of rough surfaces.
+# Fitted to the reflectances of KITTI's files: overall, by range, between shots and on cars.
+# The reading is roughly the logarithm of the echo, independent of the slant of rough surfaces.
 _READING = 0.60  # reading of a white wall nearby
-_READING_PER_E = 0.15  # for e times the light
+_READING_PER_E = 0.15  # increase for e times the light
 _COSINE_POWER, _GLEAMING_READING_POWER = 0.23, 2.0
 _FADING = 0.24  # subtracted at 40 m
 _FADING_POWER = 2.0
@@ -55,30 +55,30 @@ class Laser:
     """One laser of a spinning LiDAR."""
 
     elevation_deg: float
-    """Of its beam."""
+    """Elevation of the beam."""
     offset_m: float = 0.0
-    """Height above the sensor's origin at which the beam crosses the axis."""
+    """Height above the sensor's origin where the beam crosses the axis."""
     range_bias_m: float = 0.0
-    """Added to all its ranges."""
+    """Bias of all its ranges."""
     reading_bias: float = 0.0
-    """Added to the reflectances that it reads."""
+    """Bias of its reflectance readings."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BlindSector:
-    """Where the car that carries the sensor blocks the beams.
+    """Sector in which the car that carries the sensor blocks the beams.
 
     Raises:
         ValueError: The azimuths do not rise within 0 to 360 degrees.
     """
 
     azimuth_deg: tuple[float, float]
-    """From, to, counter-clockwise; 0 is straight ahead."""
+    """Start and end, counter-clockwise; 0 is straight ahead."""
     below_deg: float
-    """Beams below this elevation are lost there."""
+    """Elevation below which beams are lost."""
 
     def __post_init__(self) -> None:
-        """Checks the order of the azimuths."""
+        """Check the order of the azimuths."""
         start, end = self.azimuth_deg
         if not 0 <= start < end <= 360:
             raise ValueError(
@@ -92,27 +92,27 @@ class LidarConfig:
     """A LiDAR and its faults."""
 
     lasers: tuple[Laser, ...]
-    """From the top."""
+    """Lasers from the top."""
     azimuth_step_deg: float = 0.1728
-    """Between two firings of a laser; 0.1728 is a Velodyne at 10 turns a second."""
+    """Step between two firings of a laser; 0.1728 is a Velodyne at 10 turns a second."""
     blind_sectors: tuple[BlindSector, ...] = ()
     height_m: float = KITTI_LIDAR_HEIGHT_M
-    """Of its origin above the road."""
+    """Height of its origin above the road."""
     lean_deg: float = 0.0
-    """How far its axis leans forward; points are in a level frame all the same."""
+    """Forward lean of its axis; points are nevertheless in a level frame."""
     min_range_m: float = 1.5
     max_range_m: float = 80.0
     range_noise_m: float = 0.01
     """Standard deviation along the ray, around the laser's bias."""
     drop_out: float = 0.01
-    """Share of returns that are lost, whatever they hit."""
+    """Share of returns lost on any surface."""
     detectable_echo: float = 0.006
-    """Echo (reflectance * cosine / (range / 40 m)^2) that is found with probability 1 - 1/e."""
+    """Echo (reflectance * cosine / (range / 40 m)^2) with detection probability 1 - 1/e."""
     rolling_shutter: bool = False
     """Whether the sensor moves during its turn, which distorts the sweep as in reality."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and that rings come from the top, as KITTI's files order them."""
+        """Check the ranges, and that rings come from the top, as in KITTI's files."""
         elevations = [laser.elevation_deg for laser in self.lasers]
         if not elevations or elevations != sorted(elevations, reverse=True):
             raise ValueError(
@@ -146,8 +146,8 @@ def _with_biases(
     )
 
 
-# Of KITTI's lasers, from the top. Ranges: against planes through walls, where the lower ones see
-# too few; readings: against the lasers above and below on the same surface.
+# Biases of KITTI's lasers, from the top. Ranges: against planes through walls, where the lower
+# ones read too little; readings: against the lasers above and below on the same surface.
 # fmt: off
 _RANGE_BIASES_MM = (
     25, -14, 37, 4, 5, -20, 49, -11, -21, 12, 19, -10, 30, 26, -8, -15, 30, -7, 50, 13, 0, -18, -33,
@@ -161,7 +161,7 @@ _READING_BIASES_PERCENT = (
 # fmt: on
 
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
-    # KITTI's own, measured in its sweeps: two blocks of lasers, the upper one closer together, and
+    # KITTI's own sensor, measured in its sweeps: two blocks of lasers, the upper one denser, and
     # the car's roof, rails and aerial below them.
     "hdl-64e": LidarConfig(
         lasers=_with_biases(
@@ -194,24 +194,24 @@ def take_sweep(
     ego: Motion | None = None,
     time_s: float = 0.0,
 ) -> Float32[np.ndarray, "num_points 4"]:
-    """One turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 0.99].
+    """Simulate one turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 0.99].
 
-    Points come in the order of KITTI's files: ring by ring from the top, each from straight ahead
-    counter-clockwise. An echo grows with the reflectance of the surface and the cosine of
-    incidence and falls with the square of the range; weak ones are lost, most of all from shiny
-    surfaces, and slightly stronger ones are found but read as 0. Glass lets most of the light
-    through: what stands behind returns a weaker echo or none.
+    Points are in the order of KITTI's files: ring by ring from the top, each from straight ahead
+    counter-clockwise. An echo grows with the reflectance of the surface and the cosine of incidence
+    and falls with the square of the range. Weak echoes are lost, most of all from shiny surfaces,
+    and slightly stronger ones are found but read as 0. Glass lets most of the light through: the
+    surface behind it returns a weaker echo or none.
 
     Args:
-        scene: The street, which stands still during the turn.
-        raycaster: Over the scene's mesh.
-        rng: Draws noise and losses.
+        scene: The street, static during the turn.
+        raycaster: Raycaster over the scene's mesh.
+        rng: Source of noise and losses.
         config: The sensor.
-        ego: The sensor's way, which `rolling_shutter` needs; the turn starts at `time_s`.
-        time_s: When the turn starts.
+        ego: Motion of the sensor, needed for `rolling_shutter`; the turn starts at `time_s`.
+        time_s: Start of the turn.
 
     Raises:
-        ValueError: The LiDAR has a rolling shutter, but its way is not given.
+        ValueError: The LiDAR has a rolling shutter, but no motion is given.
     """
     firings = _firings(config)
     if config.rolling_shutter:
@@ -239,26 +239,26 @@ def take_sweep(
     noise = firings.range_biases_m[met] + rng.normal(0.0, config.range_noise_m, len(met))
     places = firings.directions[met] * (ranges + noise)[:, None]
     places[:, 2] += firings.offsets_m[met]
-    # KITTI's files hold whole millimetres and hundredths.
+    # KITTI's files store whole millimetres and hundredths.
     points = np.column_stack((places.round(3), readings.round(2))).astype(np.float32)
     sweep: Float32[np.ndarray, "num_points 4"] = points[kept]
     return sweep
 
 
 class _Firings(NamedTuple):
-    """All shots of a turn in the LiDAR frame, in the order of KITTI's files."""
+    """All firings of a turn in the LiDAR frame, in the order of KITTI's files."""
 
     directions: Float64[np.ndarray, "num_rays 3"]
     """Unit vectors."""
     offsets_m: Float64[np.ndarray, " num_rays"]
-    """Where they start, above the origin."""
+    """Height of each origin above the sensor's."""
     azimuths: Float64[np.ndarray, " num_rays"]
-    """In [0, 2 pi)."""
+    """Azimuths in [0, 2 pi)."""
     range_biases_m: Float64[np.ndarray, " num_rays"]
     reading_biases: Float64[np.ndarray, " num_rays"]
 
 
-@lru_cache(maxsize=1)  # the same for all frames; nobody writes to them
+@lru_cache(maxsize=1)  # the same for all frames; never written to
 def _firings(config: LidarConfig) -> _Firings:
     steps = np.deg2rad(np.arange(config.azimuth_step_deg / 2, 360.0, config.azimuth_step_deg))
     laser = np.repeat(np.arange(len(config.lasers)), len(steps))
@@ -293,7 +293,7 @@ def _firings(config: LidarConfig) -> _Firings:
 def _in_world(
     firings: _Firings, world_from_lidar: Float64[np.ndarray, "num_poses 4 4"]
 ) -> tuple[Float32[np.ndarray, "num_rays 3"], Float32[np.ndarray, "num_rays 3"]]:
-    """Origins and directions of the shots; one pose for all, or one each."""
+    """Transform firings to origins and directions in the world; one pose for all, or one each."""
     rotations, positions = world_from_lidar[:, :3, :3], world_from_lidar[:, :3, 3]
     origins = positions + rotations[:, :, 2] * firings.offsets_m[:, None]
     if len(rotations) == 1:
@@ -306,7 +306,7 @@ def _in_world(
 def _poses_in_turn(
     ego: Motion, time_s: float, azimuths: Float64[np.ndarray, " num_rays"], config: LidarConfig
 ) -> Float64[np.ndarray, "num_rays 4 4"]:
-    """Where the sensor is at each firing: a turn goes counter-clockwise from behind to behind."""
+    """Compute the sensor's pose at each firing; a turn starts behind, counter-clockwise."""
     since_start = np.mod(azimuths + np.pi, 2 * np.pi) / (2 * np.pi) * _TURN_S
     moments, firing = np.unique(since_start, return_inverse=True)
     poses = [
@@ -323,7 +323,7 @@ def _cast_through_glass(
     directions: Float32[np.ndarray, "num_rays 3"],
     rng: np.random.Generator,
 ) -> tuple[Hits, Bool[np.ndarray, " num_rays"]]:
-    """First hits, where some rays pass one pane and find what is behind it, and which do."""
+    """Find first hits, with some rays passing one pane, and mark the rays that hit behind it."""
     hits = cast_through_foliage(raycaster, mesh_tables(scene.mesh), Rays(origins, directions))
     passed = np.flatnonzero(_passes(scene, hits.faces, rng))
     advance = hits.distances[passed] + np.float32(_BEHIND_GLASS_M)
@@ -353,7 +353,7 @@ def _surface_answers(
     faces: Int32[np.ndarray, " num_hits"],
     directions: Float32[np.ndarray, "num_hits 3"],
 ) -> tuple[Float64[np.ndarray, " num_hits"], Float64[np.ndarray, " num_hits"]]:
-    """Reflectance of the surface, given its colour, and the cosine of incidence."""
+    """Compute each surface's reflectance, given its colour, and the cosine of incidence."""
     materials, colors = scene.mesh.materials[faces], scene.mesh.colors[faces]
     reflectance = _REFLECTANCE[materials] * np.exp(_SPREAD[materials] * (_pigments(colors) - 0.5))
     reflectance *= np.clip(0.5 + 0.5 * colors.mean(axis=1) / _MID_GREY, *_COLOR_RANGE)
@@ -363,7 +363,7 @@ def _surface_answers(
 def _pigments(
     colors: Float32[np.ndarray, "num_hits 3"],
 ) -> Float64[np.ndarray, " num_hits"]:
-    """Pseudo-random in 0 to 1, uniform, and equal for equal colours."""
+    """Derive a pseudo-random number, uniform in 0 to 1, from each colour."""
     bits = colors.view(np.uint32) * np.array((2654435761, 2246822519, 3266489917), np.uint32)
     mixed = np.bitwise_xor.reduce(bits ^ (bits >> np.uint32(15)), axis=1) * np.uint32(668265263)
     pigments: Float64[np.ndarray, " num_hits"] = (mixed >> np.uint32(8)) / 2.0**24
@@ -376,7 +376,7 @@ def _cosines(
     faces: Int32[np.ndarray, " num_hits"],
     directions: Float32[np.ndarray, "num_hits 3"],
 ) -> Float64[np.ndarray, " num_hits"]:
-    """Cosines between rays of unit length and the normals of the faces that they hit."""
+    """Compute cosines between rays of unit length and the normals of the faces hit."""
     cosines = np.empty(faces.shape[0])
     for hit in range(faces.shape[0]):
         cosines[hit] = abs(dot(face_normal(mesh, faces[hit]), row_of(directions, hit)))
@@ -389,7 +389,7 @@ def _readings(
     biases: Float64[np.ndarray, " num_hits"],
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, " num_hits"]:
-    """The sensor's reading for an echo, given as a share of a white wall's."""
+    """Compute the sensor's reading of an echo, given as a share of a white wall's."""
     reading = _READING + _READING_PER_E * np.log(np.maximum(returned, 1e-9)) + biases
     reading -= _FADING * (ranges / 40.0) ** _FADING_POWER
     reading += rng.laplace(0.0, _SPECKLE, len(ranges))

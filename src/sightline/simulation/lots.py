@@ -1,4 +1,4 @@
-"""The plots beside a street: where buildings stand, and where cars stand off the road."""
+"""Plots beside a street, with sites of buildings and of cars off the road."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,11 +12,11 @@ from sightline.simulation.layout import Layout, Plots, Road, Side
 
 _BUILT_FROM_M: Final = -50.0
 _CROSS_CLEARANCE_M: Final = 26.0
-"""Distance of the crossing road's plots from the junction, where those of the main road are."""
+"""Distance of the crossing road's plots from the junction, beyond the main road's plots."""
 
 
 class Boundary(Enum):
-    """What separates a plot from the pavement."""
+    """Boundary between a plot and the pavement."""
 
     OPEN = "open"
     HEDGE = "hedge"
@@ -26,55 +26,55 @@ class Boundary(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lot:
-    """A piece of land along a side of a road, with a building or without."""
+    """Piece of land along a side of a road, with or without a building."""
 
     road: Road
     side: Side
     plots: Plots
     start: float
-    """Station where it begins."""
+    """Station of its start."""
     width: float
     front: float
     """Distance of the building's front from the centre line."""
     building: tuple[float, float, float] | None
     """Start station, width and depth of the building."""
     driveway: float | None
-    """Station of the middle of a driveway or of the way into a forecourt."""
+    """Station of the middle of a driveway or of the entrance to a forecourt."""
     boundary: Boundary
 
     @property
     def stop(self) -> float:
-        """Station where it ends."""
+        """Station of its end."""
         return self.start + self.width
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Footprint:
-    """The rectangle that a building covers."""
+    """Rectangle covered by a building."""
 
     corner: tuple[float, float]
-    """World x, y of the left end of its front, seen from the street."""
+    """World x, y of the left end of its front, viewed from the street."""
     yaw: float
-    """Along the front to the right; the building is to the left of it."""
+    """Heading of the front to the right; the building is to the left of it."""
     width: float
     depth: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bay:
-    """A place off the road where a car may stand: world x, y and heading."""
+    """Parking place off the road: world x, y and heading."""
 
     x: float
     y: float
     yaw: float
     level: float
-    """Above the terrain [m]."""
+    """Height above the terrain [m]."""
     taken: float
-    """Probability that a car stands there."""
+    """Probability of a parked car."""
 
 
 def draw_lots(rng: np.random.Generator, layout: Layout) -> tuple[Lot, ...]:
-    """Divides the land along all roads into lots."""
+    """Divide the land along all roads into lots."""
     lots: list[Lot] = []
     for road in layout.roads:
         is_main = road is layout.main
@@ -87,7 +87,7 @@ def draw_lots(rng: np.random.Generator, layout: Layout) -> tuple[Lot, ...]:
 
 
 def footprint_of(lot: Lot) -> Footprint | None:
-    """Where a lot's building stands."""
+    """Compute the footprint of a lot's building."""
     if lot.building is None:
         return None
     start, width, depth = lot.building
@@ -100,7 +100,7 @@ def footprint_of(lot: Lot) -> Footprint | None:
 
 
 def with_lowered_kerbs(layout: Layout, lots: Sequence[Lot]) -> Layout:
-    """The layout with ramps in its kerbs where the driveways of lots begin."""
+    """Add ramps to the kerbs at the driveways of lots."""
 
     def lowered(road: Road) -> Road:
         left, right = (
@@ -123,7 +123,7 @@ def with_lowered_kerbs(layout: Layout, lots: Sequence[Lot]) -> Layout:
 
 
 def bays_of(rng: np.random.Generator, lots: tuple[Lot, ...]) -> tuple[Bay, ...]:
-    """Places for cars in driveways, forecourts and car parks."""
+    """Draw parking places in driveways, forecourts and car parks."""
     bays = []
     for lot in lots:
         stations, distances = _bay_grid(rng, lot)
@@ -141,7 +141,7 @@ def bays_of(rng: np.random.Generator, lots: tuple[Lot, ...]) -> tuple[Bay, ...]:
 def _bay_grid(
     rng: np.random.Generator, lot: Lot
 ) -> tuple[Float64[np.ndarray, " count"], Float64[np.ndarray, " count"]]:
-    """Station and distance from the centre line of each place on a lot."""
+    """Compute the station and the distance from the centre line of each parking place on a lot."""
     room = lot.front - lot.side.outer
     distances: tuple[float, ...] = ()
     stations = np.zeros(0)
@@ -163,11 +163,11 @@ def _bay_grid(
 
 
 CAR_ROWS_M: Final = (4.0, 14.6)
-"""Middles of the two rows of a car park, beyond the pavement; one drives between them."""
+"""Middles of the two rows of a car park, measured beyond the pavement; cars drive between them."""
 
 
 def car_park_rows(lot: Lot) -> Float64[np.ndarray, " count"]:
-    """Stations of the lines between the places of a car park."""
+    """Compute the stations of the lines between the places of a car park."""
     return np.arange(lot.start + 3.0, min(lot.stop - 3.0, 80.0), 2.6)
 
 
@@ -225,7 +225,7 @@ _DRIVEWAY_SHARES: Final = {
 
 
 def _draw_building(rng: np.random.Generator, plots: Plots) -> tuple[float, float, float]:
-    """Width and depth of a building, and the room to the next [m]."""
+    """Draw width and depth of a building, and the distance to the next [m]."""
     if plots is Plots.HOUSES:
         low, high = (8.0, 8.0, 3.2), (13.5, 11.0, 9.0)
     elif plots is Plots.TERRACES:
@@ -258,7 +258,7 @@ def _draw_open_boundary(rng: np.random.Generator, plots: Plots) -> Boundary:
 
 
 def footprint_corners(footprint: Footprint) -> Float64[np.ndarray, "4 2"]:
-    """World x, y of the corners, counter-clockwise from the front's start."""
+    """Compute world x, y of the corners, counter-clockwise from the front's start."""
     along = np.array([np.cos(footprint.yaw), np.sin(footprint.yaw)])
     inwards = np.array([-along[1], along[0]])
     start = np.array(footprint.corner)

@@ -1,11 +1,11 @@
-"""What surfaces are made of, as the camera and the LiDAR see them."""
+"""Surface materials and their response to the camera and the LiDAR."""
 
 from dataclasses import dataclass
 from enum import IntEnum
 
 
 class Material(IntEnum):
-    """The kinds of surface; a face of a mesh has one."""
+    """Kind of surface, one per face of a mesh."""
 
     ASPHALT = 0
     PAVEMENT = 1
@@ -36,17 +36,17 @@ class Material(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Surface:
-    """How a material answers light and laser."""
+    """Response of a material to light and laser."""
 
     lidar_reflectance: float
-    """Reflectance of a mid-grey sample for the laser's light at normal incidence, relative to a
-    white wall; retroreflectors have more than 1."""
+    """Reflectance of a mid-grey sample at the laser's wavelength and normal incidence, relative to
+    a white wall; retroreflectors have more than 1."""
     lidar_spread: float = 1.5
-    """Natural logarithm of the ratio of brightest to darkest at 905 nm among samples that look
-    alike to the eye, since pigments differ there; drawn from the colour itself, so it is 0 for
+    """Natural logarithm of the ratio of brightest to darkest at 905 nm among samples of the same
+    visible colour, since pigments differ there; drawn from the colour itself, so it is 0 for
     materials of few colours."""
     lidar_transmission: float = 0.0
-    """Probability that the beam passes on or is lost instead of returning."""
+    """Probability that the beam is transmitted or lost instead of returning."""
     mirror: float = 0.0
     """Fresnel reflectance at normal incidence; 0 = no mirror ray is cast."""
     highlight: float = 0.0

@@ -1,4 +1,4 @@
-"""How the ego, vehicles and people move: smooth, exact and known for all times."""
+"""Motions of the ego, vehicles and people: smooth, exact and defined at all times."""
 
 from dataclasses import astuple, dataclass, replace
 from typing import Final, Protocol, runtime_checkable
@@ -11,29 +11,29 @@ from sightline.simulation.layout_line import Terrain
 from sightline.simulation.relief import surface_height
 from sightline.simulation.scene import Motion, Pose
 
-# Fitted to planes through the road in KITTI's sweeps and to where its labels stand.
+# Fitted to planes through the road in KITTI's sweeps and to the heights of its labels.
 _LEAN: Final = 0.003
 _LEAN_FREEDOM: Final = 2.0
 """Scale [rad] and degrees of freedom of Student's t: mostly small, sometimes a degree."""
 _LARGEST_LEAN: Final = 0.03
 _LARGEST_SWING: Final = 0.002
-"""Of a body on its springs [rad]."""
+"""Maximum swing of a body on its springs [rad]."""
 
 
 @runtime_checkable
 class Track(Protocol):
-    """A motion whose poses at many times are known at once."""
+    """Motion with vectorised poses."""
 
     def at(self, time_s: float) -> Pose:
-        """The pose at a time [s]."""
+        """Compute the pose at a time [s]."""
 
     def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
-        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
+        """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Travel:
-    """Distance travelled at each time.
+    """Distance travelled as a function of time.
 
     Vehicles of one lane share a travel, so that the gaps between them never change.
     """
@@ -41,12 +41,12 @@ class Travel:
     speed_mps: float
     """Mean speed."""
     sway_mps: float = 0.0
-    """Amplitude of the speed's changes; less than the mean, so that nothing rolls back."""
+    """Amplitude of the speed's changes; less than the mean, so that nothing moves backwards."""
     period_s: float = 12.0
     phase: float = 0.0
 
     def distance(self, times_s: Float[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
-        """Distance [m] since time 0."""
+        """Compute the distance [m] since time 0."""
         rate = 2 * np.pi / self.period_s
         waves = np.sin(rate * np.asarray(times_s) + self.phase) - np.sin(self.phase)
         times = np.asarray(times_s, np.float64)
@@ -58,32 +58,32 @@ STANDING = Travel(speed_mps=0.0)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AlongRoad:
-    """Follows a road at a constant distance from its centre line."""
+    """Motion along a road at a constant distance from its centre line."""
 
     terrain: Terrain
     road: Road
     station: float
-    """At time 0."""
+    """Station at time 0."""
     offset: float
     direction: int
     """1 along the line, -1 against it."""
     travel: Travel
     turn: float = 0.0
-    """Heading relative to the direction of travel [rad], as of a car parked askew."""
+    """Heading relative to the direction of travel [rad], for example of a car parked askew."""
     wheels_lw: tuple[float, float] = (0.0, 0.0)
-    """How far apart the wheels are, along and across [m], by which it tilts with the ground."""
+    """Wheelbase and track width [m], which define the tilt with the ground."""
 
     def at(self, time_s: float) -> Pose:
-        """The pose at a time [s]."""
+        """Compute the pose at a time [s]."""
         return _pose(self.poses(np.array([time_s])))
 
     def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
-        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
+        """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
         stations = self.station + self.direction * self.travel.distance(times_s)
         places = self.road.line.place(stations, np.array(self.offset))
         turn = (0.0 if self.direction > 0 else np.pi) + self.turn
         yaws = self.road.line.yaw(stations) + turn
-        # Where the wheels stand on the road: front and rear, left and right.
+        # Contact points of the wheels: front and rear, left and right.
         cos, sin = np.cos(turn), np.sin(turn)
         ahead = self.wheels_lw[0] / 2 * np.array([[1.0, 1.0], [-1.0, -1.0]])
         aside = self.wheels_lw[1] / 2 * np.array([[1.0, -1.0], [1.0, -1.0]])
@@ -98,23 +98,23 @@ class AlongRoad:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AcrossRoad:
-    """Walks straight across a road and on, over the kerbs."""
+    """Walk straight across a road and beyond it, over the kerbs."""
 
     terrain: Terrain
     road: Road
     station: float
     offset: float
-    """At time 0."""
+    """Offset at time 0."""
     direction: int
     """1 to the left of the road, -1 to its right."""
     travel: Travel
 
     def at(self, time_s: float) -> Pose:
-        """The pose at a time [s]."""
+        """Compute the pose at a time [s]."""
         return _pose(self.poses(np.array([time_s])))
 
     def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
-        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
+        """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
         offsets = self.offset + self.direction * self.travel.distance(times_s)
         station = np.array(self.station)
         places = self.road.line.place(station, offsets)
@@ -125,22 +125,22 @@ class AcrossRoad:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Still:
-    """Stays where it is."""
+    """Constant pose."""
 
     pose: Pose
 
     def at(self, time_s: float) -> Pose:  # noqa: ARG002 - a `Motion`
-        """The pose, which is the same at all times."""
+        """Return the pose, which is the same at all times."""
         return self.pose
 
     def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
-        """World x, y, z [m], yaw, pitch and roll [rad] at each time."""
+        """Return world x, y, z [m], yaw, pitch and roll [rad] at each time."""
         return np.tile(np.array(astuple(self.pose), dtype=np.float64), (len(times_s), 1))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rocking:
-    """A vehicle whose body leans on its springs: from its load and brakes, and as it drives."""
+    """Vehicle body on springs, which leans with its load, brakes and motion."""
 
     track: Motion
     lean: tuple[float, float]
@@ -151,7 +151,7 @@ class Rocking:
     phases: tuple[float, float]
 
     def at(self, time_s: float) -> Pose:
-        """The pose at a time [s]."""
+        """Compute the pose at a time [s]."""
         pose = self.track.at(time_s)
         pitch, roll = (
             lean + swing * float(np.sin(2 * np.pi * time_s / period + phase))
@@ -163,7 +163,7 @@ class Rocking:
 
 
 def draw_rocking(rng: np.random.Generator, track: Motion) -> Rocking:
-    """A body on springs, tilting as much as the ground does in KITTI's sensors."""
+    """Draw a body on springs with the tilts of KITTI's sensors."""
     lean = _LEAN * rng.standard_t(_LEAN_FREEDOM, 2)
     pitch, roll = np.clip(lean, -_LARGEST_LEAN, _LARGEST_LEAN).tolist()
     pitch_swing, roll_swing = rng.uniform(0.0, _LARGEST_SWING, 2).tolist()
@@ -179,7 +179,7 @@ def draw_rocking(rng: np.random.Generator, track: Motion) -> Rocking:
 
 
 def on_wheels(track: Track, terrain: Terrain, wheels_lw: tuple[float, float]) -> Track:
-    """A track of what tilts with the ground, its wheels so far apart along and across [m]."""
+    """Tilt a track with the ground, given wheelbase and track width [m]."""
     if isinstance(track, AlongRoad):
         return replace(track, wheels_lw=wheels_lw)
     if not isinstance(track, Still):
@@ -200,7 +200,7 @@ def _rows(
     yaws: Float64[np.ndarray, " count"],
     wheels_lw: tuple[float, float] = (0.0, 0.0),
 ) -> Float64[np.ndarray, "count 6"]:
-    """Poses of something at given heights: one, or those of its wheels by row, left and right."""
+    """Build poses from heights: one, or one per wheel by row, left and right."""
     wrapped = (yaws + np.pi) % (2 * np.pi) - np.pi
     length, width = wheels_lw
     rows, columns = heights.mean(axis=2), heights.mean(axis=1)

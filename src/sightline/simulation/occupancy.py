@@ -1,18 +1,18 @@
-"""Keeps road users from standing in one another and in walls, at all times of a drive."""
+"""Ground occupancy, which prevents collisions of road users and walls during a drive."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 
 class Occupancy:
-    """The ground that is taken at each of a few moments: rotated rectangles seen from above."""
+    """Occupied ground at each of a few moments: rotated rectangles viewed from above."""
 
     def __init__(self, num_moments: int) -> None:
         self._boxes = np.zeros((0, num_moments, 5))
 
     @property
     def num_moments(self) -> int:
-        """Number of moments at which it is known what is taken."""
+        """Number of moments with stored occupancy."""
         return self._boxes.shape[1]
 
     def try_add(
@@ -22,7 +22,7 @@ class Occupancy:
         width: float,
         margin: float = 0.0,
     ) -> bool:
-        """Takes the ground of a rectangle at its poses if `is_free`; says whether it did."""
+        """Occupy a rectangle's ground at its poses if `is_free`; return whether it was free."""
         free = self.is_free(poses, length, width, margin)
         if free:
             self.take(poses, length, width)
@@ -35,13 +35,13 @@ class Occupancy:
         width: float,
         margin: float = 0.0,
     ) -> bool:
-        """Whether no ground of a rectangle is taken at its poses.
+        """Test whether the ground of a rectangle is free at all its poses.
 
         Args:
             poses: x, y, z and yaw at each moment; further columns are ignored.
-            length: Along its heading [m].
-            width: Across [m].
-            margin: Room to keep to all others [m]; it is not kept free for the rectangle later.
+            length: Length along its heading [m].
+            width: Width across its heading [m].
+            margin: Distance to all others [m]; it is not kept free for the rectangle later.
         """
         sizes = np.tile([length, width], (len(poses), 1))
         candidate = np.concatenate((poses[:, [0, 1, 3]], sizes), axis=1)
@@ -57,7 +57,7 @@ class Occupancy:
     def take(
         self, poses: Float[np.ndarray, "num_moments fields"], length: float, width: float
     ) -> None:
-        """Takes the ground of a rectangle at its poses, whatever is there."""
+        """Occupy the ground of a rectangle at its poses, even if it is not free."""
         sizes = np.tile([length, width], (len(poses), 1))
         box = np.concatenate((poses[:, [0, 1, 3]], sizes), axis=1)
         self._boxes = np.concatenate((self._boxes, box[None]))
@@ -66,7 +66,7 @@ class Occupancy:
 def rectangles_overlap(
     first: Float64[np.ndarray, "count 5"], second: Float64[np.ndarray, "count 5"]
 ) -> Bool[np.ndarray, " count"]:
-    """Whether pairs of rectangles (x, y, yaw, length, width) overlap: no axis separates them."""
+    """Test pairs of rectangles (x, y, yaw, length, width) for overlap: no axis separates them."""
     between = second[:, :2] - first[:, :2]
     overlap = np.ones(len(first), dtype=bool)
     for box in (first, second):

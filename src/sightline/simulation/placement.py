@@ -1,6 +1,6 @@
-"""Fills a street with road users who drive, park, cycle and walk about as often as in KITTI.
+"""Placement of road users who drive, park, cycle and walk about as often as in KITTI.
 
-The rates in `CUSTOMS` were fitted so that what the camera then sees matches `KITTI_COUNTS`.
+The rates in `CUSTOMS` are fitted so that the labels in the camera's view match `KITTI_COUNTS`.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ from sightline.simulation.walking import cycle, sit, walk
 
 
 class ClassCount(NamedTuple):
-    """How many labels of a class there are in a frame of KITTI, and where."""
+    """Label statistics of a class in KITTI."""
 
     per_frame: float
     share_of_frames: float
-    """Frames with at least one."""
+    """Share of frames with at least one label."""
     mean_distance_m: float
 
 
@@ -39,18 +39,18 @@ KITTI_COUNTS: Final = {
     "Cyclist": ClassCount(0.217, 0.153, 25.9),
     "Tram": ClassCount(0.068, 0.047, 49.6),
 }
-"""Facts of the 7,481 training label files."""
+"""Statistics of the 7,481 training label files."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Traffic:
-    """All road users of a street and the ego's way."""
+    """All road users of a street and the ego's motion."""
 
     actors: tuple[Actor, ...]
     ego: Motion
     ego_travel: Travel
     taken: Occupancy
-    """The ground of all of them, and of buildings."""
+    """Ground of all road users and buildings."""
 
 
 def place_traffic(
@@ -63,9 +63,9 @@ def place_traffic(
     *,
     hard: bool = False,
 ) -> Traffic:
-    """Fills a street for a drive of `duration_s`; nobody overlaps anybody or a wall.
+    """Fill a street for a drive of `duration_s`; no road user overlaps another or a wall.
 
-    A `hard` street is fuller, and its cars reach into the distance.
+    A `hard` street is fuller, and its cars extend into the distance.
     """
     crowd = Crowd(rng, layout, models, duration_s, hard=hard)
     crowd.block(lots)

@@ -1,4 +1,4 @@
-"""Rays against triangles, by Embree."""
+"""Ray casting against triangles, by Embree."""
 
 from typing import NamedTuple
 
@@ -10,21 +10,21 @@ from sightline.simulation.scene import Mesh
 
 
 class Hits(NamedTuple):
-    """What each ray meets first."""
+    """First hit of each ray."""
 
     faces: Int32[np.ndarray, " num_rays"]
     """Index of the face; -1 = nothing."""
     distances: Float32[np.ndarray, " num_rays"]
-    """Along the ray, in units of its direction; inf = nothing."""
+    """Distance along the ray, in units of its direction; inf = nothing."""
     barycentric: Float32[np.ndarray, "num_rays 2"]
-    """Weights of the face's second and third vertex."""
+    """Weights of the face's second and third vertices."""
 
 
 class Raycaster:
-    """The acceleration structure over a mesh; rays are cast from any number of places at once.
+    """Acceleration structure over a mesh, for rays from any number of origins at once.
 
-    Rays are cast eight at a time. Where eight in a row have about the same origin and direction, as
-    those of neighbouring pixels do, `coherent` is faster; with others it is slower.
+    Rays are cast eight at a time. If eight in a row have about the same origin and direction, as
+    rays of neighbouring pixels do, `coherent` is faster; otherwise it is slower.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -37,7 +37,7 @@ class Raycaster:
         *,
         coherent: bool = False,
     ) -> Hits:
-        """The first hit of each ray."""
+        """Find the first hit of each ray."""
         return Hits(*self._scene.intersect(origins, directions, coherent=coherent))
 
     def occluded(
@@ -48,5 +48,5 @@ class Raycaster:
         *,
         coherent: bool = False,
     ) -> Bool[np.ndarray, " num_rays"]:
-        """Whether anything stands within `max_distance_m` along each ray (unit directions)."""
+        """Test whether anything is within `max_distance_m` along each ray (unit directions)."""
         return self._scene.occluded(origins, directions, max_distance_m, coherent=coherent)

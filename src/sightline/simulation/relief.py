@@ -1,4 +1,4 @@
-"""How high the surfaces of a road lie: hills, crown, kerbs and where these are lowered."""
+"""Surface heights of a road: hills, crown, kerbs and lowered kerbs."""
 
 from typing import Final
 
@@ -9,14 +9,14 @@ from sightline.simulation.layout import Road, Side
 from sightline.simulation.layout_line import Terrain
 
 _CROWN_FADE_M: Final = 10.0
-"""Before a junction, where the surfaces of two roads meet, the crown flattens out."""
+"""Distance before a junction over which the crown flattens out, as two road surfaces meet."""
 _RAMP_HALF_M: Final = 1.7
 _RAMP_SLOPE_M: Final = 0.8
-"""Half the width of a lowered kerb, and the distance over which it comes down at each end."""
+"""Half width of a lowered kerb, and length of the slope at each of its ends."""
 RAMP_DEPTH_M: Final = 1.0
-"""Distance from a lowered kerb within which the pavement rises to its full height."""
+"""Distance from a lowered kerb over which the pavement rises to its full height."""
 _STEP_M: Final = 0.3
-"""Distance over which someone who steps onto a kerb rises to its height."""
+"""Distance over which a person who steps onto a kerb rises to its height."""
 
 
 def surface_height(
@@ -25,7 +25,7 @@ def surface_height(
     stations: Float[np.ndarray, "..."],
     offsets: Float[np.ndarray, "..."],
 ) -> Float64[np.ndarray, "..."]:
-    """Height [m] of the ground on or beside a road, in the world."""
+    """Compute the height [m] of the ground on or beside a road, in the world."""
     heights = terrain.height(road.line.place(stations, offsets))
     return np.asarray(heights + surface_level(road, stations, offsets))
 
@@ -33,7 +33,7 @@ def surface_height(
 def surface_level(
     road: Road, stations: Float[np.ndarray, "..."], offsets: Float[np.ndarray, "..."]
 ) -> Float64[np.ndarray, "..."]:
-    """Height [m] of carriageway or bands above the terrain; kerbs are short ramps."""
+    """Compute the height [m] of carriageway or bands above the terrain; kerbs are short ramps."""
     edges = np.where(np.asarray(offsets) >= 0, road.left.edge, road.right.edge)
     share = np.clip((np.abs(offsets) - edges) / _STEP_M + 0.5, 0.0, 1.0)
     bands = band_level(road, stations, offsets)
@@ -43,7 +43,7 @@ def surface_level(
 def crown_level(
     road: Road, stations: Float[np.ndarray, "..."], offsets: Float[np.ndarray, "..."]
 ) -> Float64[np.ndarray, "..."]:
-    """Height [m] of the carriageway above its edges: a parabola across, nothing in junctions."""
+    """Compute the carriageway's height [m] above its edges: a parabola across, 0 in junctions."""
     edges = np.where(np.asarray(offsets) >= 0, road.left.edge, road.right.edge)
     across = np.clip(1.0 - (offsets / edges) ** 2, 0.0, 1.0)
     gaps = road.left.gaps + road.right.gaps
@@ -56,7 +56,7 @@ def crown_level(
 def band_level(
     road: Road, stations: Float[np.ndarray, "..."], offsets: Float[np.ndarray, "..."]
 ) -> Float64[np.ndarray, "..."]:
-    """Height [m] of the bands above the terrain, lower behind lowered kerbs, 0 in junctions."""
+    """Compute the bands' height [m] above the terrain, less at lowered kerbs, 0 in junctions."""
     is_left = np.asarray(offsets) >= 0
     levels = [_level_of(side, stations, offsets) for side in road.sides]
     return np.where(is_left, *levels)
@@ -78,7 +78,7 @@ def _level_of(
 
 
 def ramp_stations(side: Side) -> Float64[np.ndarray, " num_stations"]:
-    """Stations at which the height of a side's kerb changes slope."""
+    """Compute the stations at which the height of a side's kerb changes slope."""
     bends = (
         np.array([-1.0, 1.0]) * _RAMP_HALF_M + np.array([[0.0, 0.0], [-1.0, 1.0]]) * _RAMP_SLOPE_M
     )

@@ -1,4 +1,4 @@
-"""What a simulated street consists of: meshes, road users and light, at one moment."""
+"""Contents of a simulated street: meshes, road users and light, at one moment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,10 +10,10 @@ from jaxtyping import Float32, Float64, Int32
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mesh:
-    """Triangles with all that the camera and the LiDAR need to know about them.
+    """Triangles with the surface properties for the camera and the LiDAR.
 
-    The frame is its maker's: objects have their origin in the middle of their footprint, x ahead,
-    y left, z up; metres.
+    The frame is that of the mesh's maker: objects have their origin in the middle of their
+    footprint, x ahead, y left, z up; metres.
     """
 
     vertices: Float32[np.ndarray, "num_vertices 3"]
@@ -23,12 +23,12 @@ class Mesh:
     """Position on the surface [m], for its texture."""
     faces: Int32[np.ndarray, "num_faces 3"]
     materials: Int32[np.ndarray, " num_faces"]
-    """A `Material` each."""
+    """`Material` of each face."""
     colors: Float32[np.ndarray, "num_faces 3"]
     """Linear RGB albedo in [0, 1] before texture."""
 
     def placed(self, pose: "Pose") -> "Mesh":
-        """The mesh of an object that stands somewhere."""
+        """Place the mesh of an object at a pose."""
         world_from_object = world_from_footprint(pose, 0.0)
         rotation = world_from_object[:3, :3]
         return replace(
@@ -39,7 +39,7 @@ class Mesh:
 
     @staticmethod
     def joined(parts: Sequence["Mesh"]) -> "Mesh":
-        """Several meshes of one frame as one."""
+        """Join meshes of one frame."""
         starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
         shifted = [part.faces + start for part, start in zip(parts, starts, strict=False)]
         return Mesh(
@@ -54,7 +54,7 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """Where something stands: position of the middle of its footprint [m], heading and tilt."""
+    """Position of the middle of a footprint [m], heading and tilt."""
 
     x: float
     y: float
@@ -69,37 +69,37 @@ class Pose:
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Motion(Protocol):
-    """A path through the street."""
+    """Path through the street."""
 
     def at(self, time_s: float) -> Pose:
-        """The pose at a time [s]; time 0 is the first frame."""
+        """Compute the pose at a time [s]; time 0 is the first frame."""
 
 
 @runtime_checkable
 class Shape(Protocol):
-    """What an actor looks like, which may change as it moves (legs, wheels)."""
+    """Appearance of an actor, which may change with its motion (legs, wheels)."""
 
     def at(self, time_s: float) -> Mesh:
-        """The mesh in the actor's own frame."""
+        """Compute the mesh in the actor's own frame."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Actor:
-    """A road user: what it is, how large, what it looks like and where it goes."""
+    """Road user: class, size, shape and motion."""
 
     class_name: str
-    """KITTI's: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
+    """KITTI class: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
     size_lwh: tuple[float, float, float]
     """Size of the upright box [m] around `shape` without roof loads, aerials and tow bars, to 1
     cm."""
     shape: Shape
     motion: Motion
     labelled_lwh: tuple[float, float, float] | None = None
-    """Size [m] that annotators give it, where that is not `size_lwh`; about the same middle."""
+    """Size [m] in the label, if it differs from `size_lwh`; both have the same middle."""
 
     @property
     def box_lwh(self) -> tuple[float, float, float]:
-        """Length, width, height [m] of its label, for a car before `label_ends`."""
+        """Length, width, height [m] of its label; for a car, before `label_ends`."""
         return self.labelled_lwh or self.size_lwh
 
 
@@ -115,28 +115,28 @@ class Light:
     """Angular radius [rad] of the disc over which shadow rays are spread."""
     sky_zenith: tuple[float, float, float]
     sky_horizon: tuple[float, float, float]
-    """Linear RGB radiance."""
+    """Linear RGB radiance of the sky at the horizon."""
     cloud_cover: float
     """0 clear to 1 overcast."""
     haze_m: float
     """Distance over which contrast falls to 1/e."""
     exposure: float
-    """Factor on `SensorConfig.sensitivity` that suits this light."""
+    """Factor on `SensorConfig.sensitivity` suitable for this light."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Street:
-    """A place with its traffic over time, in a world frame: z up, ego starts near the origin."""
+    """Place with its traffic over time; world frame: z up, the ego starts near the origin."""
 
     ground_and_buildings: Mesh
-    """Everything that never moves."""
+    """All static meshes."""
     actors: tuple[Actor, ...]
     ego: Motion
-    """Of the point on the road below the LiDAR."""
+    """Motion of the point on the road below the LiDAR."""
     light: Light
 
     def snapshot(self, time_s: float = 0.0) -> "Scene":
-        """The street at one moment."""
+        """Take the street at one moment."""
         poses = tuple(actor.motion.at(time_s) for actor in self.actors)
         parts = [self.ground_and_buildings]
         for actor, pose in zip(self.actors, poses, strict=True):
@@ -154,21 +154,21 @@ class Street:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scene:
-    """A street at one moment, ready for the sensors; world frame."""
+    """Street at one moment, ready for the sensors; world frame."""
 
     mesh: Mesh
     owners: Int32[np.ndarray, " num_faces"]
     """Index into `actors` of each face; -1 for the street itself."""
     actors: tuple[Actor, ...]
     poses: tuple[Pose, ...]
-    """Of `actors`."""
+    """Poses of `actors`."""
     ego: Pose
-    """The point on the road below the LiDAR."""
+    """Pose of the point on the road below the LiDAR."""
     light: Light
 
 
 def world_from_footprint(pose: Pose, height_m: float) -> Float64[np.ndarray, "4 4"]:
-    """The frame that stands `height_m` above a pose, along its own z: x ahead, y left, z up."""
+    """Compute the frame `height_m` above a pose, along its own z: x ahead, y left, z up."""
     (cos_yaw, cos_pitch, cos_roll), (sin_yaw, sin_pitch, sin_roll) = (
         turn(np.array((pose.yaw, pose.pitch, pose.roll))) for turn in (np.cos, np.sin)
     )

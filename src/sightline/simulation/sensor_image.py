@@ -1,4 +1,4 @@
-"""From radiance to the bytes of a camera: lens, colour mosaic, noise, tone curve.
+"""Sensor model, from radiance to a camera's bytes: lens, colour mosaic, noise, tone curve.
 
 The order is that of a real camera: the lens darkens the corners and blurs, each photosite counts
 light of one colour, the missing colours are interpolated, and a curve maps the result to 8 bits.
@@ -17,43 +17,44 @@ from sightline.ops.compiled import compiled
 Image = TypeVar("Image", Float32[np.ndarray, "h w 3"], UInt16[np.ndarray, "h w 3"])
 
 _AMPLIFICATION: Final = (2.6, 1.0, 3.6)
-"""Of red, green and blue behind the photosites: amplification brings noise."""
+"""Amplification of red, green and blue behind the photosites; it increases noise."""
 _SHOULDER: Final = 0.15
 _FULL: Final = 65535
 """Value of a full photosite in the demosaicing."""
 _REC709: Final = (0.2126, 0.7152, 0.0722)
 _METERED_FROM: Final = 0.45
-"""Share of the picture, from its top, that metering leaves out: mostly sky."""
+"""Share of the image, from its top, excluded from metering: mostly sky."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorConfig:
-    """The response of sensor and lens."""
+    """Response of sensor and lens."""
 
     sensitivity: float = 3.0
-    """Share of a photosite that one unit of radiance fills at an exposure of 1."""
+    """Share of a photosite filled by one unit of radiance at an exposure of 1."""
     metering: float = 0.7
-    """How far the exposure follows the scene's brightness; 0: only the light's, 1: fully."""
+    """Weight of the scene's brightness in the exposure; 0: only the light's exposure, 1: full
+    metering."""
     metering_limit: float = 2.5
-    """Largest factor by which metering raises or lowers the light's exposure."""
+    """Maximum factor by which metering raises or lowers the light's exposure."""
     target_level: float = 0.32
-    """Mean exposed radiance that metering aims at below the horizon; 1 fills a photosite."""
+    """Target of metering: mean exposed radiance below the horizon; 1 fills a photosite."""
     vignette: float = 0.16
-    """Share of the light that is lost in the corners."""
+    """Share of the light lost in the corners."""
     lens_blur_px: float = 0.4
     """Standard deviation of the blur in front of the colour mosaic."""
     resampling_blur_px: float = 0.4
-    """Standard deviation of the blur behind it, where a camera's picture is rectified."""
+    """Standard deviation of the blur behind it, from rectification of the image."""
     photon_noise: float = 0.025
-    """Standard deviation of a full photosite's noise, as a share; noise grows with the root of the
-    light."""
+    """Standard deviation of a full photosite's noise, as a share; noise grows with the square root
+    of the light."""
     read_noise: float = 0.0016
     """Standard deviation of the noise in the dark, as a share of a full photosite."""
     gamma: float = 1.08
     """Exponent of the tone curve; KITTI's cameras are close to linear."""
 
     def __post_init__(self) -> None:
-        """Refuses what would give no picture."""
+        """Check the ranges."""
         if self.gamma <= 0:
             raise ValueError(f"gamma must be positive, got {self.gamma}")
         if self.metering_limit < 1:
@@ -81,7 +82,7 @@ def sensor_image(
     rng: np.random.Generator,
     config: SensorConfig,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The picture that a sensor takes of linear RGB radiance; only the noise depends on `rng`."""
+    """Compute a sensor's image of linear RGB radiance; only the noise depends on `rng`."""
     height, width, _ = radiance.shape
     exposed = radiance * np.float32(_gain(radiance, exposure, config))
     exposed *= _vignette(height, width, config.vignette)[..., None]
@@ -89,7 +90,7 @@ def sensor_image(
     noise = rng.standard_normal((height, width), dtype=np.float32)
     mosaic = np.empty((height, width), np.uint16)
     _count_photons(exposed, noise, config.photon_noise, config.read_noise, mosaic)
-    # OpenCV names the pattern by its second row and column: this is red first.
+    # OpenCV names the pattern by its second row and column: this one has red first.
     counted = cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB_EA)
     picture: UInt8[np.ndarray, "height width 3"] = _tone_curve(config.gamma)[
         _blurred(counted, config.resampling_blur_px)
@@ -100,7 +101,7 @@ def sensor_image(
 def _blurred(image: Image, sigma_px: float) -> Image:
     if sigma_px <= 0:
         return image
-    # A wider kernel than 3 x 3 would only hold zeros for the blur of a sharp lens.
+    # For the blur of a sharp lens, a kernel wider than 3 x 3 would only add zeros.
     size = 2 * math.ceil(1.7 * sigma_px) + 1
     return cast(
         "Image", cv2.GaussianBlur(image, (size, size), sigma_px, borderType=cv2.BORDER_REFLECT)
@@ -108,10 +109,10 @@ def _blurred(image: Image, sigma_px: float) -> Image:
 
 
 def _gain(radiance: Float32[np.ndarray, "h w 3"], exposure: float, config: SensorConfig) -> float:
-    """Shares of a photosite per unit of radiance, by the light's exposure and own metering."""
+    """Compute photosite shares per unit of radiance, from the light's exposure and metering."""
     exposure *= config.sensitivity
     street = radiance[int(_METERED_FROM * len(radiance)) :: 4, ::4]
-    # A full photosite counts as full, so that what is white anyway does not darken the rest.
+    # Radiance is clipped at a full photosite, so that saturated areas do not darken the rest.
     seen = np.minimum(street @ np.array(_REC709, np.float32) * exposure, 1.0)
     level = float(np.exp(np.log(np.maximum(seen, 1e-3)).mean()))
     factor = (config.target_level / level) ** config.metering
@@ -120,7 +121,7 @@ def _gain(radiance: Float32[np.ndarray, "h w 3"], exposure: float, config: Senso
 
 def _vignette(height: int, width: int, loss: float) -> Float32[np.ndarray, "height width"]:
     y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    # As wide pictures are cut from a round image circle, the sides lose more than top and bottom.
+    # Wide images are cropped from a round image circle, so the sides lose more than top and bottom.
     squared = 0.85 * x**2 + 0.15 * y**2
     return (1 - loss * squared).astype(np.float32)
 
@@ -133,7 +134,7 @@ def _count_photons(
     read_noise: float,
     mosaic: UInt16[np.ndarray, "height width"],
 ) -> None:
-    """Light of one colour a photosite, red first, with noise that grows with the light."""
+    """Record one colour per photosite, red first, with noise that grows with the light."""
     for row in range(mosaic.shape[0]):
         for column in range(mosaic.shape[1]):
             color = (row & 1) + (column & 1)
@@ -145,6 +146,6 @@ def _count_photons(
 
 
 def _tone_curve(gamma: float) -> UInt8[np.ndarray, " levels"]:
-    """Value of every level: a power, with a shoulder that lets the brightest come in gently."""
+    """Compute the value of every level: a power, with a shoulder that compresses highlights."""
     encoded = (np.arange(_FULL + 1) / _FULL) ** (1 / gamma)
     return (255 * (encoded + _SHOULDER * encoded * (1 - encoded)) + 0.5).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Sets things out along the roads of a street, each where its ground is still free."""
+"""Placement of objects along the roads of a street, only on free ground."""
 
 from typing import Final
 
@@ -15,18 +15,18 @@ from sightline.simulation.relief import surface_height
 from sightline.simulation.scene import Mesh
 
 _FAR: Final = 115.0
-"""Station beyond which nothing is set out [m]."""
+"""Station beyond which nothing is placed [m]."""
 _ROOM_M: Final = 0.25
-"""Free space around things along a street."""
+"""Free space around objects along a street."""
 _TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))
-"""Range of the factors of painted things' colours."""
+"""Range of the colour factors of painted objects."""
 
 Rows = Float64[np.ndarray, "count 4"]
-"""x, y, z, yaw of things."""
+"""x, y, z, yaw of objects."""
 
 
 class Things:
-    """Collects the places of things in a street and makes their meshes at the end."""
+    """Collector of object places in a street that makes their meshes at the end."""
 
     def __init__(self, rng: np.random.Generator, layout: Layout, taken: Occupancy) -> None:
         self._rng = rng
@@ -37,7 +37,7 @@ class Things:
         self._plants: list[Mesh] = []
 
     def meshes(self) -> list[Mesh]:
-        """Everything set out so far."""
+        """Make the meshes of everything placed so far."""
         copies = []
         for item, rows in self._places.items():
             table, scales = np.concatenate(rows), np.concatenate(self._scales[item])
@@ -65,11 +65,11 @@ class Things:
         *,
         scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ) -> Float64[np.ndarray, " num_set"]:
-        """Sets things at stations of a road, turned against its heading by `turn`.
+        """Place objects at stations of a road, turned against its heading by `turn`.
 
-        Those that would overlap something placed earlier, a road user or a house are left out.
-        They stand `level` above the terrain, or, where it is None, on the surface with its crown
-        and kerbs. Returns the stations of the others.
+        Objects that would overlap an earlier object, a road user or a house are left out. Objects
+        stand `level` above the terrain; if it is None, they stand on the surface with its crown and
+        kerbs. Returns the stations of the placed objects.
         """
         if level is None:
             places = self.on_surface(road, stations, offset)
@@ -85,7 +85,7 @@ class Things:
     def on_surface(
         self, road: Road, stations: Float[np.ndarray, " count"], offset: float
     ) -> Float64[np.ndarray, "count 3"]:
-        """World points on the surface of a road or beside it, crown and kerbs included."""
+        """Compute world points on the surface of a road or beside it, including crown and kerbs."""
         offsets = np.full(len(stations), offset)
         heights = surface_height(self._layout.terrain, road, stations, offsets)
         return np.concatenate((road.line.place(stations, offsets), heights[:, None]), axis=1)
@@ -93,16 +93,16 @@ class Things:
     def add(
         self, item: Item, rows: Rows, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
     ) -> None:
-        """Things at x, y, z, yaw, whatever stands there."""
+        """Add objects at x, y, z, yaw, without a check for free ground."""
         self._places.setdefault(item, []).append(rows)
         self._scales.setdefault(item, []).append(np.tile(scale, (len(rows), 1)))
 
     def plant(self, species: Species, plants: Plants) -> None:
-        """Plants at their places, whatever stands there."""
+        """Add plants at their places, without a check for free ground."""
         self._plants += set_out(self._rng, species, plants)
 
     def settle(self, rows: Rows, length: float, width: float) -> Bool[np.ndarray, " count"]:
-        """Takes the ground of things at x, y, z, yaw where it is free; returns which fitted."""
+        """Occupy free ground of objects at x, y, z, yaw; return a mask of the placed ones."""
         still = [np.tile(row, (self._taken.num_moments, 1)) for row in rows]
         free = [self._taken.is_free(poses, length, width, _ROOM_M) for poses in still]
         for poses, is_free in zip(still, free, strict=True):
@@ -113,7 +113,7 @@ class Things:
     def free_stations(
         self, road: Road, side: Side, stations: Float[np.ndarray, " count"], margin: float
     ) -> Float64[np.ndarray, " num_free"]:
-        """The stations on the road, `margin` [m] away from the junction and not too far ahead."""
+        """Select stations on the road, `margin` [m] from the junction and not too far ahead."""
         free = np.ones(len(stations), dtype=bool)
         for start, stop in side.gaps:
             free &= (stations < start - margin) | (stations > stop + margin)

@@ -1,33 +1,33 @@
-"""The settings of a simulation; imports nothing heavy, for the command line's sake."""
+"""Settings of a simulation; heavy imports are avoided for a fast command line."""
 
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
-"""`lidar.LIDARS` says what they are."""
+"""Names in `lidar.LIDARS`."""
 KITTI_IMAGE_SIZE: Final = (375, 1242)
-"""Height and width."""
+"""Height and width [px]."""
 KITTI_FOCAL_PX: Final = 721.5377
-_MIN_SIDE_PX, _MAX_SIDE_PX = 32, 8192  # together what `data.image_header` takes for a picture
+_MIN_SIDE_PX, _MAX_SIDE_PX = 32, 8192  # together the limits of `data.image_header` for an image
 _MAX_SEQUENCE_LENGTH = 10_000  # a quarter of an hour, as long as any of KITTI's drives
 _MIN_FOCAL_PX, _MAX_FOCAL_PX = 1.0, 1e5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulationConfig:
-    """What is simulated, except the number of frames; its fields are options of `simulate`."""
+    """Settings of a simulation except the number of frames; the fields are `simulate`'s options."""
 
     seed: int = 0
     """Another seed gives other streets."""
     sequence_length: int = 1
-    """Frames of a drive at 10 Hz, in KITTI's raw layout; 1 = every frame is another street, in the
+    """Frames of a drive at 10 Hz, in KITTI's raw layout; 1 = each frame is another street, in the
     object layout."""
     image_size: tuple[int, int] = KITTI_IMAGE_SIZE
-    """Height, width [px]. Relative to KITTI's size, the picture is cropped or extended at its top
-    and both sides."""
+    """Height, width [px]. Relative to KITTI's size, the image is cropped or extended at its top and
+    both sides."""
     focal_px: float = KITTI_FOCAL_PX
-    """Focal length. Scales the picture before it is cropped: half of KITTI's shows as much in half
-    the pixels."""
+    """Focal length. It scales the image before cropping: half of KITTI's shows the same view in
+    half the pixels."""
     samples_per_pixel: Literal[1, 4] = 1
     """Rays for each pixel: 1, or 4 for finer pictures."""
     lidar: LidarModel = "hdl-64e"
@@ -35,15 +35,15 @@ class SimulationConfig:
     rolling_shutter: bool = False
     """Whether the LiDAR moves with the car during its turn."""
     camera: bool = True
-    """Whether pictures are taken; without them all else is the same, in half the time."""
+    """Whether images are rendered; without them all other output is unchanged, in half the time."""
     hard: bool = False
     """Whether streets are hard: objects far away, hidden and on slopes, with few points."""
     hard_negatives: bool = False
-    """Whether much stands beside streets that is easily taken for a person or a car: beacons of
+    """Whether many objects beside streets are easily mistaken for a person or a car: beacons of
     road works, masts, low signs, bare trunks, bushes, heaps."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if self.seed < 0:
             raise ValueError(f"seed must not be negative, got {self.seed}")
         if not 1 <= self.sequence_length <= _MAX_SEQUENCE_LENGTH:

@@ -1,6 +1,6 @@
-"""Light on surfaces: sun with soft shadow, highlights, lamps and haze, by compiled kernels.
+"""Shading of surfaces: sun with soft shadow, highlights, lamps and haze, by compiled kernels.
 
-Radiance is linear RGB. A matt surface of albedo a under irradiance e shows a * e / pi.
+Radiance is linear RGB. A matt surface of albedo a under irradiance e has radiance a * e / pi.
 """
 
 import math
@@ -29,7 +29,7 @@ from sightline.simulation.texture_noise import hashed
 from sightline.simulation.vectors import Vector, dot, minus, normalized, row_of, scaled, store_row
 
 SUN_QUARTERS: Final = 4
-"""Of four neighbouring pixels each samples a quarter of the sun's disc."""
+"""Quarters of the sun's disc; each of four neighbouring pixels samples one."""
 SUN_STRATA: Final = 16
 """Parts of the sun's disc, alternating between its quarters."""
 
@@ -39,18 +39,17 @@ _HEADLIGHT: Final = int(Material.HEADLIGHT)
 _TAIL_LIGHT: Final = int(Material.TAIL_LIGHT)
 
 _LEAF_TRANSMISSION: Final = 0.45
-"""Sunlight that shines through a leaf, as a share of what it would reflect if lit from the
-front."""
+"""Sunlight transmitted by a leaf, as a share of its reflection if lit from the front."""
 _HIGHLIGHT_GAIN: Final = 0.7
 _HIGHLIGHT_SHARPNESS: Final = 6.0
-"""Factor on `highlight_power`: the sun is small, and the sky around it is mirrored by rays."""
+"""Factor on `highlight_power`: the sun is small, and mirror rays cover the sky around it."""
 _BOUNCE: Final = 0.18
-"""Albedo of the surroundings, where it is not looked up."""
+"""Albedo of the surroundings if it is not looked up."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LitWorld:
-    """A scene as the shading takes it."""
+    """Scene prepared for shading."""
 
     raycaster: Raycaster
     mesh: MeshTables
@@ -64,12 +63,12 @@ class RayBatch(NamedTuple):
     """Rays that start on some of the surfaces."""
 
     sources: Int32[np.ndarray, " num_rays"]
-    """Row of the surface that each ray starts on."""
+    """Row of the surface at each ray's start."""
     rays: Rays
 
 
 def lit_world(scene: Scene, raycaster: Raycaster) -> LitWorld:
-    """Prepares a scene for shading; `raycaster` is over its mesh."""
+    """Prepare a scene for shading; `raycaster` is over its mesh."""
     return LitWorld(
         raycaster=raycaster,
         mesh=mesh_tables(scene.mesh),
@@ -85,9 +84,9 @@ def sun_visibility(
     rows: Int32[np.ndarray, " num_rays"],
     strata: Int32[np.ndarray, " num_rays"],
 ) -> Float32[np.ndarray, " num_rays"]:
-    """Whether each surface in `rows` sees the sun: 1 or 0; one that faces away from it has 0.
+    """Compute whether the sun is visible from each surface in `rows`: 1 or 0; 0 if it faces away.
 
-    Each samples one part of the sun's disc, `strata`, from 0 to SUN_STRATA - 1.
+    Each surface samples one part of the sun's disc, `strata`, from 0 to SUN_STRATA - 1.
     """
     visible = np.zeros(len(rows), np.float32)
     if max(world.light.sun_color) > 0.0:
@@ -130,7 +129,7 @@ def _sun_rays(
 
 @compiled
 def _place_on_disc(stratum: int) -> tuple[float, float]:
-    """A point on the unit disc for each stratum, which is a ring within a quarter of it."""
+    """Compute a point on the unit disc for a stratum, which is a ring within a quarter of it."""
     quarter, turn = stratum % SUN_QUARTERS, stratum // SUN_QUARTERS
     angle = 0.5 * math.pi * (quarter + (turn + 0.5) / SUN_QUARTERS)
     radius = math.sqrt(((quarter + turn) % SUN_QUARTERS + 0.5) / SUN_QUARTERS)
@@ -139,7 +138,7 @@ def _place_on_disc(stratum: int) -> tuple[float, float]:
 
 @compiled
 def lifted(found: SurfaceHits, row: int) -> Vector:
-    """Origin of a ray that leaves a surface, lifted so that it does not hit that surface."""
+    """Compute a ray's origin on a surface, lifted so that the ray does not hit the surface."""
     lift = 0.002 + 1e-4 * found.distances[row]
     position, flat = row_of(found.positions, row), row_of(found.flat_normals, row)
     return (
@@ -151,7 +150,7 @@ def lifted(found: SurfaceHits, row: int) -> Vector:
 
 @compiled
 def perpendicular(axis: Vector) -> tuple[Vector, Vector]:
-    """Two unit vectors at right angles to a unit vector and to each other.
+    """Compute two unit vectors perpendicular to a unit vector and to each other.
 
     Duff et al. 2017, Building an Orthonormal Basis, Revisited, Listing 3.
     """
@@ -171,9 +170,9 @@ def shaded(
     sun_visible: Float32[np.ndarray, " num_rays"],
     ambient: Float32[np.ndarray, "num_rays 3"],
 ) -> Float32[np.ndarray, "num_rays 3"]:
-    """Radiance that comes back along each ray, without mirror images and haze.
+    """Compute the radiance returned along each ray, without mirror images and haze.
 
-    `ambient` is the mean radiance that arrives from all around, weighted by the cosine.
+    `ambient` is the cosine-weighted mean of the incoming radiance.
     """
     radiance = np.empty((len(faces), 3), np.float32)
     _shade(world.mesh, world.materials, world.light, found, faces, sun_visible, ambient, radiance)
@@ -217,7 +216,7 @@ def _shade(
 
 @compiled
 def _sun_share(material: int, facing: float) -> float:
-    """Share of the sun's irradiance that a surface reflects, by the cosine towards the sun."""
+    """Compute the share of the sun's irradiance that a surface reflects, from the sun's cosine."""
     if material == _LEAF and facing < 0.0:
         return -_LEAF_TRANSMISSION * facing
     return max(facing, 0.0)
@@ -227,7 +226,7 @@ def _sun_share(material: int, facing: float) -> float:
 def _highlight(
     materials: MaterialTables, material: int, light: Daylight, normal: Vector, view: Vector
 ) -> float:
-    """The sun's highlight per unit of its irradiance: Blinn-Phong."""
+    """Compute the sun's highlight per unit of its irradiance: Blinn-Phong."""
     middle = normalized(minus(light.sun_direction, view), normal)
     power = _HIGHLIGHT_SHARPNESS * materials.highlight_power[material]
     peak = _HIGHLIGHT_GAIN * materials.highlight[material]
@@ -236,7 +235,7 @@ def _highlight(
 
 @compiled
 def _lamp(mesh: MeshTables, light: Daylight, material: int, face: int, albedo: Vector) -> Vector:
-    """Radiance of what glows in the dark: lamps, and the windows of lit rooms."""
+    """Compute the radiance of glowing surfaces at dusk: lamps, and windows of lit rooms."""
     if material == _HEADLIGHT:
         return scaled(albedo, 4.0 * light.lamps)
     if material == _TAIL_LIGHT:
@@ -259,7 +258,7 @@ def _lamp(mesh: MeshTables, light: Daylight, material: int, face: int, albedo: V
 def add_haze(
     light: Daylight, found: SurfaceHits, radiance: Float32[np.ndarray, "num_rays 3"]
 ) -> None:
-    """Blends distant surfaces into the colour of the horizon, in place."""
+    """Blend distant surfaces into the colour of the horizon, in place."""
     air = smooth_sky(light, 0.03)
     for row in range(radiance.shape[0]):
         if found.materials[row] != NOTHING:
@@ -272,7 +271,7 @@ def add_haze(
 
 @compiled
 def guessed_ambient(light: Daylight, normal: Vector) -> Vector:
-    """Mean radiance around a surface in the open, of sky and of ground under sun and sky."""
+    """Estimate the mean radiance around an unoccluded surface, from sky and sunlit ground."""
     sky, horizon = smooth_sky(light, 0.6), smooth_sky(light, 0.1)
     upward = 0.5 + 0.5 * normal[2]
     sun = max(light.sun_direction[2], 0.0) / math.pi
@@ -300,7 +299,7 @@ def _guess(
 def shaded_directly(
     world: LitWorld, rays: Rays, pixel_angle: float, ambient_share: float
 ) -> tuple[Float32[np.ndarray, "num_rays 3"], SurfaceHits]:
-    """Radiance along any rays and what they meet: sun and guessed ambient light, no mirrors."""
+    """Compute radiance and surfaces along rays: sun and estimated ambient light, no mirrors."""
     hits = world.raycaster.cast(rays.origins, rays.directions)
     found = surfaces_met(world.mesh, rays, hits, pixel_angle)
     count = len(hits.faces)

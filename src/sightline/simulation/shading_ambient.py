@@ -1,8 +1,8 @@
-"""Light from sky and surroundings: gathered at some of the pixels, smoothed, and spread to all.
+"""Ambient light: gathered at some of the pixels, smoothed, and interpolated to all.
 
-Each point of a coarse grid sends a few rays around. The rays of 4 x 4 neighbouring points differ so
-that together they cover the hemisphere evenly; a filter that spans just as many points, and leaves
-out those on other surfaces, then leaves no speckle.
+Each point of a coarse grid casts a few rays. The rays of 4 x 4 neighbouring points differ so that
+together they cover the hemisphere evenly. A filter over just as many points, without points on
+other surfaces, then leaves no speckle.
 """
 
 import math
@@ -35,20 +35,20 @@ from sightline.simulation.vectors import (
 )
 
 _TILE: Final = 4
-"""Points on a side of the pattern of directions."""
+"""Side length of the pattern of directions, in points."""
 _LEAF: Final = int(Material.LEAF)
 _LEAF_LIFT_M: Final = 0.06
 _LEAF_REACH_M: Final = 1.2
 """Distance within which two points in a crown have the same light."""
 _OPEN_AT_M: Final = 5.0
-"""A surface at this distance from the point that sees it is taken as open to the sky."""
+"""Distance at which a hit surface counts as open to the sky."""
 
 
 class AmbientGrid(NamedTuple):
     """Ambient light at the points of every `stride`-th pixel."""
 
     radiance: Float32[np.ndarray, "rows columns 3"]
-    """Mean over the hemisphere, weighted by the cosine."""
+    """Cosine-weighted mean over the hemisphere."""
     positions: Float32[np.ndarray, "rows columns 3"]
     normals: Float32[np.ndarray, "rows columns 3"]
     distances: Float32[np.ndarray, "rows columns"]
@@ -64,7 +64,7 @@ def gathered_ambient(
     stride: int,
     rays_per_point: int,
 ) -> AmbientGrid:
-    """Gathers and smooths the light around the surfaces that an image's pixels see.
+    """Gather and smooth the light around the surfaces of an image's pixels.
 
     The first height * width rows of `found` are the pixels.
     """
@@ -92,7 +92,7 @@ def gathered_ambient(
 
 @compiled
 def _rays_around(points: SurfaceHits, columns: int, rays_per_point: int) -> RayBatch:
-    """Rays over the hemisphere of each point, as dense as the cosine."""
+    """Sample cosine-weighted rays over the hemisphere of each point."""
     count = points.materials.shape[0] * rays_per_point
     sources = np.empty(count, np.int32)
     origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
@@ -117,7 +117,7 @@ def _rays_around(points: SurfaceHits, columns: int, rays_per_point: int) -> RayB
 
 @compiled
 def _spread(place: int, ray: int, rays: int, side: Vector, rise: Vector) -> Vector:
-    """Direction of one ray: each has its own cell of azimuth and its own ring of the disc."""
+    """Compute the direction of one ray: each has its own cell of azimuth and ring of the disc."""
     cells = _TILE * _TILE
     reversed_place = (
         ((place & 1) << 3) | ((place & 2) << 1) | ((place & 4) >> 1) | ((place & 8) >> 3)
@@ -133,7 +133,7 @@ def _spread(place: int, ray: int, rays: int, side: Vector, rise: Vector) -> Vect
 
 @compiled
 def _tilted_away(points: SurfaceHits, row: int, direction: Vector) -> Vector:
-    """The direction, mirrored where the smooth normal would let it point into the surface."""
+    """Mirror a direction that points into the surface, as the smooth normal may allow."""
     if points.materials[row] == _LEAF:
         return direction
     flat = row_of(points.flat_normals, row)
@@ -144,7 +144,7 @@ def _tilted_away(points: SurfaceHits, row: int, direction: Vector) -> Vector:
 
 
 def _arriving(world: LitWorld, rays: Rays) -> Float32[np.ndarray, "num_rays 3"]:
-    """Radiance that comes along rays: the sky's, or that of a surface in sun and guessed sky."""
+    """Compute the radiance along rays: the sky's, or that of a surface in sun and sky light."""
     hits = world.raycaster.cast(rays.origins, rays.directions)
     sun_visible = np.zeros(len(hits.faces), bool)
     if max(world.light.sun_color) > 0.0:
@@ -158,7 +158,7 @@ def _arriving(world: LitWorld, rays: Rays) -> Float32[np.ndarray, "num_rays 3"]:
 
 @compiled
 def _bounce_sun_rays(mesh: MeshTables, light: Daylight, rays: Rays, hits: Hits) -> RayBatch:
-    """Rays to the sun from the surfaces that rays met, where these face it."""
+    """Build rays to the sun from the surfaces hit, if they face it."""
     count = hits.faces.shape[0]
     sources = np.empty(count, np.int32)
     origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
@@ -180,7 +180,7 @@ def _bounce_sun_rays(mesh: MeshTables, light: Daylight, rays: Rays, hits: Hits) 
 
 @compiled
 def _normal_towards(mesh: MeshTables, face: int, way: Vector) -> Vector:
-    """Normal of a face, on the side that a ray comes from."""
+    """Compute the normal of a face, on the side of the incoming ray."""
     flat = face_normal(mesh, face)
     return scaled(flat, -1.0) if dot(flat, way) > 0.0 else flat
 
@@ -201,7 +201,7 @@ def _bounce(
             store_row(radiance, row, smooth_sky(light, way[2]))
             continue
         flat = _normal_towards(mesh, face, way)
-        # A surface nearby and the point that sees it hide the sky from each other.
+        # A surface nearby and the point that views it hide the sky from each other.
         openness = 0.2 + 0.65 * min(1.0, hits.distances[row] / _OPEN_AT_M)
         arriving = scaled(guessed_ambient(light, flat), openness)
         if sun_visible[row]:
@@ -225,7 +225,7 @@ def _average(
 
 @compiled
 def _smooth(grid: AmbientGrid, smooth: Float32[np.ndarray, "rows columns 3"]) -> None:
-    """Filters over 5 x 5 points of the same surface, which weighs every ray of a tile equally."""
+    """Filter over 5 x 5 points of the same surface, which weighs every ray of a tile equally."""
     rows, columns = grid.materials.shape
     for row in range(rows):
         for column in range(columns):
@@ -261,7 +261,7 @@ def _alike(
     distance: float,
     material: int,
 ) -> float:
-    """How well the light at a grid point suits a place: 0..1."""
+    """Compute the weight of a grid point's light at a place: 0..1."""
     other = grid.materials[row, column]
     if other == NOTHING or (other == _LEAF) != (material == _LEAF):
         return 0.0
@@ -283,7 +283,7 @@ def ambient_of(
     columns: Float32[np.ndarray, " num_rays"],
     rows: Float32[np.ndarray, " num_rays"],
 ) -> Float32[np.ndarray, "num_rays 3"]:
-    """Light around every surface, from the points of the grid next to its pixel (column, row)."""
+    """Interpolate the light at every surface from the grid points near its pixel (column, row)."""
     ambient = np.zeros((len(columns), 3), np.float32)
     _spread_to_pixels(world.light, grid, found, columns, rows, ambient)
     return ambient
@@ -302,7 +302,7 @@ def _spread_to_pixels(
         if found.materials[ray] == NOTHING:
             continue
         x, y = columns[ray] / grid.stride, rows[ray] / grid.stride
-        # First the four points around; where all are on other surfaces, twelve more.
+        # First the four surrounding points; if all are on other surfaces, twelve more.
         total, sums = _nearby(grid, found, ray, x, y, 1)
         if total < 0.02:
             total, sums = _nearby(grid, found, ray, x, y, 2)
@@ -316,7 +316,7 @@ def _spread_to_pixels(
 def _nearby(
     grid: AmbientGrid, found: SurfaceHits, ray: int, x: float, y: float, reach: int
 ) -> tuple[float, Vector]:
-    """Weight and weighted sum of the points less than `reach` columns and rows away."""
+    """Compute weight and weighted sum of the points less than `reach` columns and rows away."""
     position, normal = row_of(found.positions, ray), row_of(found.normals, ray)
     left, top = int(np.floor(x)), int(np.floor(y))
     total, sums = 0.0, (0.0, 0.0, 0.0)

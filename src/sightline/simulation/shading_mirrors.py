@@ -1,4 +1,4 @@
-"""What smooth surfaces show: one mirror image, and the view through car glass."""
+"""Reflections of smooth surfaces: one mirror image, and the view through car glass."""
 
 from typing import Final
 
@@ -13,12 +13,12 @@ from sightline.simulation.vectors import Vector, dot, minus, plus, row_of, scale
 
 _GLASS: Final = int(Material.GLASS)
 _FAINTEST_IMAGE: Final = 0.02
-"""A mirror that reflects less is not worth a ray."""
+"""Minimum reflectance that is worth a mirror ray."""
 _GLASS_TINT: Final = 0.72
-"""Share of the light that a pane lets through."""
+"""Share of the light transmitted by a pane."""
 _INSIDE_AMBIENT: Final = 0.22
 _OUTSIDE_AMBIENT: Final = 0.75
-"""Shares of the light in the open that arrive inside a car and in a street."""
+"""Light inside a car and in a street, as shares of the light in the open."""
 
 
 def add_mirror_images(
@@ -28,7 +28,7 @@ def add_mirror_images(
     pixel_angle: float,
     radiance: Float32[np.ndarray, "num_rays 3"],
 ) -> None:
-    """Adds what smooth surfaces mirror and what lies behind glass to `radiance`, in place.
+    """Add mirror images, and the view behind glass, to `radiance`, in place.
 
     The first height * width rows of `found` are the pixels of an image.
     """
@@ -36,7 +36,7 @@ def add_mirror_images(
     shares = np.zeros(len(radiance), np.float32)
     _mirror_shares(world.materials, found, shares)
     batch = _mirrored_rays(found, shares)
-    # A curved mirror spreads the rays of a pixel: textures in it are looked up more coarsely.
+    # A curved mirror spreads the rays of a pixel, so textures in its image are sampled coarsely.
     seen, _ = shaded_directly(world, batch.rays, 4.0 * pixel_angle, _OUTSIDE_AMBIENT)
     images = np.zeros_like(radiance)
     images[batch.sources] = seen
@@ -47,7 +47,7 @@ def add_mirror_images(
 def _mirror_shares(
     materials: MaterialTables, found: SurfaceHits, shares: Float32[np.ndarray, " num_rays"]
 ) -> None:
-    """Fresnel reflectance of each surface (Schlick 1994, Eq. 15); 0 where too faint."""
+    """Compute the Fresnel reflectance of each surface (Schlick 1994, Eq. 15); 0 if too faint."""
     for row in range(shares.shape[0]):
         material = found.materials[row]
         if material == NOTHING or materials.mirror[material] <= 0.0:
@@ -93,7 +93,7 @@ def _blend(
     width: int,
     radiance: Float32[np.ndarray, "num_rays 3"],
 ) -> None:
-    """Adds mirror images, smoothed over 3 x 3 pixels that mirror in about the same direction."""
+    """Add mirror images, smoothed over 3 x 3 pixels with about the same mirror direction."""
     for row in range(shares.shape[0]):
         if shares[row] <= 0.0:
             continue
@@ -120,7 +120,7 @@ def _add_behind_glass(
     pixel_angle: float,
     radiance: Float32[np.ndarray, "num_rays 3"],
 ) -> None:
-    """Looks through one pane into a car and, where that meets another pane, out of it again."""
+    """Add the view through one pane into a car and through a second pane out of it."""
     panes = np.flatnonzero(found.materials == _GLASS).astype(np.int32)
     rays = _rays_through(found, panes)
     inside, met = shaded_directly(world, rays, pixel_angle, _INSIDE_AMBIENT)
@@ -134,7 +134,7 @@ def _add_behind_glass(
 
 @compiled
 def _rays_through(found: SurfaceHits, panes: Int32[np.ndarray, " num_panes"]) -> Rays:
-    """Rays that go on behind the surfaces of some rows."""
+    """Build rays that continue behind the surfaces of some rows."""
     origins = np.empty((panes.shape[0], 3), np.float32)
     directions = np.empty((panes.shape[0], 3), np.float32)
     for pane in range(panes.shape[0]):

@@ -1,4 +1,4 @@
-"""One moment of a simulated drive: every sensor and every label."""
+"""Simulation of one moment of a drive: all sensors and labels."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -19,7 +19,7 @@ from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, Simu
 from sightline.simulation.street import make_street
 
 FRAME_S = 0.1
-"""Between two frames of a sequence: KITTI's 10 Hz."""
+"""Interval between two frames of a sequence: KITTI's 10 Hz."""
 
 _IMAGE_FROM_CAMERA = (
     (KITTI_FOCAL_PX, 0.0, 609.5593, 44.85728),
@@ -37,7 +37,7 @@ _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
 def calibration_of(config: SimulationConfig) -> CalibrationMatrices:
-    """KITTI's camera 2, at the chosen size and focal length."""
+    """Build the calibration of KITTI's camera 2 at the chosen size and focal length."""
     kitti = CalibrationMatrices(
         image_from_camera=np.array(_IMAGE_FROM_CAMERA),
         camera_from_lidar=np.array(_CAMERA_FROM_LIDAR),
@@ -49,31 +49,31 @@ def calibration_of(config: SimulationConfig) -> CalibrationMatrices:
 
 
 def lidar_of(config: SimulationConfig) -> LidarConfig:
-    """The chosen LiDAR."""
+    """Build the configuration of the chosen LiDAR."""
     return replace(LIDARS[config.lidar], rolling_shutter=config.rolling_shutter)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulatedFrame:
-    """Everything about a moment that goes into files; `dataset.sample_of` makes a sample of it."""
+    """All data of a frame that is written to files; `dataset.sample_of` converts it to a sample."""
 
     sample_id: str
     calibration: CalibrationMatrices
     image: UInt8[np.ndarray, "height width 3"] | None
-    """RGB; None where the camera was left out."""
+    """RGB; None without a camera."""
     points: Float32[np.ndarray, "num_points 4"]
     """A whole turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 1]."""
     objects: KittiObjects
     visible_boxes: Float64[np.ndarray, "num_objects 4"]
-    """x_min, y_min, x_max, y_max [px] of the pixels that show each object; NaN for DontCare. The
-    labels' own boxes are KITTI's: of the whole object, whatever hides it."""
+    """x_min, y_min, x_max, y_max [px] of each object's visible pixels; NaN for DontCare. The
+    labels' own boxes are KITTI's: of the whole object, hidden parts included."""
     depth_m: Float32[np.ndarray, "height width"]
-    """Along the optical axis at every pixel; 0 = the sky, or too far for a depth map."""
+    """Depth along the optical axis at every pixel; 0 = the sky, or too far for a depth map."""
     instances: Int32[np.ndarray, "height width"]
-    """For each pixel 1 + the row of its object in the labels; 0 for all else."""
+    """1 + the label row of each pixel's object; 0 for all other pixels."""
     world_from_lidar: Float64[np.ndarray, "4 4"]
     time_s: float
-    """Since the drive's first frame."""
+    """Time since the drive's first frame."""
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -83,7 +83,7 @@ class SimulatedFrame:
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class StreetMaker(Protocol):
-    """Makes a random street; a module-level function, so that worker processes find it."""
+    """Maker of random streets; a module-level function, so that worker processes can import it."""
 
     __module__: str
     __qualname__: str
@@ -96,20 +96,20 @@ class StreetMaker(Protocol):
         hard: bool = False,
         hard_negatives: bool = False,
     ) -> Street:
-        """Makes a street whose traffic is known for `duration_s`.
+        """Make a street with traffic defined for `duration_s`.
 
-        `hard` and `hard_negatives` are given only where `SimulationConfig` has them set: a maker of
-        one kind of streets needs no such argument, and then refuses that setting with a TypeError.
+        `hard` and `hard_negatives` are passed only if `SimulationConfig` sets them: a maker of one
+        kind of streets needs no such argument, and then rejects the setting with a TypeError.
         """
 
     def __hash__(self) -> int:
-        """Functions have one; `simulate_street` keeps the last street by it."""
+        """Hash of the function, by which `simulate_street` caches the last street."""
 
 
 def simulate_frame(
     config: SimulationConfig, index: int, streets: StreetMaker = make_street
 ) -> SimulatedFrame:
-    """Makes frame `index`; the same arguments give the same bytes, in any order and anywhere."""
+    """Simulate frame `index`; the same arguments give the same bytes, in any order and anywhere."""
     drive, step = divmod(index, config.sequence_length)
     street = simulate_street(config, drive, streets)
     time_s = step * FRAME_S
@@ -150,7 +150,7 @@ def _assemble(
 ) -> SimulatedFrame:
     lidar_height_m = lidar_of(config).height_m
     labels = label_frame(scene, picture.owners, calibration_of(config), lidar_height_m)
-    rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY look up the last two
+    rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY index the last two
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
     depth = np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0))
@@ -172,7 +172,7 @@ def _assemble(
 def simulate_street(
     config: SimulationConfig, drive: int, streets: StreetMaker = make_street
 ) -> Street:
-    """The street of a drive, which is a frame where `sequence_length` is 1."""
+    """Make the street of a drive, which is a single frame if `sequence_length` is 1."""
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, drive]))
     duration_s = (config.sequence_length - 1) * FRAME_S
     special = {"hard": config.hard, "hard_negatives": config.hard_negatives}
@@ -183,7 +183,7 @@ def simulate_street(
 def simulate_course(
     config: SimulationConfig, drive: int, length: int, streets: StreetMaker = make_street
 ) -> Float64[np.ndarray, "length 4 4"]:
-    """`world_from_lidar` of the first `length` frames of a drive."""
+    """Compute `world_from_lidar` of the first `length` frames of a drive."""
     ego = simulate_street(config, drive, streets).ego
     height_m = lidar_of(config).height_m
     return np.stack(

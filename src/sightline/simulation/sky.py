@@ -1,4 +1,4 @@
-"""The sky: a gradient with sun glow and clouds, and how bright it is as a lamp."""
+"""Sky model: a gradient with sun glow and clouds, and its brightness as a light source."""
 
 import math
 from typing import Final, NamedTuple
@@ -11,11 +11,11 @@ from sightline.simulation.vectors import Vector, luminance
 _LAMPS_OFF_IRRADIANCE: Final = 2.0
 _LAMPS_ON_IRRADIANCE: Final = 0.8
 _GROUND_SHARE: Final = 0.4
-"""Radiance of the unseen land below the horizon, as a share of the horizon's."""
+"""Radiance of the land below the horizon, as a share of the horizon's."""
 
 
 class Daylight(NamedTuple):
-    """A `Light` as the compiled kernels take it."""
+    """`Light` in the form for the compiled kernels."""
 
     sun_direction: Vector
     """Unit vector towards the sun, world frame."""
@@ -23,7 +23,7 @@ class Daylight(NamedTuple):
     """Irradiance of a surface that faces the unoccluded sun."""
     sky_zenith: Vector
     sky_horizon: Vector
-    """Radiance."""
+    """Radiance of the sky at the horizon."""
     cloud_cover: float
     haze_m: float
     lamps: float
@@ -33,16 +33,16 @@ class Daylight(NamedTuple):
 
 
 def daylight(light: Light) -> Daylight:
-    """Prepares a light for the kernels.
+    """Prepare a light for the kernels.
 
-    Lamps are lit when the ground, open to the sky, gets less than 2 units of irradiance, wholly
-    from 0.8 down (a clear day has about 10). They look equally bright at every exposure: an eye or
-    a camera that is set for dusk sees a lamp as it would see it at night.
+    Lamps start when the ground, open to the sky, gets less than 2 units of irradiance, and are
+    fully on from 0.8 down (a clear day has about 10). They look equally bright at every exposure:
+    with an exposure for dusk, a lamp looks as it does at night.
     """
     sky = math.pi * (luminance(light.sky_zenith) + luminance(light.sky_horizon)) / 2
     irradiance = sky + luminance(light.sun_color) * max(light.sun_direction[2], 0.0)
     lit = (_LAMPS_OFF_IRRADIANCE - irradiance) / (_LAMPS_OFF_IRRADIANCE - _LAMPS_ON_IRRADIANCE)
-    # Whatever the moment of a drive, its clouds are the same: the seed must not change with time.
+    # All moments of a drive have the same clouds: the seed must not change with time.
     seed = int(abs(1e4 * light.sun_direction[0] + 3e5 * light.sun_direction[1]))
     return Daylight(
         sun_direction=_color(light.sun_direction),
@@ -57,15 +57,15 @@ def daylight(light: Light) -> Daylight:
 
 
 def _color(values: Vector) -> Vector:
-    """Plain floats, so that the kernels are compiled for one type only."""
+    """Convert to plain floats, so that the kernels are compiled for one type only."""
     return float(values[0]), float(values[1]), float(values[2])
 
 
 @compiled
 def smooth_sky(light: Daylight, up: float) -> Vector:
-    """Radiance from a height (the z of a unit direction) with the clouds spread evenly.
+    """Compute the sky's radiance at a height (the z of a unit direction) with evenly spread clouds.
 
-    This is what lights the scene: no sun, no glow, no shape of a cloud.
+    This lights the scene: it has no sun, no glow and no cloud shapes.
     """
     red, green, blue = _clear_sky(light, up)
     grey = luminance((red, green, blue))
@@ -75,7 +75,7 @@ def smooth_sky(light: Daylight, up: float) -> Vector:
 
 @compiled
 def _clear_sky(light: Daylight, up: float) -> Vector:
-    """Radiance from a height without clouds, sun and glow; below the horizon the unseen land's."""
+    """Compute the radiance at a height without clouds, sun and glow; below 0 it is the land's."""
     rise = max(up, 0.0) ** 0.45
     land = 1.0 - (1.0 - _GROUND_SHARE) * min(max(-up * 30.0, 0.0), 1.0)
     red = (light.sky_horizon[0] + (light.sky_zenith[0] - light.sky_horizon[0]) * rise) * land
@@ -86,7 +86,7 @@ def _clear_sky(light: Daylight, up: float) -> Vector:
 
 @compiled
 def sky_radiance(light: Daylight, x: float, y: float, z: float) -> Vector:
-    """Radiance that a ray into a unit direction sees where it meets nothing."""
+    """Compute the radiance along a unit direction that meets no surface."""
     red, green, blue = _clear_sky(light, z)
     density = _cloud_density(light, x, y, z)
     if density > 0.0:
@@ -105,7 +105,7 @@ def sky_radiance(light: Daylight, x: float, y: float, z: float) -> Vector:
 
 @compiled
 def _cloud_density(light: Daylight, x: float, y: float, z: float) -> float:
-    """How much of the blue a cloud hides, 0..1: noise on a plane high above."""
+    """Compute the density of clouds in a direction, 0..1: noise on a plane high above."""
     if z <= 0.015 or light.cloud_cover <= 0.0:
         return 0.0
     distance = 0.9 / (z + 0.08)
@@ -120,7 +120,7 @@ def _cloud_density(light: Daylight, x: float, y: float, z: float) -> float:
 
 @compiled
 def _sun_glow(light: Daylight, x: float, y: float, z: float) -> float:
-    """Radiance around the sun, per unit of its irradiance; the disc itself saturates any camera."""
+    """Compute the glow around the sun per unit of its irradiance; the disc saturates a camera."""
     sun = light.sun_direction
     towards = x * sun[0] + y * sun[1] + z * sun[2]
     if towards <= 0.5 or z < -0.02:

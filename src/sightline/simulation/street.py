@@ -1,4 +1,4 @@
-"""Makes a street: ground, buildings, plants, things, traffic and light."""
+"""Street maker: ground, buildings, plants, objects, traffic and light."""
 
 import numpy as np
 
@@ -26,15 +26,16 @@ def make_street(
     hard: bool = False,
     hard_negatives: bool = False,
 ) -> Street:
-    """Draws a street with its traffic and weather.
+    """Draw a street with its traffic and weather.
 
     Args:
-        rng: Where all randomness comes from; the same state gives the same street.
-        duration_s: For how long the ego will drive. Nobody runs into anybody until then, and the
-            street is long enough.
-        kind: What kind of street; None draws it.
-        hard: Whether it is fuller and hillier than usual, so that more is far away and hidden.
-        hard_negatives: Whether much stands beside it that is easily taken for a person or a car.
+        rng: Source of all randomness; the same state gives the same street.
+        duration_s: Duration of the ego's drive. No road users collide until then, and the street is
+            long enough.
+        kind: Kind of street; None draws it.
+        hard: Whether it is fuller and hillier than usual, with more objects far away and hidden.
+        hard_negatives: Whether to place many objects that are easily mistaken for a person or a
+            car.
 
     Raises:
         ValueError: `duration_s` is negative.

@@ -1,4 +1,4 @@
-"""What rays meet: place, normals and textured albedo of each hit, by a compiled kernel."""
+"""Surfaces hit by rays: place, normals and textured albedo of each hit, by a compiled kernel."""
 
 import math
 from typing import NamedTuple
@@ -27,14 +27,14 @@ from sightline.simulation.vectors import (
 )
 
 NOTHING = -1
-"""The material of a ray that meets nothing."""
+"""Material of a ray that hits nothing."""
 
 _ASPHALT = int(Material.ASPHALT)
 _LEAF = int(Material.LEAF)
 
 
 class MeshTables(NamedTuple):
-    """A mesh as the kernels take it."""
+    """Mesh in the form for the kernels."""
 
     vertices: Float32[np.ndarray, "num_vertices 3"]
     normals: Float32[np.ndarray, "num_vertices 3"]
@@ -45,7 +45,7 @@ class MeshTables(NamedTuple):
 
 
 class MaterialTables(NamedTuple):
-    """`SURFACES` as arrays, one row a material."""
+    """`SURFACES` as arrays, one row per material."""
 
     mirror: Float64[np.ndarray, " num_materials"]
     highlight: Float64[np.ndarray, " num_materials"]
@@ -53,34 +53,34 @@ class MaterialTables(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Where rays start and where they go."""
+    """Origins and directions of rays."""
 
     origins: Float32[np.ndarray, "num_rays 3"]
     directions: Float32[np.ndarray, "num_rays 3"]
-    """Of any length but zero."""
+    """Directions of any length but zero."""
 
 
 class SurfaceHits(NamedTuple):
-    """The surfaces that rays meet; only `directions` and `materials` count where they meet none."""
+    """Surfaces hit by rays; without a hit, only `directions` and `materials` are valid."""
 
     positions: Float32[np.ndarray, "num_rays 3"]
     directions: Float32[np.ndarray, "num_rays 3"]
-    """Of the ray, unit length."""
+    """Direction of the ray, unit length."""
     distances: Float32[np.ndarray, " num_rays"]
-    """From where the ray starts [m]."""
+    """Distance from the ray's origin [m]."""
     flat_normals: Float32[np.ndarray, "num_rays 3"]
-    """Of the triangle, on the side that the ray comes from."""
+    """Normal of the triangle, on the side of the incoming ray."""
     normals: Float32[np.ndarray, "num_rays 3"]
-    """Interpolated between the vertices, on the same side."""
+    """Normal interpolated between the vertices, on the same side."""
     tilted_normals: Float32[np.ndarray, "num_rays 3"]
     """`normals` with the relief of the texture."""
     albedos: Float32[np.ndarray, "num_rays 3"]
     materials: Int32[np.ndarray, " num_rays"]
-    """A `Material`, or NOTHING."""
+    """`Material` of the surface, or NOTHING."""
 
 
 def mesh_tables(mesh: Mesh) -> MeshTables:
-    """Prepares a mesh for the kernels."""
+    """Prepare a mesh for the kernels."""
     return MeshTables(
         vertices=np.ascontiguousarray(mesh.vertices, np.float32),
         normals=np.ascontiguousarray(mesh.normals, np.float32),
@@ -92,7 +92,7 @@ def mesh_tables(mesh: Mesh) -> MeshTables:
 
 
 def material_tables() -> MaterialTables:
-    """Prepares `SURFACES` for the kernels."""
+    """Prepare `SURFACES` for the kernels."""
     surfaces = [SURFACES[material] for material in Material]
     return MaterialTables(
         mirror=np.array([surface.mirror for surface in surfaces]),
@@ -102,7 +102,7 @@ def material_tables() -> MaterialTables:
 
 
 def surfaces_met(mesh: MeshTables, rays: Rays, hits: Hits, pixel_angle: float) -> SurfaceHits:
-    """Looks up what each ray met; `pixel_angle` [rad] is how far rays spread, for textures."""
+    """Compute the surface at each hit; `pixel_angle` [rad] is the spread of rays, for textures."""
     count = len(rays.directions)
     found = SurfaceHits(
         positions=np.empty((count, 3), np.float32),
@@ -141,7 +141,7 @@ def _fill(mesh: MeshTables, rays: Rays, hits: Hits, pixel_angle: float, found: S
 def _fill_surface(
     mesh: MeshTables, unit: Vector, hits: Hits, ray: int, width: float, found: SurfaceHits
 ) -> None:
-    """Normals and albedo of one hit; `width` is a pixel's at its distance [m]."""
+    """Compute normals and albedo of one hit; `width` is a pixel's size at its distance [m]."""
     face = hits.faces[ray]
     first, second, third = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
     start = row_of(mesh.vertices, first)
@@ -159,7 +159,7 @@ def _fill_surface(
         row_of(mesh.normals, third),
     )
     material = mesh.materials[face]
-    # The normals of foliage are those of the crown, not of the cards that it is made of.
+    # Foliage has the normals of the crown, not of its cards.
     if material != _LEAF and dot(normal, flat) < 0.0:
         normal = scaled(normal, -1.0)
     normal = normalized(normal, flat)
@@ -167,7 +167,7 @@ def _fill_surface(
     u0, v0 = np.float64(mesh.uvs[first, 0]), np.float64(mesh.uvs[first, 1])
     change_u = (mesh.uvs[second, 0] - u0, mesh.uvs[third, 0] - u0)
     change_v = (mesh.uvs[second, 1] - v0, mesh.uvs[third, 1] - v0)
-    # Gradients of the barycentric coordinates, and with them of u and v, over the triangle.
+    # Gradients of the barycentric coordinates, and thus of u and v, over the triangle.
     squared = twice_area * twice_area
     toward_b = scaled(cross(edge_b, across), 1.0 / squared)
     toward_c = scaled(cross(across, edge_a), 1.0 / squared)
@@ -176,7 +176,7 @@ def _fill_surface(
     side, rise = _pixel_on_surface(unit, flat, width)
     color = row_of(mesh.colors, face)
     if material == _ASPHALT and luminance(color) > ROAD_PAINT_LUMINANCE:
-        # Every mark has its own u and v; it wears off like the road that it lies on.
+        # Every marking has its own u and v; it wears off like the road below it.
         u, v = np.float64(found.positions[ray, 0]), np.float64(found.positions[ray, 1])
         along_u, along_v = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     else:
@@ -194,7 +194,7 @@ def _fill_surface(
 
 @compiled
 def _pixel_on_surface(unit: Vector, flat: Vector, width: float) -> tuple[Vector, Vector]:
-    """The two sides of a pixel, `width` wide where the ray meets it, cast onto the surface."""
+    """Project the two sides of a pixel, `width` wide at the hit, onto the surface."""
     level = math.sqrt(unit[0] * unit[0] + unit[1] * unit[1])
     side = (unit[1] / level, -unit[0] / level, 0.0) if level > 1e-6 else (1.0, 0.0, 0.0)
     rise = cross(side, unit)
@@ -207,7 +207,7 @@ def _pixel_on_surface(unit: Vector, flat: Vector, width: float) -> tuple[Vector,
 
 @compiled
 def _seed_of(mesh: MeshTables, face: int) -> int:
-    """Seed of a face's texture: another for each colour and each card of foliage."""
+    """Compute the seed of a face's texture, different for each colour and each card of foliage."""
     red, green, blue = row_of(mesh.colors, face)
     seed = int(8191.0 * red) * 7 + int(8191.0 * green) * 131 + int(8191.0 * blue)
     # Both triangles of a card start at the same vertex.
@@ -216,7 +216,7 @@ def _seed_of(mesh: MeshTables, face: int) -> int:
 
 @compiled
 def face_normal(mesh: MeshTables, face: int) -> Vector:
-    """Unit normal of a face, by the order of its vertices."""
+    """Compute the unit normal of a face, by the order of its vertices."""
     start = row_of(mesh.vertices, mesh.faces[face, 0])
     edge_a = minus(row_of(mesh.vertices, mesh.faces[face, 1]), start)
     edge_b = minus(row_of(mesh.vertices, mesh.faces[face, 2]), start)

@@ -1,6 +1,7 @@
-"""Noise and stripes to make textures of, filtered to the size of a pixel.
+"""Noise and stripes for textures, filtered to the size of a pixel.
 
-All is hashed from coordinates: the same place looks the same from every pixel, frame and process.
+All values are hashed from coordinates: a place has the same texture in every pixel, frame and
+process.
 """
 
 import math
@@ -11,26 +12,26 @@ import numpy as np
 from sightline.ops.compiled import compiled
 
 _PER_X, _PER_Y, _PER_SEED = 374761393, 668265263, 974634821
-_WOBBLE = 0.16  # of cracks, in units of the noise that they follow
+_WOBBLE = 0.16  # wobble of cracks, in units of their noise
 _SMALLEST_WIDTH = 1e-5  # metres; keeps divisions by the size of a pixel finite
 
 
 class Spot(NamedTuple):
-    """The piece of a textured surface that one pixel sees."""
+    """Footprint of one pixel on a textured surface."""
 
     u: float
     v: float
-    """Where on the surface [m]."""
+    """Position on the surface [m]."""
     width_u: float
     width_v: float
-    """How far the pixel reaches along either axis [m]."""
+    """Extent of the pixel along either axis [m]."""
     seed: int
-    """Seed; tells surfaces apart that would otherwise look alike."""
+    """Seed that distinguishes surfaces of otherwise equal texture."""
 
 
 @compiled
 def hashed(x: int, y: int, seed: int) -> float:
-    """A number in [0, 1) that depends on the three whole numbers, without visible pattern."""
+    """Hash three integers to a number in [0, 1), without visible pattern."""
     return _stirred(x * _PER_X + y * _PER_Y + seed * _PER_SEED)
 
 
@@ -43,7 +44,7 @@ def _stirred(key: int) -> float:
 
 @compiled
 def value_noise(x: float, y: float, seed: int) -> float:
-    """Smooth noise in [-1, 1]: hashed values at whole coordinates, cubic in between."""
+    """Compute smooth noise in [-1, 1]: hashed values at integer coordinates, cubic in between."""
     cell_x, cell_y = np.floor(x), np.floor(y)
     along_x, along_y = x - cell_x, y - cell_y
     along_x *= along_x * (3.0 - 2.0 * along_x)
@@ -58,7 +59,7 @@ def value_noise(x: float, y: float, seed: int) -> float:
 
 @compiled
 def grain(spot: Spot, per_metre_u: float, per_metre_v: float, layer: int) -> float:
-    """Noise in [-1, 1] of a given fineness, which fades where a pixel spans whole grains."""
+    """Compute noise in [-1, 1] of a given fineness, which fades if a pixel spans whole grains."""
     periods = max(spot.width_u * per_metre_u, spot.width_v * per_metre_v)
     if periods >= 1.6:
         return 0.0
@@ -68,10 +69,10 @@ def grain(spot: Spot, per_metre_u: float, per_metre_v: float, layer: int) -> flo
 
 @compiled
 def speckle(spot: Spot, grain_m: float, layer: int) -> float:
-    """What is left in one pixel of the contrast of countless grains of a size [m], in [-1, 1].
+    """Compute the remaining contrast in one pixel of countless grains of a size [m], in [-1, 1].
 
-    The mean of n grains varies as 1 / sqrt(n). Its noise is as fine as the pixel, along each axis
-    on its own, so that a surface seen at a grazing angle is not smooth.
+    The mean of n grains varies as 1 / sqrt(n). Its noise is as fine as the pixel, separately along
+    each axis, so that a surface is not smooth at a grazing angle.
     """
     cell_u = _power_above(0.7 * spot.width_u, grain_m)
     cell_v = _power_above(0.7 * spot.width_v, grain_m)
@@ -81,7 +82,7 @@ def speckle(spot: Spot, grain_m: float, layer: int) -> float:
 
 @compiled
 def _power_above(width: float, smallest: float) -> float:
-    """The smallest power of two times `smallest` that is not below a width."""
+    """Compute the smallest power of two times `smallest` that is not below a width."""
     if width <= smallest:
         return smallest
     _, exponent = math.frexp(width / smallest)
@@ -90,7 +91,7 @@ def _power_above(width: float, smallest: float) -> float:
 
 @compiled
 def clouded(spot: Spot, per_metre_u: float, per_metre_v: float, layer: int) -> float:
-    """Three octaves of `grain`, each half as strong and twice as fine, in [-1, 1]."""
+    """Sum three octaves of `grain`, each half as strong and twice as fine, in [-1, 1]."""
     total = grain(spot, per_metre_u, per_metre_v, layer)
     total += 0.5 * grain(spot, 2.0 * per_metre_u, 2.0 * per_metre_v, layer + 1)
     total += 0.25 * grain(spot, 4.0 * per_metre_u, 4.0 * per_metre_v, layer + 2)
@@ -99,7 +100,7 @@ def clouded(spot: Spot, per_metre_u: float, per_metre_v: float, layer: int) -> f
 
 @compiled
 def lines(position: float, width: float, period: float, thickness: float) -> float:
-    """Share of a pixel, `width` wide, on lines that start at every multiple of `period`."""
+    """Compute a pixel's share, `width` wide, on lines that start at every multiple of `period`."""
     width = max(width, _SMALLEST_WIDTH)
     covered = _line_length(position + 0.5 * width, period, thickness)
     return (covered - _line_length(position - 0.5 * width, period, thickness)) / width
@@ -107,14 +108,14 @@ def lines(position: float, width: float, period: float, thickness: float) -> flo
 
 @compiled
 def grid_lines(spot: Spot, period_u: float, period_v: float, thickness: float) -> float:
-    """Share of a pixel on the lines of a grid."""
+    """Compute the share of a pixel on the lines of a grid."""
     free_u = 1.0 - lines(spot.u, spot.width_u, period_u, thickness)
     return 1.0 - free_u * (1.0 - lines(spot.v, spot.width_v, period_v, thickness))
 
 
 @compiled
 def in_bond(spot: Spot, stone_u: float, stone_v: float) -> Spot:
-    """The spot, with every other row of stones moved by half a stone."""
+    """Shift every other row of stones by half a stone."""
     row = np.floor(spot.v / stone_v)
     moved = spot.u + stone_u * (0.5 * row - np.floor(0.5 * row))
     return Spot(moved, spot.v, spot.width_u, spot.width_v, spot.seed)
@@ -122,25 +123,25 @@ def in_bond(spot: Spot, stone_u: float, stone_v: float) -> Spot:
 
 @compiled
 def off_center(position: float, period: float) -> float:
-    """Where between the edges of its tile a position lies: -0.5 to 0.5."""
+    """Compute the position within a tile, relative to its centre: -0.5 to 0.5."""
     return float(position / period - np.floor(position / period) - 0.5)
 
 
 @compiled
 def _line_length(position: float, period: float, thickness: float) -> float:
-    """Length on lines between 0 and a position."""
+    """Compute the length on lines between 0 and a position."""
     whole = np.floor(position / period)
     return float(whole * thickness + min(position - whole * period, thickness))
 
 
 @compiled
 def crack(spot: Spot, per_metre: float, thickness: float, layer: int) -> float:
-    """Share of a pixel on meandering lines, about `thickness` [m] wide."""
+    """Compute the share of a pixel on meandering lines, about `thickness` [m] wide."""
     width = max(spot.width_u, spot.width_v)
     if width * per_metre > 1.0:
         return 0.0
     reach = 0.5 * (thickness + width)
-    # Noise changes by about 2 per period, which turns its value into a distance.
+    # Noise changes by about 2 per period; this converts its value to a distance.
     noise_reach = 2.0 * per_metre * reach
     noise = value_noise(spot.u * per_metre, spot.v * per_metre, spot.seed + layer)
     if abs(noise) > _WOBBLE + noise_reach:
@@ -153,7 +154,7 @@ def crack(spot: Spot, per_metre: float, thickness: float, layer: int) -> float:
 
 @compiled
 def per_tile(spot: Spot, tile_u: float, tile_v: float, layer: int) -> float:
-    """A number in [-1, 1] for the tile of the given size [m], which fades with distance."""
+    """Compute a number in [-1, 1] for the tile of the given size [m], which fades with distance."""
     tiles = max(spot.width_u / tile_u, spot.width_v / tile_v)
     if tiles >= 1.6:
         return 0.0

@@ -1,8 +1,8 @@
-"""What surfaces look like close up: procedural textures over a face's colour.
+"""Procedural textures over a face's colour.
 
-A texture turns a face's linear albedo, and the place on the surface, into the albedo of one pixel
-and a tilt of the surface there. Lengths are in metres of the surface's u and v: along the street
-and across it on the ground, along the wall and up on buildings. All are filtered to the pixel.
+A texture maps a face's linear albedo and a place on the surface to the albedo and the surface tilt
+of one pixel. Lengths are in metres of the surface's u and v: along the street and across it on the
+ground, along the wall and up on buildings. All textures are filtered to the pixel.
 """
 
 from typing import Final, NamedTuple
@@ -28,7 +28,7 @@ from sightline.simulation.texture_noise import (
 from sightline.simulation.vectors import Vector, luminance
 
 ROAD_PAINT_LUMINANCE: Final = 0.3
-"""Asphalt of a brighter colour than this is road paint, which wears off in places."""
+"""Minimum luminance of road paint on asphalt; it wears off in places."""
 
 _PATCH_LENGTH, _PATCH_WIDTH = 6.5, 2.4
 _BARE_ASPHALT: Final = (0.11, 0.11, 0.112)
@@ -56,7 +56,7 @@ _WINDOW: Final = int(Material.WINDOW)
 
 
 class Textured(NamedTuple):
-    """A surface as one pixel sees it."""
+    """Textured surface in one pixel."""
 
     color: Vector
     """Linear RGB albedo; `textured` keeps it in [0, 1]."""
@@ -67,7 +67,7 @@ class Textured(NamedTuple):
 
 @compiled
 def textured(material: int, color: Vector, spot: Spot) -> Textured:
-    """The look of a material, whose face has a linear albedo, at a spot."""
+    """Compute the texture of a material at a spot, from the face's linear albedo."""
     if material == _ASPHALT:
         look = _asphalt(color, spot)
     elif material == _GRASS:
@@ -136,7 +136,7 @@ def _dimmed(color: Vector, factor: float) -> Vector:
 
 @compiled
 def _mixed(color: Vector, other: Vector, share: float) -> Vector:
-    """The colour mixed with a share of another."""
+    """Mix a colour with a share of another."""
     kept = 1.0 - share
     return (
         color[0] * kept + other[0] * share,
@@ -147,13 +147,13 @@ def _mixed(color: Vector, other: Vector, share: float) -> Vector:
 
 @compiled
 def _asphalt(color: Vector, spot: Spot) -> Textured:
-    """Stones in tar, stains, repaired rectangles, cracks; or worn paint on it."""
+    """Texture of stones in tar, stains, repaired rectangles, cracks, or worn paint."""
     stones = speckle(spot, 0.022, 0) + 0.12 * grain(spot, 9.0, 9.0, 1)
     if luminance(color) > ROAD_PAINT_LUMINANCE:
         wear = 0.5 * clouded(spot, 5.0, 5.0, 2) + 0.5 * stones + 0.4 * grain(spot, 0.4, 0.4, 5)
         bare = _bounded(1.6 * (wear - 0.32)) + 0.10
         return Textured(_mixed(_dimmed(color, 1.0 + 0.1 * stones), _BARE_ASPHALT, bare), 0.0, 0.0)
-    # Traces of traffic are stretched along the road.
+    # Traffic wear is stretched along the road.
     worn = grain(spot, 0.05, 0.09, 18)
     tone = 1.0 + 0.14 * clouded(spot, 0.12, 0.5, 6) + 0.10 * grain(spot, 0.04, 1.8, 9)
     tone *= 1.0 - 0.24 * _repair(spot)
@@ -165,7 +165,7 @@ def _asphalt(color: Vector, spot: Spot) -> Textured:
 
 @compiled
 def _repair(spot: Spot) -> float:
-    """Share of the pixel on repaired asphalt: some rectangles of a loose grid."""
+    """Compute the share of the pixel on repaired asphalt: some rectangles of a loose grid."""
     row = int(np.floor(spot.v / _PATCH_WIDTH))
     shifted = spot.u + 40.0 * hashed(row, 0, spot.seed + 12)
     column = int(np.floor(shifted / _PATCH_LENGTH))
@@ -180,10 +180,10 @@ def _repair(spot: Spot) -> float:
 
 @compiled
 def _grass(color: Vector, spot: Spot) -> Textured:
-    """Tufts and blades, with dry and bare places.
+    """Texture of tufts and blades, with dry and bare places.
 
-    Blades stand up: seen at a grazing angle they do not flatten as a pattern on the ground would.
-    Speckle, which is as fine as the pixel, looks like that.
+    Upright blades do not flatten at a grazing angle as a pattern on the ground would. Speckle,
+    which is as fine as the pixel, has this look.
     """
     tufts = 0.5 * clouded(spot, 0.9, 0.9, 0) + speckle(spot, 0.16, 3)
     blades = speckle(spot, 0.05, 4)
@@ -289,7 +289,7 @@ def _wood(color: Vector, spot: Spot) -> Textured:
 
 @compiled
 def _window(color: Vector, spot: Spot) -> Textured:
-    """Old panes are not flat: their reflections are slightly bent."""
+    """Texture of old panes, which are not flat: their reflections are slightly bent."""
     bend = 0.012 * value_noise(spot.u * 1.3, spot.v * 1.3, spot.seed)
     return Textured(color, bend, 0.012 * value_noise(spot.u * 1.3, spot.v * 1.3, spot.seed + 1))
 
@@ -304,7 +304,7 @@ def _bark(color: Vector, spot: Spot) -> Textured:
 
 @compiled
 def _leaf(color: Vector, spot: Spot) -> Textured:
-    """Many small leaves on each card of foliage, every one turned its own way, dark in between."""
+    """Texture of small leaves on a card of foliage, each at its own angle, dark in between."""
     gap = max(0.0, per_tile(spot, 0.055, 0.045, 5) - 0.4)
     tone = (1.0 + 0.4 * per_tile(spot, 0.09, 0.07, 0)) * (1.15 - 1.6 * gap)
     tone *= 1.0 + 0.5 * speckle(spot, 0.08, 6)
@@ -316,7 +316,7 @@ def _leaf(color: Vector, spot: Spot) -> Textured:
 
 @compiled
 def _cloth(color: Vector, spot: Spot) -> Textured:
-    """Folds, and a weave that only shows close by."""
+    """Texture of folds, and a weave visible only at close range."""
     tone = 1.0 + 0.12 * clouded(spot, 5.0, 3.0, 0) + 0.08 * grain(spot, 90.0, 90.0, 3)
     tilt_u = 0.45 * grain(spot, 9.0, 4.0, 4)
     return Textured(_dimmed(color, tone), tilt_u, 0.25 * grain(spot, 5.0, 7.0, 5))

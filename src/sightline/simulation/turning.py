@@ -13,11 +13,11 @@ from sightline.simulation.motion import STANDING, AlongRoad, Travel
 
 _TURNING_SHARE = 0.18
 _REACH_M = 40.0
-"""Length of a turning vehicle's line before and after the bend; beyond, it goes on straight."""
+"""Length of a turning vehicle's line before and after the bend; beyond, it continues straight."""
 
 
 def turn(crowd: Crowd) -> None:
-    """Vehicles that turn at a junction."""
+    """Place vehicles that turn at a junction."""
     layout, rng = crowd.layout, crowd.rng
     junction = layout.junction
     if junction is None:
@@ -48,14 +48,14 @@ def turn(crowd: Crowd) -> None:
 
 
 def _is_open(junction: Junction, cross_direction: int, is_from_main: bool) -> bool:  # noqa: FBT001
-    """Whether the arm of the crossing road that a turn leads into, or comes from, is built."""
+    """Test whether the arm of the crossing road at the start or end of a turn is built."""
     return junction.opens_left if (cross_direction > 0) == is_from_main else junction.opens_right
 
 
 def turning_line(
     layout: Layout, main_lane: Lane, cross_lane: Lane, radius_m: float, *, is_from_main: bool
 ) -> CenterLine:
-    """From the middle of one lane along an arc to that of another; station 0 is half-way round."""
+    """Build the line from one lane along an arc to another; station 0 is half-way round."""
     junction = layout.junction
     assert junction is not None, "one turns at junctions only"
     main, cross = layout.main.line, junction.cross.line
@@ -70,7 +70,7 @@ def turning_line(
     middle = corner + radius_m * (1 - np.sqrt(0.5)) * (leave - entry)
     half = radius_m * np.pi / 4
     stations = station_grid(-half - _REACH_M, half + _REACH_M)
-    # A quarter of a turn in all, though the arc's ends lie between two stations.
+    # A quarter turn in total, although the arc's ends lie between two stations.
     share = np.clip((half - np.abs(stations)) / 0.5 + 0.5, 0.0, 1.0)
     bend = curved_line(stations, side * np.pi / 2 * share / (0.5 * share.sum()), 0.0)
     yaw = float(np.arctan2(*(entry + leave)[::-1]))

@@ -1,4 +1,4 @@
-"""Cyclists, people on foot and people who sit."""
+"""Placement of cyclists, pedestrians and sitting people."""
 
 from typing import Final
 
@@ -14,14 +14,14 @@ from sightline.simulation.scene import Pose
 _PAIRS: Final = 0.08
 """Share of cyclists who ride with another."""
 _ON_PAVEMENT: Final = 0.5
-"""Share of cyclists who ride on the pavement where there is no path."""
+"""Share of cyclists on the pavement if there is no path."""
 _ELBOW_M: Final = 0.04
-"""Least distance that people keep."""
+"""Minimum distance between people."""
 _HARD_FACTOR: Final = 1.5
 
 
 def cycle(crowd: Crowd) -> None:
-    """Cyclists on cycle paths, at the edge of the lanes, or anywhere on squares."""
+    """Place cyclists on cycle paths, at the edge of the lanes, or anywhere on squares."""
     rng, main = crowd.rng, crowd.layout.main
     rate = crowd.customs.cyclists / (1 + _PAIRS) * (_HARD_FACTOR if crowd.hard else 1.0)
     for _ in range(int(rng.poisson(rate * rng.gamma(0.6) / 0.6))):
@@ -74,7 +74,7 @@ def _move_along(
 
 
 def walk(crowd: Crowd) -> None:
-    """Pedestrians, alone and in groups: on pavements, waiting at the kerb, crossing the road."""
+    """Place pedestrians, alone and in groups: on pavements, at the kerb, crossing the road."""
     rng = crowd.rng
     chance, mean = crowd.customs.walkers
     if rng.random() > chance * (_HARD_FACTOR if crowd.hard else 1.0):
@@ -94,7 +94,7 @@ def walk(crowd: Crowd) -> None:
 
 
 def _abreast(rng: np.random.Generator, count: int) -> Float64[np.ndarray, "count 2"]:
-    """How far the members of a group are ahead [m] and aside: side by side or in file."""
+    """Draw positions of group members, ahead [m] and aside: side by side or in file."""
     files = min(count, 1 if rng.random() < 0.5 else 3 if count == 3 else 2)
     rank, file = np.divmod(np.arange(count), files)
     places = np.stack((-0.95 * rank, rng.uniform(0.58, 0.8) * file), axis=1)
@@ -103,7 +103,7 @@ def _abreast(rng: np.random.Generator, count: int) -> Float64[np.ndarray, "count
 
 
 def _walk_group(crowd: Crowd, station: float, count: int) -> None:
-    """People side by side, all walking alike or standing together."""
+    """Place people side by side, all walking alike or standing together."""
     rng, main = crowd.rng, crowd.layout.main
     side = main.left if rng.random() < 0.5 else main.right
     band = side.band(Ground.PAVEMENT) or side.bands[-1]
@@ -120,7 +120,7 @@ def _walk_group(crowd: Crowd, station: float, count: int) -> None:
 
 
 def _wait(crowd: Crowd, station: float, count: int) -> None:
-    """A group at the kerb that waits to cross, at the junction where there is one."""
+    """Place a group that waits to cross at the kerb, at the junction if there is one."""
     rng, main = crowd.rng, crowd.layout.main
     side = main.left if rng.random() < 0.5 else main.right
     for start, stop in side.gaps:
@@ -134,7 +134,7 @@ def _wait(crowd: Crowd, station: float, count: int) -> None:
 def _stand(
     crowd: Crowd, name: str, side: Side, station: float, distance: float, yaw: float
 ) -> None:
-    """Someone standing beside the main road."""
+    """Place a person standing beside the main road."""
     main, spot = crowd.layout.main, (np.array(station), np.array(side.sign * distance))
     x, y = main.line.place(*spot).tolist()
     z = float(surface_height(crowd.layout.terrain, main, *spot))
@@ -143,7 +143,7 @@ def _stand(
 
 
 def _cross(crowd: Crowd, station: float, count: int) -> None:
-    """A group on the way over the road, far enough ahead of the traffic."""
+    """Place a group that crosses the road, far enough ahead of the traffic."""
     rng, main = crowd.rng, crowd.layout.main
     travel = Travel(speed_mps=float(rng.uniform(0.9, 1.6)))
     if any(start < station < stop for side in main.sides for start, stop in side.gaps):
@@ -164,7 +164,7 @@ def _cross(crowd: Crowd, station: float, count: int) -> None:
 
 
 def sit(crowd: Crowd) -> None:
-    """People on the chairs of a café."""
+    """Place people on the chairs of a café."""
     rng, main = crowd.rng, crowd.layout.main
     shares = {StreetKind.SQUARE: 0.2, StreetKind.CITY: 0.07}
     if rng.random() > shares.get(crowd.layout.kind, 0.0):

@@ -14,7 +14,7 @@ _OVERCAST: Final = 0.95
 
 
 def draw_light(rng: np.random.Generator) -> Light:
-    """A light for a street: mostly a clear or partly cloudy day."""
+    """Draw the light of a street: mostly a clear or partly cloudy day."""
     weather = rng.random()
     azimuth = float(rng.uniform(-np.pi, np.pi))
     if weather < _CLEAR:
@@ -42,7 +42,7 @@ def _scaled(color: tuple[float, float, float], factor: float) -> tuple[float, fl
 
 
 def _day(rng: np.random.Generator, azimuth: float, cloud_cover: float) -> Light:
-    """Sun 22 to 55 degrees high; irradiance of 7 to 11 units on the ground."""
+    """Draw a day with the sun 22 to 55 degrees high; irradiance of 7 to 11 units on the ground."""
     elevation = float(np.radians(rng.uniform(22.0, 55.0)))
     strength = 12.0 * (1.0 - 0.25 * cloud_cover)
     warmth = float(np.clip((elevation - 0.3) / 0.6, 0.0, 1.0))
@@ -59,7 +59,7 @@ def _day(rng: np.random.Generator, azimuth: float, cloud_cover: float) -> Light:
 
 
 def _low_sun(rng: np.random.Generator, azimuth: float) -> Light:
-    """Long shadows and warm light."""
+    """Draw a low sun with long shadows and warm light."""
     elevation = float(np.radians(rng.uniform(7.0, 18.0)))
     return Light(
         sun_direction=_sun_direction(elevation, azimuth),
@@ -74,7 +74,7 @@ def _low_sun(rng: np.random.Generator, azimuth: float) -> Light:
 
 
 def _overcast(rng: np.random.Generator, azimuth: float) -> Light:
-    """A white sky and no shadows."""
+    """Draw an overcast sky, without shadows."""
     return Light(
         sun_direction=_sun_direction(0.9, azimuth),
         sun_color=(0.0, 0.0, 0.0),
@@ -88,7 +88,7 @@ def _overcast(rng: np.random.Generator, azimuth: float) -> Light:
 
 
 def _dusk(rng: np.random.Generator, azimuth: float) -> Light:
-    """The sun is down, lamps are lit."""
+    """Draw dusk: the sun is down, lamps are lit."""
     return Light(
         sun_direction=_sun_direction(0.05, azimuth),
         sun_color=(0.0, 0.0, 0.0),

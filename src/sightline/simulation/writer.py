@@ -1,4 +1,4 @@
-"""The files of a simulated data set: KITTI's object tree, or its raw recordings and depth tree."""
+"""Files of a simulated data set: KITTI's object tree, or its raw data and depth tree."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,42 +25,42 @@ from sightline.data.velodyne import write_sweep
 from sightline.simulation.simulator import FRAME_S, SimulatedFrame
 
 DATE = "2000_01_01"
-"""Day of all simulated drives: no real one."""
+"""Date of all simulated drives: not a real one."""
 MAX_FRAMES = 10**6
-"""Their names have six digits."""
+"""Maximum number of frames: names have six digits."""
 MAX_DRIVES = 10**4
-"""Their names have four."""
-# Parts of a job at the most: the last of them begins with the frame, or drive, of its number, and
-# leaves as many between two. What lies farther out was not begun by a job.
+"""Maximum number of drives: names have four digits."""
+# Maximum number of parts of a job: the last part begins with the frame, or drive, of its number,
+# and leaves as many between two. Files beyond this were not begun by a job.
 _MAX_SHARDS = 1000
-_DIGIT = "[0-9]"  # in patterns: other files in a folder of ours are no frames
+_DIGIT = "[0-9]"  # for patterns: other files in an output folder are not frames
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameFiles:
-    """Where the parts of a frame go."""
+    """Output files of a frame."""
 
     image: Path | None
-    """None: the camera is left out."""
+    """Image file; None without a camera."""
     points: Path
     objects: Path
     depth: Path
-    """Of every pixel."""
+    """Dense depth of every pixel."""
     sparse_depth: Path
-    """Of the pixels that the LiDAR hits: the depth benchmark's input."""
+    """Depth of the pixels hit by the LiDAR: the depth benchmark's input."""
     instances: Path
     calibration: Path | None
-    """None: that of the day stands for all frames."""
+    """Calibration file; None if the day's calibration applies to all frames."""
 
     def are_there(self) -> bool:
-        """Whether the frame needs no work; a file that is there is whole."""
+        """Whether all files exist; an existing file is complete."""
         paths = [self.image, self.points, self.objects, self.depth, self.sparse_depth]
         paths += [self.instances, self.calibration]
         return all(path is None or path.is_file() for path in paths)
 
     def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
-        """Writes all parts, each aside first and then renamed."""
+        """Write all files atomically."""
         seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
         sparse_depth = sparse_depth_map(frame.points, frame.calibration, frame.image_size)
         write_sweep(self.points, frame.points if velodyne == "velodyne" else seen)
@@ -76,7 +76,7 @@ class FrameFiles:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectLayout:
-    """KITTI's object tree, with what only a simulator knows beside it.
+    """KITTI's object tree, with additional ground truth of the simulator.
 
     training/{image_2,VELODYNE,calib,label_2}/N.* and training/{depth,velodyne_raw,instance}/N.png;
     ImageSets/{train,val}.txt.
@@ -87,7 +87,7 @@ class ObjectLayout:
     camera: bool = True
 
     def frame(self, index: int) -> FrameFiles:
-        """The files of a frame."""
+        """List the files of a frame."""
         folder, name = self.root / "training", f"{index:06d}"
         return FrameFiles(
             image=folder / "image_2" / f"{name}.png" if self.camera else None,
@@ -100,10 +100,10 @@ class ObjectLayout:
         )
 
     def num_planned(self, frames: int) -> int:
-        """Those asked for, or as far as there are sweeps, which are written first.
+        """Compute the number of frames requested, or begun: their sweeps are written first.
 
         Raises:
-            FileError: A sweep lies far beyond what earlier runs can have begun.
+            FileError: A sweep lies far beyond anything that earlier runs can have begun.
         """
         sweeps = list((self.root / "training" / self.velodyne).glob(f"{_DIGIT * 6}.bin"))
         if not sweeps:
@@ -113,7 +113,7 @@ class ObjectLayout:
         return _planned(frames, int(last.stem), last, most=most)
 
     def write_lists(self, frames: int, validation_frames: int) -> None:
-        """Writes ImageSets/train.txt and, where there are such frames, val.txt: the first ones."""
+        """Write ImageSets/train.txt and, for any validation frames, val.txt: the first frames."""
         names = [f"{index:06d}\n" for index in range(frames)]
         lists = {"train": names[validation_frames:], "val": names[:validation_frames]}
         for name, lines in lists.items():
@@ -123,7 +123,7 @@ class ObjectLayout:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DriveLayout:
-    """KITTI's raw recordings of one day, and the same drives as a depth completion tree.
+    """KITTI's raw data of one day, and the same drives as a depth completion tree.
 
     DATE/DRIVE/{image_02,velodyne_points,label_02,instance}/data/N.* with poses and times;
     train/DRIVE/proj_depth/{groundtruth,velodyne_raw}/image_02/N.png.
@@ -133,7 +133,7 @@ class DriveLayout:
     sequence_length: int
 
     def frame(self, index: int) -> FrameFiles:
-        """The files of a frame; `index` counts through all drives."""
+        """List the files of a frame; `index` counts through all drives."""
         drive, step = divmod(index, self.sequence_length)
         folder, name = self.drive_folder(drive), f"{step:010d}"
         maps = self.root / "train" / folder.name / "proj_depth"
@@ -148,14 +148,14 @@ class DriveLayout:
         )
 
     def drive_folder(self, drive: int) -> Path:
-        """The raw recording of a drive."""
+        """Folder of a drive's raw data."""
         return self.root / DATE / f"{DATE}_drive_{drive:04d}_sync"
 
     def num_planned(self, frames: int) -> int:
-        """Those asked for, or as far as there are sweeps, which are written first.
+        """Compute the number of frames requested, or begun: their sweeps are written first.
 
         Raises:
-            FileError: A sweep lies far beyond what earlier runs can have begun.
+            FileError: A sweep lies far beyond anything that earlier runs can have begun.
         """
         last_of: dict[Path, Path] = {}
         for folder in (self.root / DATE).glob(f"{DATE}_drive_{_DIGIT * 4}_sync"):
@@ -172,18 +172,18 @@ class DriveLayout:
         return _planned(frames, index, last, most=most)
 
     def drives(self, frames: int) -> Iterator[tuple[int, int]]:
-        """Each drive and its number of frames, the last one possibly cut short."""
+        """Yield each drive and its number of frames, the last one possibly shorter."""
         for first in range(0, frames, self.sequence_length):
             yield first // self.sequence_length, min(self.sequence_length, frames - first)
 
     def write_calibration(self, calibration: CalibrationMatrices) -> None:
-        """Writes the day's calibration."""
+        """Write the day's calibration."""
         cameras, lidar = raw_calibration_texts(calibration)
         atomic_write_text(self.root / DATE / "calib_cam_to_cam.txt", cameras)
         atomic_write_text(self.root / DATE / "calib_velo_to_cam.txt", lidar)
 
     def has_course(self, drive: int, length: int) -> bool:
-        """Whether the poses and times of a drive of so many frames are there."""
+        """Whether the poses and times of a drive of this length exist."""
         return all(
             path.is_file() and path.read_bytes().count(b"\n") == length
             for path in self._course_files(drive)
@@ -192,7 +192,7 @@ class DriveLayout:
     def write_course(
         self, drive: int, world_from_lidar: Float64[np.ndarray, "num_frames 4 4"]
     ) -> None:
-        """Writes the poses (3x4, row by row) and the times of a drive."""
+        """Write the poses (3x4, row by row) and the times of a drive."""
         poses, *times = self._course_files(drive)
         rows = world_from_lidar[:, :3].reshape(-1, 12).tolist()
         atomic_write_text(poses, "".join(" ".join(map(repr, row)) + "\n" for row in rows))
@@ -211,7 +211,7 @@ class DriveLayout:
 
 
 def _planned(frames: int, index: int, sweep: Path, *, most: int) -> int:
-    """Number of frames up to `index`, that of the last sweep, or more where more are asked for."""
+    """Compute the number of frames up to `index`, the last sweep's, or `frames` if it is larger."""
     if index >= max(frames, most):
         raise FileError(
             sweep,

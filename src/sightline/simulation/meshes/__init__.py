@@ -1,1 +1,1 @@
-"""Procedural geometry of the simulated streets: everything is made here from numbers."""
+"""Procedural geometry of the simulated streets, generated without any asset files."""

@@ -1,4 +1,4 @@
-"""Many small parts at once: rectangles of any finish, and copies of one mesh."""
+"""Batches of small parts: rectangles of any finish, and copies of one mesh."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -24,7 +24,7 @@ _UNIT_UVS: Final = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
 
 
 class QuadBatch:
-    """Flat rectangles, collected in any frames and then made into one mesh of the world."""
+    """Flat rectangles, collected in any frames and then converted to one mesh of the world."""
 
     def __init__(self) -> None:
         self._corners: list[np.ndarray] = []
@@ -35,11 +35,11 @@ class QuadBatch:
         self._frame_of: list[int] = []
 
     def use_frame(self, x: float, y: float, z: float, yaw: float) -> None:
-        """Places what is added from now on: turned by `yaw` [rad] about z, then moved."""
+        """Set the frame of the following parts: rotated by `yaw` [rad] about z, then moved."""
         self._frames.append((x, y, z, yaw))
 
     def use_world(self) -> None:
-        """Places what is added from now on in the world's frame."""
+        """Set the world's frame for the following parts."""
         self._frames.append(self._frames[0])
 
     def add(
@@ -50,14 +50,14 @@ class QuadBatch:
         colors: Float[np.ndarray, "num_quads 3"] | None = None,
         uvs: Float[np.ndarray, "num_quads 4 2"] | None = None,
     ) -> None:
-        """Adds rectangles, corners counter-clockwise from outside.
+        """Add rectangles with corners counter-clockwise when viewed from outside.
 
         Args:
-            corners: The first edge runs along u, the last one along v. Two that coincide make a
-                triangle.
-            finish: Of all rectangles.
-            colors: One for each, instead of the finish's.
-            uvs: Texture coordinates [m]; by default they start at each one's first corner.
+            corners: The first edge runs along u, the last one along v. Two coincident corners make
+                a triangle.
+            finish: Finish of all rectangles.
+            colors: Color of each, instead of the finish's.
+            uvs: Texture coordinates [m]; by default they start at each rectangle's first corner.
         """
         if len(corners) == 0:
             return
@@ -68,7 +68,7 @@ class QuadBatch:
         self._frame_of.append(len(self._frames) - 1)
 
     def mesh(self) -> Mesh:
-        """All rectangles so far."""
+        """Build the mesh of all rectangles added so far."""
         if not self._corners:
             return EMPTY
         counts = np.array([len(corners) for corners in self._corners])
@@ -115,7 +115,7 @@ def box_corners(
     half_sizes: Float[np.ndarray, "num_boxes 3"],
     yaws: Float[np.ndarray, " num_boxes"],
 ) -> Float64[np.ndarray, "num_quads 4 3"]:
-    """The sides and top of upright boxes turned about z, five rectangles each."""
+    """Compute sides and top of upright boxes turned about z, five rectangles each."""
     count = len(centers)
     scaled = half_sizes[:, None, None] * _OPEN_BOX
     cos, sin = np.cos(yaws)[:, None, None], np.sin(yaws)[:, None, None]
@@ -154,15 +154,15 @@ def stamped(
     tints: Float[np.ndarray, "count 3"] | None = None,
     tinted: Sequence[Material] = (),
 ) -> Mesh:
-    """Copies of a mesh: stretched, turned about z, then moved.
+    """Copy a mesh: stretched, turned about z, then moved.
 
     Args:
-        mesh: What is copied.
+        mesh: The mesh to copy.
         places: Positions of its origin.
-        yaws: Heading of each [rad].
-        scales: Stretches along the mesh's own axes; 1 if not given.
+        yaws: Heading of each copy [rad].
+        scales: Factors along the mesh's own axes; 1 if not given.
         tints: Factors for the colours of faces of the `tinted` materials.
-        tinted: Materials that take a tint.
+        tinted: Materials with a tint.
     """
     count = len(places)
     if count == 0:

@@ -1,9 +1,8 @@
-"""The form of cars and vans, and the skin below the windows, with wheel arches.
+"""Body shape of cars and vans, and the skin below the windows, with wheel arches.
 
-The skin is a grid of rings around the vehicle. The grid has a line wherever lamps and gaps begin
-and end, so that their edges are sharp. Vehicle frame: origin on the ground below the middle, x
-ahead, y left, z up; metres. "Place" means x as a share of half the length: 1 at the front bumper,
--1 at the rear one.
+The skin is a grid of rings around the vehicle. The grid has lines at the edges of lamps and gaps,
+so that they are sharp. Vehicle frame: origin on the ground below the middle, x ahead, y left, z up;
+metres. "Place" means x as a share of half the length: 1 at the front bumper, -1 at the rear one.
 """
 
 from dataclasses import dataclass
@@ -23,16 +22,16 @@ HEADLIGHT = Finish(Material.HEADLIGHT, (0.17, 0.18, 0.20))
 TAIL_LIGHT = Finish(Material.TAIL_LIGHT, (0.42, 0.012, 0.012))
 REVERSING_LIGHT = Finish(Material.TAIL_LIGHT, (0.50, 0.46, 0.44))
 
-# Levels of the lower body as shares of the way from its lower edge to its shoulder, and how far the
-# skin stands back there: at the sides as a share of half the width, at the ends in metres.
+# Levels of the lower body as shares of the height from lower edge to shoulder, and insets of
+# the skin: at the sides as a share of half the width, at the ends in metres.
 LEVELS = np.array([0.0, 0.13, 0.32, 0.46, 0.475, 0.58, 0.69, 0.78, 0.82, 0.95, 1.0])
 _SIDE_INSETS = np.array([0.06, 0.022, 0.004, 0.0, 0.0, 0.002, 0.006, 0.011, 0.024, 0.040, 0.072])
 _ARCH_ANGLES = 9
-_GAP_HALF_WIDTH = 0.005  # m
+_GAP_HALF_WIDTH = 0.005  # half width of gaps [m]
 _ROUND_ROWS = np.array([0.965, 0.885, 0.87, 0.55, 0.25, 0.0])  # from the shoulder to the middle
 CROWN = 0.05
-"""By how much [m] bonnet and boot are higher in the middle."""
-_UNDER_SHARE = 0.68  # of half the width, between the wheels
+"""Additional height [m] of bonnet and boot in the middle."""
+_UNDER_SHARE = 0.68  # share of half the width, between the wheels
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,22 +39,22 @@ class BodyForm:
     """Proportions of a body. Heights are shares of the vehicle's height unless in metres."""
 
     front_wheel: float
-    """Place of the axle, as `rear_wheel`."""
+    """Place of the front axle; `rear_wheel` is that of the rear one."""
     rear_wheel: float
     wheel_radius: float
     clearance: float
     """Height of the lower edge."""
     shoulder: tuple[tuple[float, float], ...]
-    """(place, height) of the line where sides turn into bonnet, window sill and boot."""
+    """(place, height) of the line between the sides and bonnet, window sill and boot."""
     front_insets_m: tuple[float, ...] = (
         0.11, 0.05, 0.01, 0.0, 0.0, 0.025, 0.045, 0.065, 0.08, 0.14, 0.23
     )  # fmt: skip
-    """How far the front stands back at each level of the lower body."""
+    """Inset of the front at each level of the lower body."""
     rear_insets_m: tuple[float, ...] = (
         0.14, 0.06, 0.01, 0.0, 0.03, 0.04, 0.045, 0.05, 0.055, 0.065, 0.09
     )  # fmt: skip
     front_roundness: float = 5.0
-    """Exponent of the superellipse that the outline follows; higher is squarer."""
+    """Exponent of the outline's superellipse; a higher value is squarer."""
     rear_roundness: float = 7.0
     screen_base: float
     """Place of the windscreen's lower corners; its middle is `screen_bow_m` ahead."""
@@ -64,11 +63,11 @@ class BodyForm:
     """Place of the lower corners of the cabin's rear."""
     rear_top: float
     rear_base_spread: float = 0.01
-    """How much `rear_base` differs between makes."""
+    """Variation of `rear_base` between makes."""
     screen_bow_m: float = 0.16
     rear_bow_m: float = 0.07
     base_width: float = 0.925
-    """Of the cabin, as a share of the vehicle's width."""
+    """Width of the cabin's base, as a share of the vehicle's width."""
     roof_width: float = 0.74
     roof_crown_m: float = 0.05
     roof_fall_front_m: float = 0.05
@@ -79,15 +78,15 @@ class BodyForm:
     """Whether the front, rear and last side windows are glass."""
     rear_glazed: bool = True
     window_top: float = 0.85
-    """Where the windows end between the cabin's base 0 and its roof 1."""
+    """Upper end of the windows, between the cabin's base 0 and its roof 1."""
     last_window_end: float = 0.55
-    """Where the last side window ends between its pillar and the cabin's rear corner."""
+    """End of the last side window, between its pillar and the cabin's rear corner."""
     door_gaps: tuple[float, ...]
     """Places of the gaps between doors and wings."""
     lamp_end: float = 0.80
-    """Place where the headlights end at the side."""
+    """Place of the headlights' end at the side."""
     lamp_inner: float = 0.55
-    """Where they begin, as a share of half the width."""
+    """Start of the headlights, as a share of half the width."""
     lamp_levels: tuple[float, float] = (0.58, 0.82)
     grille_half_width: float = 0.40
     grille_levels: tuple[float, float] = (0.58, 0.78)
@@ -106,7 +105,7 @@ class BodyForm:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Body:
-    """A body of some form and size."""
+    """Vehicle body with a form and a size."""
 
     form: BodyForm
     length: float
@@ -114,10 +113,10 @@ class Body:
     height: float
     paint: Finish
     roof: Finish
-    """Of the cabin: paint, or the cloth of a soft top."""
+    """Finish of the cabin: paint, or the cloth of a soft top."""
 
     def shoulder_height(self, x: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
-        """Height [m] of the shoulder at x [m]; corners of the form's line are rounded off."""
+        """Compute the shoulder's height [m] at x [m]; corners of the form's line are rounded."""
         places, heights = np.array(self.form.shoulder).T
         place = x / (self.length / 2)
         nearby = [np.interp(place + step, places, heights) for step in (-0.07, -0.03, 0.03, 0.07)]
@@ -126,7 +125,7 @@ class Body:
 
     @property
     def wheel_radius(self) -> float:
-        """Of the tyre [m]."""
+        """Radius of the tyre [m]."""
         return self.form.wheel_radius * self.height
 
     @property
@@ -136,26 +135,26 @@ class Body:
 
     @property
     def wheel_places(self) -> tuple[float, float]:
-        """Where along x [m] the front and the rear axle are."""
+        """Positions of the front and the rear axle along x [m]."""
         half = self.length / 2
         return self.form.front_wheel * half, self.form.rear_wheel * half
 
     def level_height(self, x: float, level: float) -> float:
-        """Height [m] of a level of the lower body at x [m]."""
+        """Compute the height [m] of a level of the lower body at x [m]."""
         at = min(max(x, self.rear_x(1.0)), self.front_x(1.0))
         shoulder = float(self.shoulder_height(np.array([at]))[0])
         return self.clearance + level * (shoulder - self.clearance)
 
     def front_x(self, level: float) -> float:
-        """Where along x [m] the foremost line of a level is."""
+        """Compute the foremost x [m] of a level."""
         return self.length / 2 - float(np.interp(level, LEVELS, self.form.front_insets_m))
 
     def rear_x(self, level: float) -> float:
-        """Where along x [m] the rearmost line of a level is."""
+        """Compute the rearmost x [m] of a level."""
         return -self.length / 2 + float(np.interp(level, LEVELS, self.form.rear_insets_m))
 
     def side_y(self, x: float, level: float) -> float:
-        """Distance [m] of the skin from the middle plane at x [m]."""
+        """Compute the distance [m] of the skin from the middle plane at x [m]."""
         form = self.form
         roundness = form.front_roundness if x > 0 else form.rear_roundness
         outline = (1 - abs(x / (self.length / 2)) ** roundness) ** (1 / roundness)
@@ -165,14 +164,14 @@ class Body:
     def screen_x(
         self, level: float | Float64[np.ndarray, "*shape"]
     ) -> float | Float64[np.ndarray, "*shape"]:
-        """Where along x [m] the windscreen's corners are, from the cabin's base 0 to its roof 1."""
+        """Compute x [m] of the windscreen's corners, from the cabin's base 0 to its roof 1."""
         form = self.form
         return (form.screen_base + level * (form.screen_top - form.screen_base)) * self.length / 2
 
     def cabin_half_width(
         self, level: float | Float64[np.ndarray, "*shape"]
     ) -> float | Float64[np.ndarray, "*shape"]:
-        """Half the width [m] of the cabin at a height between its base 0 and its roof 1."""
+        """Compute half the width [m] of the cabin at a height from its base 0 to its roof 1."""
         form = self.form
         share = form.base_width + level * (form.roof_width - form.base_width)
         half_width: float | Float64[np.ndarray, "*shape"] = (
@@ -182,7 +181,7 @@ class Body:
 
 
 def lower_body(body: Body) -> Mesh:
-    """Everything below the windows, with wheel arches, and lamps, grille and gaps painted on."""
+    """Build the body below the windows: wheel arches, and painted lamps, grille and gaps."""
     outline = _lower_outline(body)
     skin = grid(_lower_points(body, outline), body.paint, closed=True)
     rows = np.concatenate(([-1.0, -1.0, -1.0, -1.0], LEVELS, 2 - _ROUND_ROWS))
@@ -198,7 +197,7 @@ def lower_body(body: Body) -> Mesh:
 
 
 def _lower_outline(body: Body) -> Float64[np.ndarray, "columns 2"]:
-    """(place, share of half the width) of the columns, from the front's middle over the left."""
+    """Compute (place, share of half width) of columns, from the front's middle over the left."""
     form, half = body.form, body.length / 2
     front_q = _sorted(0.0, 0.2, form.grille_half_width, form.lamp_inner, 0.68, 0.78, 0.85)
     rear_q = _sorted(0.0, 0.22, 0.45, form.tail_inner, form.tail_inner + 0.1, 0.86)
@@ -215,7 +214,7 @@ def _lower_outline(body: Body) -> Float64[np.ndarray, "columns 2"]:
 
 
 def _arch_places(body: Body) -> Float64[np.ndarray, "2 angles"]:
-    """Places of the columns around the front and the rear wheel arch."""
+    """Compute the places of the columns around the front and the rear wheel arch."""
     reach = _arch_radius(body) * np.cos(np.linspace(0, np.pi, _ARCH_ANGLES)) / (body.length / 2)
     return np.array([[body.form.front_wheel], [body.form.rear_wheel]]) + reach
 
@@ -225,7 +224,7 @@ def _arch_radius(body: Body) -> float:
 
 
 def _lower_edge(body: Body, x: Float64[np.ndarray, " columns"]) -> Float64[np.ndarray, " columns"]:
-    """Height [m] of the skin's lower edge, which rises over the wheels."""
+    """Compute the height [m] of the skin's lower edge, which rises over the wheels."""
     edge = np.full_like(x, body.clearance)
     for wheel in body.wheel_places:
         rise = np.sqrt(np.maximum(_arch_radius(body) ** 2 - (x - wheel) ** 2, 0.0))
@@ -237,7 +236,7 @@ def _lower_edge(body: Body, x: Float64[np.ndarray, " columns"]) -> Float64[np.nd
 def _lower_points(
     body: Body, outline: Float64[np.ndarray, "columns 2"]
 ) -> Float64[np.ndarray, "rows columns 3"]:
-    """The rings from the middle of the floor, out, up the sides and in over bonnet and boot."""
+    """Compute the rings from the floor's middle, out, up the sides and in over bonnet and boot."""
     form = body.form
     place, across = outline.T
     at_front, at_rear = _smooth_step((place - 0.76) / 0.2), _smooth_step((-place - 0.78) / 0.18)
@@ -276,7 +275,7 @@ def _lower_cells(
     place: Float64[np.ndarray, " columns"],
     across: Float64[np.ndarray, " columns"],
 ) -> Int[np.ndarray, "cell_rows columns"]:
-    """Which finish of the palette each cell has: paint, plastic, gap, lamps."""
+    """Choose the palette index of each cell: paint, plastic, gap, lamps."""
     form = body.form
     cells = np.zeros((len(level), len(place)), dtype=np.int64)
     front, rear = (place > 0.8) & (across < 0.9), (place < -0.8) & (across < 0.9)
@@ -307,13 +306,13 @@ def _lower_cells(
 def within(
     values: Float64[np.ndarray, "*shape"], low: float, high: float
 ) -> Bool[np.ndarray, "*shape"]:
-    """Which values lie between the limits."""
+    """Test which values lie between the limits."""
     between: Bool[np.ndarray, "*shape"] = (values > low) & (values < high)
     return between
 
 
 def _sorted(*values: float) -> Float64[np.ndarray, " num_values"]:
-    """The values in order; of two closer than 2e-4 one is kept."""
+    """Sort the values; of two values closer than 2e-4, one is kept."""
     ordered = np.sort(np.array(values, dtype=np.float64))
     apart = np.concatenate(([True], np.diff(ordered) > 2e-4))
     return ordered[apart]
@@ -322,7 +321,7 @@ def _sorted(*values: float) -> Float64[np.ndarray, " num_values"]:
 def _superellipse(
     coordinate: Float64[np.ndarray, "*shape"], exponent: float | Float64[np.ndarray, "*shape"]
 ) -> Float64[np.ndarray, "*shape"]:
-    """The other coordinate of a point on the unit superellipse."""
+    """Compute the other coordinate of a point on the unit superellipse."""
     other: Float64[np.ndarray, "*shape"] = (1 - coordinate**exponent) ** (1 / exponent)
     return other
 

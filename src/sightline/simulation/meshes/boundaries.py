@@ -1,4 +1,4 @@
-"""What encloses the plots beside a street: hedges, walls and fences, and garages between houses."""
+"""Boundaries of the plots beside a street: hedges, walls, fences, and garages between houses."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -24,7 +24,7 @@ _GARAGE_DEPTH_M: Final = 5.4
 
 
 def enclose(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot) -> list[Mesh]:
-    """Hedge, fence or wall at the pavement, open at the driveway and the door."""
+    """Build a hedge, fence or wall at the pavement, open at the driveway and the door."""
     if lot.boundary is Boundary.OPEN or lot.front - lot.side.outer < 1.2:
         return []
     inset = lot.side.outer + 0.35
@@ -57,9 +57,9 @@ def enclose(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot
 def close_gap(
     rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot, after: Lot
 ) -> list[Mesh]:
-    """What closes the gap to the next building: a garage, a hedge, a wall or boards.
+    """Close the gap to the next building by a garage, a hedge, a wall or boards.
 
-    Without it one could see far between houses, as one rarely can in real streets.
+    Without it, there would be distant views between houses, which are rare in real streets.
     """
     if after.side is not lot.side or lot.building is None or after.building is None:
         return []
@@ -94,7 +94,7 @@ def _garage(
     middle: Float64[np.ndarray, "n 3"],
     front: float,
 ) -> None:
-    """A flat-roofed garage along a line through its middle, with its door to the street."""
+    """Build a flat-roofed garage along its middle line, with its door to the street."""
     tone = float(rng.uniform(0.3, 0.6))
     plaster = Finish(Material.PLASTER, (tone, tone * 0.98, tone * 0.93))
     height = float(rng.uniform(2.4, 2.9))
@@ -145,7 +145,7 @@ def _wall(
 def _fence(
     rng: np.random.Generator, batch: QuadBatch, line: Float64[np.ndarray, "n 3"], side: Side
 ) -> None:
-    """Pickets of wood or bars of metal on two rails; coarse ones where it is far away."""
+    """Build pickets of wood or bars of metal on two rails; coarse ones at a distance."""
     height = float(rng.uniform(0.8, 1.3))
     brown = Finish(Material.WOOD, (0.26, 0.15, 0.08))
     finish = brown if rng.random() < 0.6 else Finish(Material.METAL, (0.12, 0.15, 0.12))

@@ -12,7 +12,7 @@ from sightline.simulation.meshes.primitives import Color, Finish
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BuildingForm:
-    """What a building looks like."""
+    """Shape and finishes of a building."""
 
     look: Look
     storeys: int
@@ -69,7 +69,7 @@ def _pick(rng: np.random.Generator, colors: tuple[Color, ...]) -> Color:
 
 
 def draw_look(rng: np.random.Generator, brick_share: float) -> Look:
-    """Colours of a building and the size of its windows."""
+    """Draw colours of a building and the size of its windows."""
     if rng.random() < brick_share:
         wall = Finish(Material.BRICK, _pick(rng, _BRICKS))
     else:
@@ -90,7 +90,7 @@ def draw_look(rng: np.random.Generator, brick_share: float) -> Look:
 
 
 def draw_house(rng: np.random.Generator) -> BuildingForm:
-    """A detached house."""
+    """Draw a detached house."""
     return BuildingForm(
         look=draw_look(rng, 0.15),
         storeys=int(rng.choice([1, 2, 2, 2])),
@@ -108,7 +108,7 @@ def draw_house(rng: np.random.Generator) -> BuildingForm:
 
 
 def draw_terrace(rng: np.random.Generator) -> BuildingForm:
-    """A house of a terrace: its neighbours have the same form and other colours."""
+    """Draw a house of a terrace: its neighbours have the same form and other colours."""
     return BuildingForm(
         look=draw_look(rng, 0.2),
         storeys=int(rng.choice([2, 2, 3])),
@@ -126,7 +126,7 @@ def draw_terrace(rng: np.random.Generator) -> BuildingForm:
 
 
 def draw_apartments(rng: np.random.Generator) -> BuildingForm:
-    """A free-standing block of flats."""
+    """Draw a free-standing block of flats."""
     has_flat_roof = rng.random() < 0.6
     return BuildingForm(
         look=draw_look(rng, 0.1),
@@ -145,7 +145,7 @@ def draw_apartments(rng: np.random.Generator) -> BuildingForm:
 
 
 def draw_town_house(rng: np.random.Generator) -> BuildingForm:
-    """A house of a continuous row in a town, often with a shop."""
+    """Draw a house of a continuous row in a town, often with a shop."""
     return BuildingForm(
         look=draw_look(rng, 0.18),
         storeys=int(rng.choice([2, 3, 4, 4, 5])),
@@ -163,7 +163,7 @@ def draw_town_house(rng: np.random.Generator) -> BuildingForm:
 
 
 def draw_hall(rng: np.random.Generator) -> BuildingForm:
-    """An office, a supermarket or a workshop."""
+    """Draw an office, a supermarket or a workshop."""
     look = draw_look(rng, 0.15)
     return BuildingForm(
         look=look,

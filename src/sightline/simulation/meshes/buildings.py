@@ -14,14 +14,15 @@ from sightline.simulation.meshes.facades import Facade, Front, build_front
 from sightline.simulation.meshes.primitives import Finish
 
 _FOUNDATION: Final = 2.0
-"""How deep walls reach into the ground [m], which may slope."""
+"""Depth of the walls below the ground [m], which may slope."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BuildingSite:
-    """Where a building stands: its front runs from `corner` along `yaw`, its body is to the left.
+    """Place of a building: its front runs from `corner` along `yaw`, its body is to the left.
 
-    Seen from the street the front's start is on the left, so outside is to its right.
+    Viewed from the street, the front starts on the left; the outside is on the right of the front
+    line.
     """
 
     corner: tuple[float, float]
@@ -34,17 +35,17 @@ class BuildingSite:
     is_far: bool
     """Whether details smaller than a hand are left out."""
     is_free: tuple[bool, bool] = (True, True)
-    """Whether its right and its left side are free of neighbours."""
+    """Whether its right and its left side have no neighbours."""
 
 
 def build(
     rng: np.random.Generator, batch: QuadBatch, site: BuildingSite, form: BuildingForm
 ) -> None:
-    """Adds a building to a batch."""
+    """Add a building to a batch."""
     eaves = form.plinth + form.storeys * form.storey_height
     for front in _fronts(site, form):
         build_front(rng, batch, front, form.look)
-    # From here on x runs along the front, y into the building, z up from the ground.
+    # The frame from here on: x along the front, y into the building, z up from the ground.
     batch.use_frame(site.corner[0], site.corner[1], site.ground, site.yaw)
     if form.roof == "flat":
         _flat_roof(batch, site, form, eaves)
@@ -56,7 +57,7 @@ def build(
 
 
 def _fronts(site: BuildingSite, form: BuildingForm) -> list[Front]:
-    """The four walls, the street's first; back walls and party walls have no windows."""
+    """Build the four walls, the street's first; back walls and party walls have no windows."""
     corner = np.array(site.corner)
     along = np.array([np.cos(site.yaw), np.sin(site.yaw)])
     inwards = np.array([-along[1], along[0]])
@@ -90,7 +91,7 @@ def _fronts(site: BuildingSite, form: BuildingForm) -> list[Front]:
 
 
 def _flat_roof(batch: QuadBatch, site: BuildingSite, form: BuildingForm, eaves: float) -> None:
-    """A parapet around gravel, and a box for the lift or the air."""
+    """Build a parapet around gravel, and a box for the lift or the ventilation."""
     width, depth = site.width, site.depth
     lid = [[0, 0, 0], [width, 0, 0], [width, depth, 0], [0, depth, 0]]
     top = np.array([lid], np.float64) + np.array([0, 0, eaves])
@@ -122,18 +123,18 @@ def _boxes(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Gable:
-    """The shape of a roof with two slopes; lengths across, along and above its ridge."""
+    """Shape of a roof with two slopes; lengths across, along and above its ridge."""
 
     is_cross: bool
     """Whether the ridge runs across the front."""
     wide: float
     ends: tuple[float, float]
-    """Of the roof along the ridge, beyond the walls where it overhangs."""
+    """Ends of the roof along the ridge, including the overhang."""
     long: float
     low: float
     """Height of the lower edges."""
     over: float
-    """How far the lower edges overhang."""
+    """Overhang of the lower edges."""
     eaves: float
     rise: float
     thickness: float
@@ -141,7 +142,7 @@ class _Gable:
     def place(
         self, local: Sequence[Sequence[Sequence[float]]]
     ) -> Float64[np.ndarray, "num_quads 4 3"]:
-        """Rectangles of (across the ridge, along it, up) in the building's frame."""
+        """Place rectangles of (across the ridge, along it, up) in the building's frame."""
         array = np.array(local, np.float64)
         if self.is_cross:
             return array
@@ -150,7 +151,7 @@ class _Gable:
     def placed_uvs(
         self, uvs: Float64[np.ndarray, "num_quads 4 2"]
     ) -> Float64[np.ndarray, "num_quads 4 2"]:
-        """Texture coordinates in the order in which `place` puts the corners."""
+        """Reorder texture coordinates like the corners in `place`."""
         return uvs if self.is_cross else uvs[:, ::-1]
 
 
@@ -161,7 +162,7 @@ def _gable_roof(
     form: BuildingForm,
     eaves: float,
 ) -> None:
-    """Two slopes, the gables under them, and chimneys and the like."""
+    """Build two slopes, the gables under them, chimneys and similar parts."""
     is_cross = form.roof == "cross"
     long, wide = (site.depth, site.width) if is_cross else (site.width, site.depth)
     over, side = 0.45, 0.3 if all(site.is_free) else 0.0
@@ -188,7 +189,7 @@ def _gable_roof(
 
 
 def _slopes(batch: QuadBatch, gable: _Gable, form: BuildingForm) -> None:
-    """Tiles above and boards below; the tiles' rows lie along the ridge."""
+    """Build tiles above and boards below; the rows of tiles are along the ridge."""
     (start, stop), ridge = gable.ends, gable.wide / 2
     for thickness, finish in ((gable.thickness, form.roof_finish), (0.0, form.look.trim)):
         low, top = gable.low + thickness, gable.eaves + gable.rise + thickness
@@ -202,7 +203,7 @@ def _slopes(batch: QuadBatch, gable: _Gable, form: BuildingForm) -> None:
 
 
 def _roof_edges(batch: QuadBatch, gable: _Gable) -> None:
-    """Gutters, and boards along the slopes' ends."""
+    """Build gutters, and boards along the slopes' ends."""
     (start, stop), ridge, low = gable.ends, gable.wide / 2, gable.low
     top, thick = gable.eaves + gable.rise, gable.thickness
     edges = []
@@ -217,7 +218,7 @@ def _roof_edges(batch: QuadBatch, gable: _Gable) -> None:
 
 
 def _gable_walls(batch: QuadBatch, gable: _Gable, form: BuildingForm) -> None:
-    """The triangles under the roof at both ends."""
+    """Build the triangles under the roof at both ends."""
     ridge, top = gable.wide / 2, gable.eaves + gable.rise
     walls = [
         [[0.0, end, gable.eaves], [gable.wide, end, gable.eaves], [ridge, end, top],
@@ -233,7 +234,7 @@ def _gable_walls(batch: QuadBatch, gable: _Gable, form: BuildingForm) -> None:
 def _gable_window(
     batch: QuadBatch, site: BuildingSite, form: BuildingForm, eaves: float, rise: float
 ) -> None:
-    """A window under the roof on the street's side."""
+    """Build a window under the roof on the street's side."""
     if rise < 2.6:
         return
     middle, low = site.width / 2, eaves + 0.6
@@ -260,7 +261,7 @@ def _chimney(rng: np.random.Generator, batch: QuadBatch, site: BuildingSite, top
 
 
 def _dormers(batch: QuadBatch, site: BuildingSite, form: BuildingForm, eaves: float) -> None:
-    """Small boxes with a window in the slope towards the street."""
+    """Build small boxes with a window in the slope towards the street."""
     count = int(site.width // 4.0)
     if count == 0 or form.roof_pitch < 0.5:
         return
@@ -290,7 +291,7 @@ def _dormers(batch: QuadBatch, site: BuildingSite, form: BuildingForm, eaves: fl
 def _balconies(
     rng: np.random.Generator, batch: QuadBatch, site: BuildingSite, form: BuildingForm
 ) -> None:
-    """A column of slabs with parapets for every few metres of front."""
+    """Build a column of slabs with parapets for every few metres of front."""
     count = max(1, int(site.width // 9.0))
     deep = float(rng.uniform(1.0, 1.5))
     middles = (np.arange(count) + 0.5) * site.width / count

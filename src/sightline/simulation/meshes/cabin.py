@@ -1,8 +1,8 @@
 """The glazed cabin of cars and vans on top of their lower body.
 
-A grid of rings like the lower body, with lines where windows and pillars begin and end. "Way" is
-how far one has gone along one side: 0 to 1 from the windscreen's middle to its corner, one unit
-for each of the three side windows, 4 to 5 from the rear corner to the rear window's middle.
+It is a grid of rings like the lower body, with lines at the edges of windows and pillars. "Way" is
+the position along one side: 0 to 1 from the windscreen's middle to its corner, one unit for each of
+the three side windows, 4 to 5 from the rear corner to the rear window's middle.
 """
 
 from typing import NamedTuple
@@ -28,20 +28,20 @@ _WAYS_BETWEEN = (0.0, 0.3, 0.6, 0.94, 1.03, 1.5, 2.5, 3.05, 3.85, 3.96, 4.07, 4.
 _FRONT_PILLAR = (1.925, 2.06)  # ways of the black pillar between the doors
 _LAMP = (3.96, 4.12)  # ways of a tail light beside the rear window
 _SILL_LEVEL, _FRAME_LEVEL = 0.115, 0.075
-_HEADER = 0.045  # of the cabin's height, the black frame above the windows
+_HEADER = 0.045  # height of the black frame above the windows, as a share of the cabin's height
 
 
 class _Window(NamedTuple):
     start: float
-    """Way."""
+    """Way of the start."""
     end: float
     frame: float
-    """How much way the black frame takes on either side."""
+    """Width of the black frame on either side, in units of way."""
     is_glazed: bool
 
 
 def cabin(body: Body) -> Mesh:
-    """Windows, pillars and roof."""
+    """Build windows, pillars and roof."""
     ways, sides = _columns(body.form)
     walls = _wall_points(body, ways, sides)
     points = np.concatenate((walls, _roof_points(body, walls[-1])))
@@ -65,7 +65,7 @@ def _windows(form: BodyForm) -> tuple[_Window, ...]:
 
 
 def _levels(form: BodyForm) -> Float64[np.ndarray, " rows"]:
-    """Heights of the walls' rows between the cabin's base 0 and its roof 1."""
+    """Compute the heights of the walls' rows, from the cabin's base 0 to its roof 1."""
     top = form.window_top
     return np.array([0.0, _FRAME_LEVEL, _SILL_LEVEL, 0.45, top, top + _HEADER, 1.0])
 
@@ -73,7 +73,7 @@ def _levels(form: BodyForm) -> Float64[np.ndarray, " rows"]:
 def _columns(
     form: BodyForm,
 ) -> tuple[Float64[np.ndarray, " columns"], Float64[np.ndarray, " columns"]]:
-    """Way and side (1 left, -1 right) of the columns, from the front's middle over the left."""
+    """Compute columns' way and side (1 left, -1 right), from the front's middle over the left."""
     edges = [
         edge
         for window in _windows(form)
@@ -94,7 +94,7 @@ def _columns(
 def _wall_points(
     body: Body, way: Float64[np.ndarray, " columns"], side: Float64[np.ndarray, " columns"]
 ) -> Float64[np.ndarray, "rows columns 3"]:
-    """Rings from the sill to the edge of the roof."""
+    """Compute the rings from the sill to the edge of the roof."""
     form, half = body.form, body.length / 2
     level = _levels(form)[:, None]
     bulge = 0.02 * np.sin(np.pi * level)
@@ -118,7 +118,7 @@ def _wall_points(
 def _along_side(
     knots: Float64[np.ndarray, "rows 4"], way: Float64[np.ndarray, " columns"]
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Where along x each column is: `knots` are the places at ways 1, 2, 3 and 4."""
+    """Compute x of each column: `knots` are the places at ways 1, 2, 3 and 4."""
     along = np.clip(way - 1, 0, 3)
     index = np.minimum(along.astype(np.int64), 2)
     x: Float64[np.ndarray, "rows columns"] = knots[:, index] + (along - index) * (
@@ -130,7 +130,7 @@ def _along_side(
 def _roof_points(
     body: Body, edge: Float64[np.ndarray, "columns 3"]
 ) -> Float64[np.ndarray, "rows columns 3"]:
-    """Rings from the edge of the roof to its middle line."""
+    """Compute the rings from the edge of the roof to its middle line."""
     y = np.outer(_ROOF_ROWS, edge[:, 1])
     x = np.broadcast_to(edge[:, 0], y.shape)
     return np.stack((x, y, _roof_height(body, x, y, edge[:, 1])), axis=-1)
@@ -142,7 +142,7 @@ def _roof_height(
     y: Float64[np.ndarray, "*rows columns"],
     edge_y: Float64[np.ndarray, " columns"],
 ) -> Float64[np.ndarray, "*rows columns"]:
-    """Height [m] of the roof, which falls to both ends and to the sides."""
+    """Compute the height [m] of the roof, which falls to both ends and to the sides."""
     form, half = body.form, body.length / 2
     middle = (form.screen_top + form.rear_top) / 2 * half
     reach = (form.screen_top - form.rear_top) / 2 * half
@@ -157,7 +157,7 @@ def _roof_height(
 def _cells(
     form: BodyForm, level: Float64[np.ndarray, "cell_rows 1"], way: Float64[np.ndarray, " columns"]
 ) -> Int[np.ndarray, "cell_rows columns"]:
-    """Which finish each cell has: paint, glass or plastic."""
+    """Choose the finish of each cell: paint, glass or plastic."""
     cells = np.zeros((len(level), len(way)), dtype=np.int64)
     glass_rows = within(level, _SILL_LEVEL, form.window_top)
     frame_rows = within(level, _FRAME_LEVEL, form.window_top + _HEADER)

@@ -1,4 +1,4 @@
-"""What is mounted on the body of a car or a van: wheels, plates, mirrors, lamps, seats."""
+"""Parts mounted on the body of a car or a van: wheels, plates, mirrors, lamps, seats."""
 
 from collections.abc import Sequence
 
@@ -39,12 +39,12 @@ _SPOKES = ((1, 1, 0, 0), (1, 0), (1, 1, 1, 0), (1,))  # repeated around the rim
 def wheel(
     rng: np.random.Generator, radius: float, width: float, *, rim: Finish = ALLOY, spokes: int = -1
 ) -> Mesh:
-    """A wheel about the y axis at the origin, its outside towards +y.
+    """Build a wheel about the y axis at the origin, with its outside towards +y.
 
     Args:
-        rng: Chooses the spokes.
-        radius: Of the tyre [m].
-        width: Of the tyre [m].
+        rng: Source of randomness for the spokes.
+        radius: Radius of the tyre [m].
+        width: Width of the tyre [m].
         rim: Metal of the spokes.
         spokes: Index of the pattern of spokes; -1 draws one.
     """
@@ -56,7 +56,7 @@ def wheel(
     cells = np.zeros((len(profile) - 1, _WHEEL_SIDES), dtype=np.int64)
     cells[5:7] = 1
     spoked = np.where(np.resize(pattern, _WHEEL_SIDES) > 0, 1, 2)
-    if min(pattern):  # a wheel cover has only slots near its edge
+    if min(pattern):  # a wheel cover only has slots near its edge
         cells[7], cells[8:] = np.where(np.arange(_WHEEL_SIDES) % 2, 1, 2), 1
     else:
         cells[7:9], cells[9:] = spoked, 1
@@ -65,12 +65,12 @@ def wheel(
 
 
 def wheels(one: Mesh, axles: Sequence[float], track_half_width: float, radius: float) -> Mesh:
-    """The wheel at both ends of each axle at x [m]; the track is measured between middles."""
+    """Place the wheel at both ends of each axle at x [m]; the track is measured between middles."""
     return both_sides(*(moved(one, (axle, track_half_width, radius)) for axle in axles))
 
 
 def plate(rng: np.random.Generator, x: float, z: float, facing: int) -> list[Mesh]:
-    """A number plate in the middle of the front (`facing` 1) or rear (-1) with its letters."""
+    """Build a number plate with letters in the middle of the front (`facing` 1) or rear (-1)."""
     outside = x + 0.012 * facing
     starts = np.array([-0.19, -0.14, -0.06, -0.01, 0.07, 0.12, 0.17, 0.215])
     shown = starts[np.arange(8) < rng.integers(6, 9)]
@@ -85,7 +85,7 @@ def plate(rng: np.random.Generator, x: float, z: float, facing: int) -> list[Mes
 
 
 def mirrors(rng: np.random.Generator, body: Body) -> Mesh:
-    """The door mirrors, whose ends stand out beyond the body."""
+    """Build the door mirrors, which extend beyond the body."""
     shell = body.paint if rng.random() < 0.75 else BLACK_PLASTIC
     x = float(body.screen_x(0.10)) - 0.10
     z = float(body.shoulder_height(np.array([x]))[0]) + 0.075
@@ -100,7 +100,7 @@ def mirrors(rng: np.random.Generator, body: Body) -> Mesh:
 
 
 def handles(body: Body, finish: Finish) -> list[Mesh]:
-    """A handle ahead of the rear gap of each door."""
+    """Build a handle ahead of the rear gap of each door."""
     level = 0.84
     places = [gap * body.length / 2 + 0.13 for gap in body.form.door_gaps[1:]]
     centers = [
@@ -115,7 +115,7 @@ def handles(body: Body, finish: Finish) -> list[Mesh]:
 
 
 def front_trim(rng: np.random.Generator, body: Body) -> list[Mesh]:
-    """Reflectors in the headlights, fog lamps, emblem and bars of the grille."""
+    """Build reflectors in the headlights, fog lamps, emblem and bars of the grille."""
     form, half_width = body.form, body.width / 2
     middle = (form.lamp_levels[0] + form.lamp_levels[1]) / 2
     across = (0.70, 0.80) if rng.random() < 0.6 else (0.74,)
@@ -142,7 +142,7 @@ def front_trim(rng: np.random.Generator, body: Body) -> list[Mesh]:
 def _end_point(
     body: Body, facing: int, across: float, level: float, depth: float
 ) -> tuple[float, float, float]:
-    """A point `depth` [m] below the skin of the front (`facing` 1) or the rear (-1)."""
+    """Compute a point `depth` [m] below the skin of the front (`facing` 1) or the rear (-1)."""
     roundness = body.form.front_roundness if facing > 0 else body.form.rear_roundness
     place = (1 - across**roundness) ** (1 / roundness)
     middle = body.front_x(level) if facing > 0 else body.rear_x(level)
@@ -151,7 +151,7 @@ def _end_point(
 
 
 def rear_trim(rng: np.random.Generator, body: Body) -> list[Mesh]:
-    """Exhaust and reflectors."""
+    """Build exhaust and reflectors."""
     place = _end_point(body, -1, 0.60, 0.40, 0.004)
     reflector = box(place, (0.012, 0.06, 0.016), _REAR_REFLECTOR)
     exhaust_y = float(rng.choice([-1, 1])) * 0.55 * body.width / 2
@@ -161,7 +161,7 @@ def rear_trim(rng: np.random.Generator, body: Body) -> list[Mesh]:
 
 
 def seats(body: Body, rows: Sequence[float]) -> Mesh:
-    """Backs and head rests at x [m] of each row; they are what a beam meets behind the glass."""
+    """Build backs and head rests at x [m] of each row; they reflect beams behind the glass."""
     sill = float(body.shoulder_height(np.zeros(1))[0])
     low, top, y, left = body.clearance + 0.12, sill + 0.12, 0.22 * body.width, []
     for x in rows:
@@ -183,7 +183,7 @@ def seats(body: Body, rows: Sequence[float]) -> Mesh:
 
 
 def roof_rails(body: Body, finish: Finish) -> Mesh:
-    """A rail along each edge of the roof."""
+    """Build a rail along each edge of the roof."""
     form, half = body.form, body.length / 2
     ahead, behind = form.screen_top * half - 0.12, form.rear_top * half + 0.08
     y = 0.90 * float(body.cabin_half_width(1.0))
@@ -200,7 +200,7 @@ def roof_rails(body: Body, finish: Finish) -> Mesh:
 
 
 def rear_door_gap(body: Body) -> Mesh:
-    """The line between two rear doors."""
+    """Build the line between two rear doors."""
     form, half = body.form, body.length / 2
     low, sill = body.level_height(-half, 0.48), body.level_height(-half, 0.95)
     roof = body.height - form.roof_crown_m - form.roof_fall_rear_m
@@ -214,7 +214,7 @@ def rear_door_gap(body: Body) -> Mesh:
 
 
 def spoiler(rng: np.random.Generator, body: Body) -> Mesh:
-    """A blade that goes on where the roof ends."""
+    """Build a blade that extends the roof's end."""
     form = body.form
     x = form.rear_top * body.length / 2 - form.rear_bow_m
     z = body.height - form.roof_fall_rear_m - 0.4 * form.roof_crown_m
@@ -224,14 +224,14 @@ def spoiler(rng: np.random.Generator, body: Body) -> Mesh:
 
 
 def spare_wheel(one: Mesh, body: Body) -> Mesh:
-    """A wheel on the rear door, its outside to the rear."""
+    """Build a wheel on the rear door, with its outside to the rear."""
     to_rear = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     place = (body.rear_x(0.9) - 0.07, -0.08, body.level_height(-body.length / 2, 0.8))
     return moved(turned(one, to_rear), place)
 
 
 def extras(rng: np.random.Generator, body: Body, roof_load: float) -> list[Mesh]:
-    """What labels leave out: aerial, tow bar and, with that probability, a load on the roof."""
+    """Build parts excluded from labels: aerial, tow bar and, with a probability, a roof load."""
     form, half, parts = body.form, body.length / 2, []
     front, rear = form.screen_top * half - 0.15, form.rear_top * half + 0.15
     roof = body.height - form.roof_fall_rear_m

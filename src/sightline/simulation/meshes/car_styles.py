@@ -1,4 +1,4 @@
-"""Body styles of cars and vans: proportions, how common and how large they are."""
+"""Body styles of cars and vans: proportions, frequencies and sizes."""
 
 from dataclasses import dataclass, replace
 
@@ -15,19 +15,19 @@ class CarStyle:
     seat_rows: tuple[float, ...] = (-0.05, -0.50)
     """Places of the seats' backs."""
     rails: float = 0.0
-    """Probability of roof rails, as the following are of other parts."""
+    """Probability of roof rails; the following fields are probabilities of other parts."""
     spoiler: float = 0.0
-    """Over the rear window."""
+    """Spoiler over the rear window."""
     pillar_lamps: float = 0.0
     """Tail lights beside the rear window."""
     spare_wheel: float = 0.0
-    """On the rear door."""
+    """Spare wheel on the rear door."""
     roof_load: float = 0.01
-    """A box or a ladder on the roof, which labels leave out."""
+    """Box or ladder on the roof, which labels exclude."""
     soft_top: float = 0.0
-    """A roof of cloth."""
+    """Roof of cloth."""
     white: float = 0.0
-    """White paint, beyond that of all cars."""
+    """White paint, in addition to that of all cars."""
 
 
 def _shoulder(
@@ -39,7 +39,7 @@ def _shoulder(
     boot: float | None = None,
     dash: float = 0.36,
 ) -> tuple[tuple[float, float], ...]:
-    """The shoulder's line: rear end, boot lid, window sill, dashboard, wing and nose."""
+    """Build the shoulder's line: rear end, boot lid, window sill, dashboard, wing and nose."""
     behind = ((-0.55, rear - 0.01),) if boot is None else ((-0.73, boot), (-0.45, rear))
     ahead = ((dash, sill), (dash + 0.09, sill + 0.015), (0.9, wing), (1.0, nose))
     return ((-1.0, rear), *behind, *ahead)
@@ -155,7 +155,7 @@ STYLES: dict[str, CarStyle] = {
         ),
     ),
 }  # fmt: skip
-"""Of cars, by name; shares sum to 1."""
+"""Styles of cars, by name; shares sum to 1."""
 
 VAN_STYLES: dict[str, CarStyle] = {
     "delivery van": CarStyle(
@@ -183,4 +183,4 @@ VAN_STYLES: dict[str, CarStyle] = {
         ),
     ),
 }  # fmt: skip
-"""Of vans, by name; shares sum to 1."""
+"""Styles of vans, by name; shares sum to 1."""

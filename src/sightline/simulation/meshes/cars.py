@@ -1,6 +1,6 @@
-"""Cars and vans of several body styles, sized so that their labels are as KITTI's.
+"""Cars and vans of several body styles, with sizes for labels like KITTI's.
 
-A design is what cars of one make have in common. Nose, tail and the slope of the screens depend
+A design is the common part of cars of one make. Nose, tail and the slope of the screens depend
 little on its length: longer cars are longer mostly in the middle.
 """
 
@@ -41,7 +41,7 @@ from sightline.simulation.scene import Mesh
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Family:
-    """Cars or vans."""
+    """Vehicle family: cars or vans."""
 
     class_name: str
     styles: Mapping[str, CarStyle]
@@ -50,8 +50,8 @@ class Family:
 
 
 UNSEEN_M = 0.28
-"""What labels leave out of an end that faces away, in the mean (`label_ends`): by so much bodies
-are longer than KITTI's labels."""
+"""Mean part of an end facing away that labels exclude (`label_ends`): bodies are longer than
+KITTI's labels by this."""
 CARS = Family(class_name="Car", styles=STYLES, spread=Size(0.35, 0.08, 0.08))
 VANS = Family(class_name="Van", styles=VAN_STYLES, spread=Size(0.45, 0.10, 0.15))
 
@@ -69,7 +69,7 @@ _PAINTS: tuple[tuple[float, Color], ...] = (  # share, linear albedo; roughly Ge
 
 
 class VehicleDesign:
-    """A make of cars or vans, built when the first one is needed.
+    """Make of cars or vans, built when the first one is needed.
 
     Args:
         rng: Source of randomness.
@@ -94,7 +94,7 @@ class VehicleDesign:
         self._seed = int(rng.integers(2**32))
 
     def model(self, rng: np.random.Generator) -> ActorModel:
-        """A vehicle of this make with its own size, proportions and paint."""
+        """Draw a vehicle of this make with its own size, proportions and paint."""
         _, size = self._draw_size(rng, self._index)
         paint = _WHITE if rng.random() < self._style.white else draw_paint(rng)
         make = partial(self._one, size, paint, int(rng.integers(2**32)))
@@ -118,7 +118,7 @@ class VehicleDesign:
 
     @cached_property
     def _built(self) -> tuple[Mesh, Float64[np.ndarray, "7"], Size]:
-        """The design, the knots along x [m] between which cars of it differ, and its size.
+        """Build the design, the knots along x [m] for variation between cars, and its size.
 
         Knots are the ends, both sides of both wheels and the upper edge of the windscreen.
         """
@@ -144,7 +144,7 @@ class VehicleDesign:
 
 
 def _parts(rng: np.random.Generator, body: Body, style: CarStyle) -> list[Mesh]:
-    """Everything within the label's box."""
+    """Build all parts within the label's box."""
     tyre = 0.20 if body.wheel_radius < 0.33 else 0.22
     one = wheel(rng, body.wheel_radius, tyre, rim=ALLOY)
     half = body.length / 2
@@ -177,11 +177,11 @@ def _parts(rng: np.random.Generator, body: Body, style: CarStyle) -> list[Mesh]:
 def proportioned(
     rng: np.random.Generator, knots: Float64[np.ndarray, "7"], length: float, height_ratio: float
 ) -> Float64[np.ndarray, "7"]:
-    """Where the knots of a design are in a car of that length [m].
+    """Place the knots of a design in a car of a given length [m].
 
     Overhangs and windscreen depend a little on the length and more on chance; wheels on the height,
-    so that they stay round; the cabin takes the rest. What it cannot take is shared by all but the
-    wheels.
+    so that they stay round; the cabin takes the rest, up to a limit. The remainder is shared by all
+    parts except the wheels.
     """
     spans = np.diff(knots)  # rear overhang, rear wheel, cabin, screen, front wheel, front overhang
     follows = 1 + 0.3 * (length / spans.sum() - 1) + rng.normal(0.0, 1.0, 6) * _FREEDOM
@@ -196,7 +196,7 @@ def proportioned(
 
 
 def varied(rng: np.random.Generator, style: CarStyle, half_length: float) -> BodyForm:
-    """The form of a style with the differences between makes."""
+    """Draw the form of a style with the differences between makes."""
     form = style.form
     nose, tail, sill, slope, width, top, base, inner = rng.uniform(-1.0, 1.0, 8)
     bow, crown, fall, rake, front_round, rear_round = np.exp(rng.uniform(-0.4, 0.4, 6))
@@ -246,7 +246,7 @@ def varied(rng: np.random.Generator, style: CarStyle, half_length: float) -> Bod
 
 
 def draw_paint(rng: np.random.Generator) -> Finish:
-    """A colour, drawn by its frequency on German roads."""
+    """Draw a colour by its frequency on German roads."""
     shares = np.array([share for share, _ in _PAINTS])
     base = _PAINTS[int(rng.choice(len(_PAINTS), p=shares / shares.sum()))][1]
     shade = np.clip(np.array(base) * rng.uniform(0.8, 1.2) * rng.uniform(0.95, 1.05, 3), 0, 0.9)

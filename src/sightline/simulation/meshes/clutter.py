@@ -1,6 +1,6 @@
-"""Plain things in streets, from lamps and bins to skips, advertising boards and bicycles.
+"""Simple street objects, from lamps and bins to skips, advertising boards and bicycles.
 
-Faces of `Material.CAR_PAINT` take another colour in each copy.
+Faces of `Material.CAR_PAINT` have another colour in each copy.
 """
 
 from collections.abc import Callable, Mapping
@@ -78,7 +78,7 @@ def _shelter() -> list[Mesh]:
 
 
 def _striped(height: float) -> list[Mesh]:
-    """A board in red and white across y."""
+    """Build a board in red and white across y."""
     return [
         box((0, -0.875 + 0.25 * row, height), (0.018, 0.125, 0.11), _RED if row % 2 else _WHITE)
         for row in range(8)
@@ -201,4 +201,4 @@ CLUTTER: Final[Mapping[str, Callable[[], list[Mesh]]]] = {
     ],
     "scaffold": _scaffold,
 }  # fmt: skip
-"""The parts of each thing; its foot is at the origin, its face looks along x."""
+"""Parts of each object; its foot is at the origin, its face looks along x."""

@@ -17,7 +17,7 @@ _ROOF_ROWS = np.array([0.96, 0.80, 0.0])
 
 
 class Face(Enum):
-    """Which outer face of a box a panel lies in."""
+    """Outer face of a box that a panel lies in."""
 
     FRONT = 0
     SIDES = 1
@@ -25,21 +25,21 @@ class Face(Enum):
 
 
 class Panel(NamedTuple):
-    """A rectangle of another finish."""
+    """Rectangle of another finish."""
 
     face: Face
     start: float
-    """Along x at the sides, as |y| at the ends [m]."""
+    """Start along x at the sides, or along |y| at the ends [m]."""
     end: float
     low: float
-    """Height [m]."""
+    """Lower height [m]."""
     high: float
     finish: Finish
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Coachwork:
-    """A box from x = -length / 2 to length / 2 whose walls may lean."""
+    """Box from x = -length / 2 to length / 2 with walls that may lean."""
 
     length: float
     width: float
@@ -50,15 +50,15 @@ class Coachwork:
     corner: float
     """Radius [m] of the upright edges."""
     crown: float = 0.04
-    """By how much [m] the roof is higher in the middle."""
+    """Additional height [m] of the roof in the middle."""
     profile: tuple[tuple[float, float, float], ...] = ()
-    """(height, inset of the front, inset of the sides) [m] where the walls bend, upwards."""
+    """(height, inset of the front, inset of the sides) [m] at the bends of the walls, upwards."""
     rear_leans: bool = False
-    """Whether the rear is inset as the front is."""
+    """Whether the rear has the same insets as the front."""
 
 
 def coachwork_mesh(work: Coachwork, finish: Finish, panels: Sequence[Panel] = ()) -> Mesh:
-    """The closed box; later panels lie over earlier ones."""
+    """Build the closed box; later panels lie over earlier ones."""
     columns = _columns(work, panels)
     heights = _heights(work, panels)
     skin = grid(_points(work, columns, heights), finish, closed=True)
@@ -83,7 +83,7 @@ def coachwork_mesh(work: Coachwork, finish: Finish, panels: Sequence[Panel] = ()
 
 
 def _columns(work: Coachwork, panels: Sequence[Panel]) -> Float64[np.ndarray, "columns 2"]:
-    """(x, y) of the columns, counter-clockwise from the front's middle over the left side."""
+    """Compute (x, y) of the columns, counter-clockwise from the front's middle over the left."""
     half, half_width, corner = work.length / 2, work.width / 2, work.corner
     ends, sides = half_width - corner, half - corner
     front = _breaks(panels, Face.FRONT, 0.0, ends)
@@ -119,7 +119,7 @@ def _breaks(
 def _apart(
     values: Float64[np.ndarray, " values"], low: float, high: float
 ) -> Float64[np.ndarray, " kept"]:
-    """`low`, the values between in order, `high`; of values closer than 2 mm one stays."""
+    """Sort `low`, the values between, and `high`; of values closer than 2 mm, one is kept."""
     inner = np.sort(values[(values > low + 2e-3) & (values < high - 2e-3)])
     inner = inner[np.diff(inner, prepend=low) > 2e-3]
     return np.concatenate(([low], inner, [high]))
@@ -130,7 +130,7 @@ def _points(
     columns: Float64[np.ndarray, "columns 2"],
     heights: Float64[np.ndarray, " rows"],
 ) -> Float64[np.ndarray, "all_rows columns 3"]:
-    """Rings from the middle of the floor, up the walls and in over the roof."""
+    """Compute the rings from the middle of the floor, up the walls and in over the roof."""
     profile = np.array(work.profile or ((work.low, 0.0, 0.0),))
     front = np.interp(heights, profile[:, 0], profile[:, 1])[:, None]
     side = np.interp(heights, profile[:, 0], profile[:, 2])[:, None]

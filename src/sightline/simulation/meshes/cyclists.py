@@ -1,4 +1,4 @@
-"""People on bicycles, who pedal with time."""
+"""Cyclists with a pedalling motion."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -45,7 +45,7 @@ _CRANK = 0.17
 _PEDAL_Y = 0.125
 _HEAD_LOW = (0.475, 0.0, 0.68)
 _HEAD_HIGH = (0.435, 0.0, 0.87)
-_GEAR_M = 4.6  # distance for one turn of the cranks
+_GEAR_M = 4.6  # distance per turn of the cranks
 _RUBBER = Finish(Material.RUBBER, (0.02, 0.02, 0.02))
 _STEEL = Finish(Material.METAL, (0.35, 0.35, 0.36))
 _BLACK = Finish(Material.PLASTIC, (0.02, 0.02, 0.02))
@@ -66,7 +66,7 @@ _FOOT_PITCH = -0.12  # rad
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bicycle:
-    """The parts of a bicycle that move differently, each about its own axle."""
+    """Moving parts of a bicycle, each about its own axle."""
 
     frame: Mesh
     front_hub: tuple[float, float, float]
@@ -75,32 +75,32 @@ class Bicycle:
     """Both cranks and the chain wheel; the left crank points up."""
     pedal: Mesh
     saddle: tuple[float, float]
-    """x and height [m] of the rider's hips above it."""
+    """x and height [m] of the rider's hips above the saddle."""
     grips: tuple[float, float, float]
     """x, half the distance and height [m] of the hands."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PedallingCyclist:
-    """A cyclist who rides in place; the wheels roll where the actor moves at its speed."""
+    """Cyclist riding in place; the wheels roll correctly if the actor moves at its speed."""
 
     bicycle: Bicycle
     rider: Figure
     lean: float
-    """How far the back leans forward [rad]."""
+    """Forward lean of the back [rad]."""
     speed_mps: float
     start: float
     """Angle of the cranks at time 0 [rad]."""
     offset: tuple[float, float, float]
-    """Shift that puts the box around a whole turn of the cranks over the origin [m]."""
+    """Shift that centres the box around a whole turn of the cranks over the origin [m]."""
 
     def at(self, time_s: float) -> Mesh:
-        """The cyclist after so much time [s]."""
+        """Build the mesh at a time [s]."""
         way = self.speed_mps * time_s
         return moved(self.turned_to(self.start + 2 * np.pi * way / _GEAR_M, way), self.offset)
 
     def turned_to(self, crank: float, way_m: float) -> Mesh:
-        """The cyclist with the cranks at an angle and the wheels rolled `way_m`, frame's origin."""
+        """Build the mesh for a crank angle and wheels rolled `way_m`, frame's origin."""
         bicycle = self.bicycle
         wheel = turned(bicycle.wheel, _forward_roll(way_m / _WHEEL_RADIUS))
         cranks = turned(bicycle.crank, _forward_roll(crank))
@@ -111,7 +111,7 @@ class PedallingCyclist:
         return Mesh.joined([*parts, moved(self.rider.skinned.bent(transforms), shift)])
 
     def extent(self) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-        """Corners [m] of the upright box that holds a whole turn of the cranks, frame's origin."""
+        """Corners [m] of the upright box around a whole turn of the cranks, frame's origin."""
         rolling = _WHEEL_RADIUS * np.array((1.0, 0.0, 1.0))
         wheels = np.array((_REAR_HUB - rolling, self.bicycle.front_hub + rolling))
         turns = _TURNS.tolist()
@@ -126,7 +126,7 @@ class PedallingCyclist:
     def _rider_transforms(
         self, crank: float
     ) -> tuple[Float64[np.ndarray, "num_bones 3 4"], Float64[np.ndarray, "3"]]:
-        """How the bones move to sit on the saddle, feet on pedals and hands on the bar; a shift."""
+        """Compute bone transforms and a shift for a rider on the saddle, pedals and handlebar."""
         joints = self.rider.joints
         pose: Pose = {
             Bone.PELVIS: Turn(forward=-0.45 * self.lean),
@@ -186,7 +186,7 @@ class PedallingCyclist:
 
 
 def make_cyclist(rng: np.random.Generator, speed_mps: float) -> ActorModel:
-    """Someone on a bicycle who rides at `speed_mps`."""
+    """Draw a cyclist who rides at `speed_mps`."""
     build = draw_build(rng)
     build = replace(build, height=float(np.clip(build.height - 0.09, 1.50, 1.90)))
     outfit = draw_outfit(rng)
@@ -225,20 +225,20 @@ def _moved_joint(
 
 
 def _forward_roll(angle: float) -> Float64[np.ndarray, "3 3"]:
-    """The rotation of a rolling wheel: its top moves forward."""
+    """Compute the rotation of a rolling wheel: its top moves forward."""
     rotation: Float64[np.ndarray, "3 3"] = turn_matrices(np.array([Turn(forward=-angle)]))[0]
     return rotation
 
 
 def _pedal_place(crank: float, side: int) -> tuple[float, float, float]:
-    """Where a pedal is [m]; the left one is on top at angle 0."""
+    """Compute the position of a pedal [m]; the left one is on top at angle 0."""
     angle = crank if side > 0 else crank + np.pi
     x, z = _CRANK * float(np.sin(angle)), _CRANK * float(np.cos(angle))
     return _BRACKET[0] + x, side * _PEDAL_Y, _BRACKET[2] + z
 
 
 def _bicycle(rng: np.random.Generator, scale: float, lean: float) -> Bicycle:
-    """A bicycle that fits a rider of `scale` * 1.75 m who leans that far forward."""
+    """Build a bicycle for a rider of `scale` * 1.75 m with this forward lean."""
     hips = _BRACKET[2] - _CRANK + 0.11 + 0.955 * 0.83 * scale
     saddle_x, saddle_z = -0.19, hips - 0.085 * scale
     grip_z = float(np.interp(lean, (0.25, 0.75), (1.08, 0.92))) + 0.25 * (scale - 1)
@@ -268,7 +268,7 @@ def _frame(
     grips: tuple[float, float, float],
     front_hub: tuple[float, float, float],
 ) -> list[Mesh]:
-    """Frame, fork, handlebar and saddle post."""
+    """Build frame, fork, handlebar and saddle post."""
     seat_tube = (-0.15, 0.0, 0.76)
     lines = (
         (_BRACKET, seat_tube, 0.017),
@@ -306,7 +306,7 @@ def _equipment(
     saddle: tuple[float, float],
     front_hub: tuple[float, float, float],
 ) -> list[Mesh]:
-    """Saddle, lamps, mudguards; a carrier, sometimes with a basket."""
+    """Build saddle, lamps, mudguards; a carrier, sometimes with a basket."""
     x, z = saddle
     seat = (x + 0.02, 0.0, z - 0.03)
     parts = [
@@ -341,7 +341,7 @@ def _equipment(
 
 @cache  # all bicycles share it; meshes are never written to
 def _wheel() -> Mesh:
-    """Tyre, rim, spokes and hub about the y axis."""
+    """Build tyre, rim, spokes and hub about the y axis."""
     rim = torus((0, 0, 0), _WHEEL_RADIUS - 0.036, 0.010, _STEEL, num_sides=24, num_tube_sides=5)
     tyre = torus((0, 0, 0), _WHEEL_RADIUS - 0.019, 0.019, _RUBBER, num_sides=24, num_tube_sides=6)
     hub = tube([(0, -0.05, 0), (0, 0.05, 0)], 0.02, _STEEL, num_sides=6)
@@ -352,7 +352,7 @@ def _wheel() -> Mesh:
 
 @cache
 def _cranks() -> Mesh:
-    """Both cranks and the chain wheel about the y axis; the left crank points up."""
+    """Build both cranks and the chain wheel about the y axis; the left crank points up."""
     left = tube([(0, 0.07, 0), (0, 0.085, _CRANK)], 0.012, _STEEL, num_sides=5)
     right = tube([(0, -0.07, 0), (0, -0.085, -_CRANK)], 0.012, _STEEL, num_sides=5)
     chain_wheel = [

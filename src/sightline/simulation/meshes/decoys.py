@@ -1,6 +1,6 @@
-"""Things that a LiDAR takes for people or cars: beacons, low signs, masts, bare trunks, heaps.
+"""Objects that look like people or cars to a LiDAR: beacons, low signs, masts, bare trunks, heaps.
 
-Faces of `Material.CAR_PAINT` take another colour in each copy.
+Faces of `Material.CAR_PAINT` have another colour in each copy.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,7 +31,7 @@ def _post(height: float, radius: float, finish: Finish = _STEEL) -> Mesh:
 
 
 def _beacon() -> list[Mesh]:
-    """A striped panel on a foot, as it leads past road works."""
+    """Build a striped panel on a foot, as used at road works."""
     stripes = [
         box((0, 0, 0.22 + 0.2 * row), (0.03, 0.125, 0.1), _WHITE if row % 2 else _RED)
         for row in range(5)
@@ -45,7 +45,7 @@ def _lit_beacon() -> list[Mesh]:
 
 
 def _chevrons() -> list[Mesh]:
-    """A board of arrows at the height of a person's chest, on a post."""
+    """Build a board of arrows at the height of a person's chest, on a post."""
     boards = [
         box((0.06, -0.2 + 0.1 * row, 0.95), (0.015, 0.05, 0.26), _RED if row % 2 else _WHITE)
         for row in range(5)
@@ -54,7 +54,7 @@ def _chevrons() -> list[Mesh]:
 
 
 def _signal_mast() -> list[Mesh]:
-    """Lights for those on foot, with a button."""
+    """Build a pedestrian light with a button."""
     return [
         _post(3.3, 0.07),
         box((0.16, 0, 2.4), (0.1, 0.13, 0.36), _BLACK),
@@ -64,13 +64,13 @@ def _signal_mast() -> list[Mesh]:
 
 
 def _poster_pole() -> list[Mesh]:
-    """A lamp's pole with placards tied to it, on both sides."""
+    """Build a lamp pole with placards tied to both sides."""
     boards = [box((out, 0, 1.0), (0.012, 0.3, 0.43), _PAINT) for out in (-0.1, 0.1)]
     return [_post(5.0, 0.075), *boards]
 
 
 def _staked_tree() -> list[Mesh]:
-    """A young tree between three stakes."""
+    """Build a young tree between three stakes."""
     turns = np.arange(3) * 2 * np.pi / 3
     feet = [(0.33 * float(np.cos(turn)), 0.33 * float(np.sin(turn)), 0.0) for turn in turns]
     rail = [*feet, feet[0]]
@@ -121,4 +121,4 @@ DECOYS: Final[Mapping[str, Callable[[], list[Mesh]]]] = {
         box((0, 0, 0.6), (1.1, 2.2, 0.8), _PAINT), box((0, 0, 1.42), (1.15, 2.25, 0.04), _STEEL)
     ],
 }  # fmt: skip
-"""The parts of each thing; its foot is at the origin, its face looks along x."""
+"""Parts of each object; its foot is at the origin, its face looks along x."""

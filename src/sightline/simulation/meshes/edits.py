@@ -1,4 +1,4 @@
-"""Meshes painted cell by cell, turned, mirrored and stretched."""
+"""Edits of meshes: painting cell by cell, rotating, mirroring and stretching."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ from sightline.simulation.scene import Mesh
 
 
 def painted(mesh: Mesh, cells: Int[np.ndarray, "rows columns"], palette: Sequence[Finish]) -> Mesh:
-    """A `grid` whose cells have the finishes that `cells` picks from the palette."""
+    """Paint a `grid` with the finishes that `cells` selects from the palette."""
     picked = np.repeat(cells.ravel(), 2)
     materials = np.array([finish.material for finish in palette], dtype=np.int32)
     colors = np.array([finish.color for finish in palette], dtype=np.float32)
@@ -19,7 +19,7 @@ def painted(mesh: Mesh, cells: Int[np.ndarray, "rows columns"], palette: Sequenc
 
 
 def turned(mesh: Mesh, rotation: Float64[np.ndarray, "3 3"]) -> Mesh:
-    """The mesh turned about the origin."""
+    """Rotate the mesh about the origin."""
     return replace(
         mesh,
         vertices=(mesh.vertices @ rotation.T).astype(np.float32),
@@ -28,20 +28,20 @@ def turned(mesh: Mesh, rotation: Float64[np.ndarray, "3 3"]) -> Mesh:
 
 
 def mirrored(mesh: Mesh) -> Mesh:
-    """The mesh's mirror image in the xz plane, as left and right of a vehicle."""
+    """Mirror the mesh in the xz plane, like left and right of a vehicle."""
     flip = np.array([1, -1, 1], dtype=np.float32)
     faces = np.ascontiguousarray(mesh.faces[:, ::-1])
     return replace(mesh, vertices=mesh.vertices * flip, normals=mesh.normals * flip, faces=faces)
 
 
 def both_sides(*parts: Mesh) -> Mesh:
-    """The parts and their mirror images."""
+    """Join the parts and their mirror images."""
     own = Mesh.joined(parts)
     return Mesh.joined((own, mirrored(own)))
 
 
 def fitted(mesh: Mesh, size_lwh: Vector) -> Mesh:
-    """The mesh stretched to fill the upright box of that size [m] over the origin exactly."""
+    """Stretch the mesh to fill exactly the upright box of a size [m] over the origin."""
     low, high = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0)
     length, width, height = np.asarray(size_lwh, np.float64)
     centred = moved(mesh, (-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
@@ -55,12 +55,12 @@ def stretched(
     places: Float64[np.ndarray, " num_knots"],
     scale_yz: tuple[float, float],
 ) -> Mesh:
-    """The mesh with other lengths between some places along x, and of other width and height.
+    """Change the mesh's lengths between places along x, its width and its height.
 
     Args:
-        mesh: What is stretched.
-        knots: Where along x [m], in order.
-        places: Their new positions [m]. What lies beyond the ends moves with them.
+        mesh: The mesh to stretch.
+        knots: Places along x [m], in order.
+        places: Their new positions [m]. Parts beyond the ends move with them.
         scale_yz: Factors for y and z.
     """
     knots = np.array([knots[0] - 1, *knots, knots[-1] + 1])

@@ -13,7 +13,7 @@ from sightline.simulation.meshes.primitives import Finish
 
 
 class Facade(Enum):
-    """What a wall of a building shows."""
+    """Kind of a building's wall."""
 
     STREET = "street"
     SIDE = "side"
@@ -22,7 +22,7 @@ class Facade(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Look:
-    """Finishes of a building's walls, and its windows [m]."""
+    """Finishes of a building's walls, and dimensions of its windows [m]."""
 
     wall: Finish
     base: Finish
@@ -31,17 +31,17 @@ class Look:
     window_width: float
     window_height: float
     window_pitch: float
-    """From the middle of one window to that of the next."""
+    """Distance between the middles of neighbouring windows."""
     recess: float
-    """How deep windows sit in the wall."""
+    """Depth of windows in the wall."""
     shutter_share: float
-    """Share of windows with their roller blinds down."""
+    """Share of windows with lowered roller blinds."""
     has_folding_shutters: bool
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Front:
-    """One wall; seen from outside it runs to the right from its start."""
+    """Wall that runs to the right from its start, viewed from outside."""
 
     start: tuple[float, float]
     """World x, y."""
@@ -69,7 +69,7 @@ class _Openings(NamedTuple):
 
 _ALONG: Final = np.array([0, 1, 1, 0])
 _UP: Final = np.array([0, 0, 1, 1])
-"""Which end of a span each corner of a rectangle lies at."""
+"""Index of the span's end for each corner of a rectangle."""
 _SHOP_HEIGHT: Final = 2.5
 _DOOR_WIDTH: Final = 1.1
 _FRAME: Final = 0.07
@@ -77,9 +77,9 @@ _GLASS_TONES: Final = ((0.03, 0.035, 0.04), (0.06, 0.065, 0.07), (0.30, 0.29, 0.
 
 
 def build_front(rng: np.random.Generator, batch: QuadBatch, front: Front, look: Look) -> None:
-    """Adds one wall with all its openings to a batch, in a frame of its own.
+    """Add one wall with all its openings to a batch, in a frame of its own.
 
-    There x runs along the wall, y into it, and z up from the ground in front.
+    In this frame x runs along the wall, y into it, and z up from the ground in front.
     """
     batch.use_frame(front.start[0], front.start[1], front.ground, front.yaw)
     if front.facade is Facade.BLIND:
@@ -107,7 +107,7 @@ def build_front(rng: np.random.Generator, batch: QuadBatch, front: Front, look: 
 
 
 def _windows(front: Front, look: Look, floor: float) -> _Openings:
-    """Evenly spread windows of one storey."""
+    """Compute evenly spread windows of one storey."""
     pitch = look.window_pitch * (1.0 if front.facade is Facade.STREET else 1.5)
     count = max(1, int((front.length - 0.8) // pitch))
     middles = (np.arange(count) + 0.5) * front.length / count
@@ -118,7 +118,7 @@ def _windows(front: Front, look: Look, floor: float) -> _Openings:
 
 
 def _shop_windows(front: Front) -> _Openings:
-    """Wide panes from knee height up; one of them is the way in."""
+    """Compute wide panes from knee height up; one of them is the entrance."""
     count = max(1, int(front.length // 3.6))
     middles = (np.arange(count) + 0.5) * front.length / count
     half = front.length / count / 2 - 0.25
@@ -129,7 +129,7 @@ def _shop_windows(front: Front) -> _Openings:
 def _with_door(
     rng: np.random.Generator, openings: _Openings
 ) -> tuple[_Openings, tuple[float, float]]:
-    """Puts a door in place of one window, and returns the others and the door's edges."""
+    """Replace one window by a door; return the others and the door's edges."""
     row = int(rng.integers(len(openings.starts)))
     middle = (openings.starts[row] + openings.stops[row]) / 2
     others = _Openings(
@@ -145,7 +145,7 @@ def _wall(
     low: float | Float[np.ndarray, " num_pieces"],
     high: float | Float[np.ndarray, " num_pieces"],
 ) -> None:
-    """Pieces of wall between two heights, flush with its surface."""
+    """Add pieces of wall between two heights, flush with its surface."""
     corners = np.zeros((len(spans), 4, 3))
     corners[:, :, 0] = spans[:, _ALONG]
     corners[:, :2, 2], corners[:, 2:, 2] = np.reshape(low, (-1, 1)), np.reshape(high, (-1, 1))
@@ -160,7 +160,7 @@ def _pierced_storey(
     bottom: float,
     ceiling: float,
 ) -> None:
-    """The wall of a storey around its openings, and the plinth in front of its foot."""
+    """Add the wall of a storey around its openings, and the plinth in front of its foot."""
     whole = np.array([[0.0, front.length]])
     _wall(batch, look.wall, whole, bottom, openings.low)
     _wall(batch, look.wall, whole, openings.high, ceiling)
@@ -187,7 +187,7 @@ def _door(
     door: tuple[float, float],
     ceiling: float,
 ) -> None:
-    """A door proud of the wall with a frame, a pane above and a step in front."""
+    """Add a door in front of the wall with a frame, a pane above and a step."""
     start, stop = door
     floor = front.plinth
     top = min(floor + 2.25, ceiling - 0.2)
@@ -217,7 +217,7 @@ def _slab(
     up: tuple[float, float],
     finish: Finish,
 ) -> None:
-    """A block before the wall: front, top and both ends."""
+    """Add a block in front of the wall: front, top and both ends."""
     (a, b), (c, d), (e, f) = along, into, up
     corners = np.array(
         [
@@ -240,13 +240,13 @@ def _panes(
     *,
     is_shop: bool,
 ) -> None:
-    """Reveals, frames, sills and glass of all openings of a storey; some blinds are down."""
+    """Add reveals, frames, sills and glass of all openings of a storey; some blinds are down."""
     count = len(openings.starts)
     if count == 0:
         return
     low, high = np.full(count, openings.low), np.full(count, openings.high)
     starts, stops = openings.starts, openings.stops
-    # Behind the wall and without reveals, panes would let one see past them into an empty house.
+    # Without reveals, recessed panes would leave a gap with a view into an empty house.
     deep = 0.0 if front.is_far else look.recess
     if not front.is_far:
         reveals = np.concatenate(
@@ -292,7 +292,7 @@ def _sheets(
     high: Float64[np.ndarray, " count"],
     deep: float,
 ) -> Float64[np.ndarray, "count 4 3"]:
-    """Rectangles parallel to the wall, at a depth behind its surface."""
+    """Compute rectangles parallel to the wall, at a depth behind its surface."""
     corners = np.empty((len(starts), 4, 3))
     corners[:, :, 0] = np.stack((starts, stops), axis=1)[:, _ALONG]
     corners[:, :, 1] = deep
@@ -307,7 +307,7 @@ def _rectangles(
     *,
     upright: bool,
 ) -> Float64[np.ndarray, "count 4 3"]:
-    """Rectangles at right angles to the wall: cheeks of openings, or their sills and lintels."""
+    """Compute rectangles perpendicular to the wall: sides of openings, or sills and lintels."""
     corners = np.empty((len(along[0]), 4, 3))
     corners[:, :, 0] = np.stack(along, axis=1)[:, _ALONG]
     corners[:, :, 1] = np.array(into)[_ALONG if upright else _UP]
@@ -316,7 +316,7 @@ def _rectangles(
 
 
 def _folding_shutters(batch: QuadBatch, look: Look, openings: _Openings) -> None:
-    """Wooden shutters folded back on both sides of each window."""
+    """Add wooden shutters folded back on both sides of each window."""
     count = len(openings.starts)
     low, high = np.full(count, openings.low), np.full(count, openings.high)
     wide = 0.32
@@ -326,7 +326,7 @@ def _folding_shutters(batch: QuadBatch, look: Look, openings: _Openings) -> None
 
 
 def _shop_sign(rng: np.random.Generator, batch: QuadBatch, front: Front, high: float) -> None:
-    """A coloured board over the shop windows, sometimes an awning."""
+    """Add a coloured board over the shop windows, sometimes an awning."""
     tone = rng.uniform(0.03, 0.6, 3)
     red, green, blue = tone.tolist()
     finish = Finish(Material.PLASTIC, (red, green, blue))

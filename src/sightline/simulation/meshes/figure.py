@@ -1,4 +1,4 @@
-"""Human figures in the resting pose, of several builds and dressed."""
+"""Human figures in the resting pose, with various builds and clothes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -90,29 +90,29 @@ _CROWN_HEIGHT = 1.765
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Build:
-    """The build of a body."""
+    """Build of a body."""
 
     height: float
-    """Metres, with hair."""
+    """Height in metres, with hair."""
     girth: float = 1.0
-    """Thickness of the trunk, 1 on average; the limbs follow in part."""
+    """Thickness of the trunk, 1 on average; the limbs follow partly."""
     head: float = 1.0
-    """Size of the head against the body, 1 for adults."""
+    """Size of the head relative to the body, 1 for adults."""
     shoulders: float = 1.0
     hips: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Figure:
-    """A dressed body that bends."""
+    """Clothed body with bones."""
 
     skinned: Skinned
     joints: Float64[np.ndarray, "num_bones 3"]
-    """Where each bone begins [m]."""
+    """Start of each bone [m]."""
 
 
 def make_figure(build: Build, outfit: Outfit) -> Figure:
-    """A figure at rest; its soles stand on the ground."""
+    """Make a figure at rest; its soles stand on the ground."""
     parts = [*_trunk(build, outfit), *_arms(build, outfit), *_legs(build, outfit)]
     parts += _grown_head(build, [*_face(outfit), *headwear(outfit)])
     parts += luggage(outfit, 0.12 * build.girth)
@@ -126,7 +126,7 @@ def make_figure(build: Build, outfit: Outfit) -> Figure:
 
 
 def _arm_shift(build: Build) -> float:
-    """How much farther out [m] than on average the arms hang."""
+    """Compute the additional outward shift of the arms [m] relative to the average."""
     return 0.185 * (build.shoulders - 1) + 0.08 * (build.girth - 1)
 
 
@@ -212,7 +212,7 @@ def _legs(build: Build, outfit: Outfit) -> list[Skinned]:
 def _limb(
     rings: Float64[np.ndarray, "num_rings 4"], low_y: float, high_y: float, num_sides: int
 ) -> Float64[np.ndarray, "num_rings num_sides 3"]:
-    """A limb on the left side that leans from `high_y` at its top to `low_y` at its bottom."""
+    """Build a left limb that leans from `high_y` at its top to `low_y` at its bottom."""
     points = ellipse_stack(rings, num_sides)
     share = (rings[:, 0] - rings[0, 0]) / (rings[-1, 0] - rings[0, 0])
     points[:, :, 1] += (low_y + share * (high_y - low_y))[:, None]
@@ -233,7 +233,7 @@ def _face(outfit: Outfit) -> list[Skinned]:
 
 
 def _grown_head(build: Build, parts: Sequence[Skinned]) -> list[Skinned]:
-    """The head's parts scaled about the neck."""
+    """Scale the head's parts about the neck."""
     neck = np.array((0.0, 0.0, _NECK_HEIGHT))
     return [
         replace(

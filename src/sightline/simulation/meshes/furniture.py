@@ -1,4 +1,4 @@
-"""What stands in streets: lamps, signs, lights, bollards, bins, benches, fences, rails."""
+"""Street furniture: lamps, signs, lights, bollards, bins, benches, fences, rails."""
 
 from enum import Enum
 from functools import cache
@@ -33,7 +33,7 @@ _HEAD_M: Final = 1.9
 
 
 class Item(Enum):
-    """Things that are copied along a street; their face or front looks along x."""
+    """Items copied along a street; their face or front looks along x."""
 
     ARM_LAMP = "arm lamp"
     POST_LAMP = "post lamp"
@@ -93,7 +93,7 @@ class Item(Enum):
 
 @cache
 def item_model(item: Item) -> Mesh:
-    """The mesh of a thing, its foot at the origin; made once."""
+    """Build the mesh of an item, with its foot at the origin; cached."""
     for plain in (CLUTTER, DECOYS):
         if item.value in plain:
             return Mesh.joined(plain[item.value]())
@@ -102,7 +102,7 @@ def item_model(item: Item) -> Mesh:
 
 @cache
 def item_footprint(item: Item) -> tuple[float, float]:
-    """Length and width [m] of the ground that a thing takes, up to a person's height."""
+    """Compute length and width [m] of an item's ground area, up to a person's height."""
     vertices = item_model(item).vertices
     reach = 2 * np.abs(vertices[vertices[:, 2] < _HEAD_M, :2]).max(axis=0)
     return float(reach[0]), float(reach[1])
@@ -115,7 +115,7 @@ def _post(height: float, radius: float = 0.03, finish: Finish = _STEEL) -> Mesh:
 def _face(
     sides: int, radius: float, finish: Finish, out: float, height: float, turn: float
 ) -> Mesh:
-    """A regular polygon that looks along x."""
+    """Build a regular polygon that faces along x."""
     angles = turn + np.arange(sides) * 2 * np.pi / sides
     corners = np.stack(
         (np.full(sides, out), radius * np.cos(angles), height + radius * np.sin(angles)), axis=1
@@ -126,14 +126,14 @@ def _face(
 def _plate(
     half: tuple[float, float], finish: Finish, out: float, center: tuple[float, float]
 ) -> Mesh:
-    """A rectangle that looks along x, by its half width and height and its middle (y, z)."""
+    """Build a rectangle facing along x, from its half width and height and its middle (y, z)."""
     (w, h), (y, z) = half, center
     corners = [[out, y - w, z - h], [out, y + w, z - h], [out, y + w, z + h], [out, y - w, z + h]]
     return quads(np.array([corners]), finish)
 
 
 def _sign(sides: int, radius: float, rings: list[tuple[float, Finish]], turn: float) -> Mesh:
-    """A sign of nested polygons, each a share of the whole, on a post."""
+    """Build a sign of nested polygons, each a share of the whole, on a post."""
     height = 2.35
     back = _face(sides, radius, _SIGN_BACK, 0.03, height, turn)
     faces = [
@@ -227,11 +227,11 @@ def add_boxes_along(
     half_width: float,
     heights: tuple[float, float],
 ) -> None:
-    """A wall or rail along a line of world points, from one height above it to another."""
+    """Add a wall or rail along a line of world points, between two heights above it."""
     steps = np.diff(line, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     low, high = heights
-    # Pieces overlap a little, or bends would have gaps.
+    # Pieces overlap a little; otherwise bends would have gaps.
     halves = np.stack(
         (lengths / 2 + half_width * 0.5, np.full(len(steps), half_width),
          np.full(len(steps), (high - low) / 2)),
@@ -248,6 +248,6 @@ def add_posts(
     half_size: tuple[float, float, float],
     finish: Finish,
 ) -> None:
-    """Upright posts or pickets with their feet at places on the ground."""
+    """Add upright posts or pickets with their feet at places on the ground."""
     halves = np.tile(half_size, (len(places), 1))
     batch.add(box_corners(places + np.array([0, 0, half_size[2]]), halves, yaws), finish)

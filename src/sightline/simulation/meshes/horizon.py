@@ -1,4 +1,4 @@
-"""What is seen far behind a street: woods, single trees and roofs."""
+"""Distant background of a street: woods, single trees and roofs."""
 
 from dataclasses import replace
 from functools import cache
@@ -18,7 +18,7 @@ from sightline.simulation.scene import Mesh
 
 
 def make_horizon(rng: np.random.Generator, layout: Layout) -> list[Mesh]:
-    """Distant woods and roofs all around, so that no street ends at a bare edge."""
+    """Build distant woods and roofs all around, so that no street ends at a bare edge."""
     parts = [_distant_woods(rng, layout, distance) for distance in (300.0, 430.0)]
     angles = rng.uniform(0, 2 * np.pi, 110)
     distances = rng.uniform(110.0, 280.0, len(angles))
@@ -36,7 +36,7 @@ def make_horizon(rng: np.random.Generator, layout: Layout) -> list[Mesh]:
     sites = np.stack((distances * np.cos(angles), distances * np.sin(angles)), axis=1)
     sites = sites[_clear_of_road(layout, sites, 40.0)]
     ground = layout.terrain.height(sites)[:, None]
-    # Their fronts look back to the ego.
+    # Their fronts face the ego.
     yaws = np.arctan2(sites[:, 1], sites[:, 0]) - np.pi / 2 + rng.uniform(-0.6, 0.6, len(sites))
     is_tall = layout.kind in (StreetKind.CITY, StreetKind.SQUARE)
     variant = rng.integers(0, _DISTANT_VARIANTS, len(sites)) + (_DISTANT_VARIANTS if is_tall else 0)
@@ -52,7 +52,7 @@ _DISTANT_VARIANTS: Final = 6
 
 @cache
 def _distant_building(variant: int) -> Mesh:
-    """A house, or from `_DISTANT_VARIANTS` on a tall building, at the origin; made once."""
+    """Build a house, or from `_DISTANT_VARIANTS` on a tall building, at the origin; cached."""
     rng = np.random.default_rng([5, variant])
     is_tall = variant >= _DISTANT_VARIANTS
     batch = QuadBatch()
@@ -65,7 +65,7 @@ def _distant_building(variant: int) -> Mesh:
 
 
 def _distant_woods(rng: np.random.Generator, layout: Layout, distance: float) -> Mesh:
-    """A ring of lumpy foliage, higher where woods are near and absent where the view is open."""
+    """Build a ring of lumpy foliage, higher for near woods and absent for open views."""
     count = 260
     angles = np.arange(count) * (2 * np.pi / count)
     phases = rng.uniform(0, 2 * np.pi, 4)
@@ -84,7 +84,7 @@ def _distant_woods(rng: np.random.Generator, layout: Layout, distance: float) ->
         rows.append(np.stack((radius * np.cos(angles), radius * np.sin(angles), z), axis=1))
     tone = float(rng.uniform(0.8, 1.2))
     leaf = Finish(Material.LEAF, (0.055 * tone, 0.09 * tone, 0.03 * tone))
-    # Seen from inside, columns run to the right as the angle falls.
+    # Viewed from inside, columns run to the right with decreasing angle.
     mesh = grid(np.stack(rows)[:, ::-1], leaf, closed=True)
     tints = np.repeat(rng.uniform(0.75, 1.3, (len(mesh.faces) // 2, 1)), 2, axis=0)
     return replace(mesh, colors=(mesh.colors * tints).astype(np.float32))
@@ -93,7 +93,7 @@ def _distant_woods(rng: np.random.Generator, layout: Layout, distance: float) ->
 def _clear_of_road(
     layout: Layout, places: Float64[np.ndarray, "count 2"], room: float
 ) -> Bool[np.ndarray, " count"]:
-    """Whether places are far from the roads and from what is built along them."""
+    """Test which places are far from the roads and from the buildings along them."""
     clear = np.ones(len(places), dtype=bool)
     for road in layout.roads:
         stations = np.arange(road.first - 20.0, road.last + 170.0, 8.0)

@@ -1,4 +1,4 @@
-"""Paint on the road, as thin surfaces just above it, and covers of manholes."""
+"""Road markings, as thin surfaces just above the road, and manhole covers."""
 
 from typing import Final
 
@@ -15,14 +15,14 @@ from sightline.simulation.scene import Mesh
 _LIFT: Final = 0.006
 _LONGEST_PIECE: Final = 2.5
 _PIECES_ACROSS: Final = 4
-"""Lines between parking places bend with the crown of the road."""
+"""Number of pieces across the road, so that lines between parking places follow its crown."""
 _STOP_LINE_GAP: Final = 1.0
 _PAINT: Final = Finish(Material.ASPHALT, (0.72, 0.72, 0.70))
 _IRON: Final = Finish(Material.CONCRETE, (0.07, 0.065, 0.06))
 
 
 class RoadPainter:
-    """Paints along and across one road."""
+    """Painter of markings along and across one road."""
 
     def __init__(self, layout: Layout, road: Road, batch: QuadBatch) -> None:
         self._terrain = layout.terrain
@@ -35,7 +35,7 @@ class RoadPainter:
         offsets: Float64[np.ndarray, "num_stripes 2"],
         finish: Finish = _PAINT,
     ) -> None:
-        """Rectangles between two stations and two offsets each, bent with road and ground."""
+        """Paint rectangles between two stations and two offsets each, bent with road and ground."""
         lengths = spans[:, 1] - spans[:, 0]
         counts = np.maximum(1, np.ceil(lengths / _LONGEST_PIECE)).astype(int)
         owner = np.repeat(np.arange(len(spans)), counts)
@@ -55,7 +55,7 @@ class RoadPainter:
         offsets: Float64[np.ndarray, "num_quads 4"],
         finish: Finish = _PAINT,
     ) -> None:
-        """Four-sided figures; corners counter-clockwise from above."""
+        """Paint four-sided figures; corners counter-clockwise from above."""
         places = self._road.line.place(stations, offsets)
         level = crown_level(self._road, stations, offsets)
         heights = self._terrain.height(places) + level + _LIFT
@@ -66,7 +66,7 @@ class RoadPainter:
     def dashes(
         self, first: float, last: float, offset: float, pattern: tuple[float, float], width: float
     ) -> None:
-        """A broken line of (dash, gap) metres; a gap of 0 makes it solid."""
+        """Paint a broken line of (dash, gap) metres; a gap of 0 makes it solid."""
         dash, gap = pattern
         if last - first < dash:
             return
@@ -77,7 +77,7 @@ class RoadPainter:
 
 
 def make_markings(rng: np.random.Generator, layout: Layout) -> Mesh:
-    """All paint of a street."""
+    """Make all markings of a street."""
     batch = QuadBatch()
     for road in layout.roads:
         painter = RoadPainter(layout, road, batch)
@@ -95,7 +95,7 @@ def make_markings(rng: np.random.Generator, layout: Layout) -> Mesh:
 
 
 def open_stretches(layout: Layout, road: Road) -> tuple[tuple[float, float], ...]:
-    """The stations of a road outside the junction."""
+    """List the ranges of stations of a road outside the junction."""
     junction = layout.junction
     if junction is None:
         return ((road.first, road.last),)
@@ -109,7 +109,7 @@ def open_stretches(layout: Layout, road: Road) -> tuple[tuple[float, float], ...
 def _paint_lanes(
     rng: np.random.Generator, layout: Layout, road: Road, painter: RoadPainter
 ) -> None:
-    """Lines between lanes and, on country roads, at the edges."""
+    """Paint lines between lanes and, on country roads, at the edges."""
     country = layout.kind is StreetKind.COUNTRY
     quiet = layout.kind is StreetKind.RESIDENTIAL or road is not layout.main
     if quiet and not country and rng.random() < 0.6:
@@ -136,7 +136,7 @@ def _paint_lanes(
 
 
 def _lay_rails(road: Road, painter: RoadPainter) -> None:
-    """Two grooved rails in each tram lane."""
+    """Lay two grooved rails in each tram lane."""
     rail = Finish(Material.METAL, (0.30, 0.29, 0.28))
     for lane in road.lanes:
         if not lane.for_trams:
@@ -147,13 +147,13 @@ def _lay_rails(road: Road, painter: RoadPainter) -> None:
 
 
 def _paint_parking(layout: Layout, road: Road, side: Side, painter: RoadPainter) -> None:
-    """Lines between places for cars that stand across the road."""
+    """Paint lines between places for cars that stand across the road."""
     if side.parking not in (Parking.ANGLED, Parking.PERPENDICULAR):
         return
     for first, last in parking_stretches(layout, road, side):
         starts = np.arange(first, last, bay_pitch(side.parking))
         inner, outer = side.sign * side.lane_edge, side.sign * side.edge
-        # One drives into them forwards.
+        # Cars drive into them forwards.
         drift = -side.sign * bay_lean(side.parking) * (side.edge - side.lane_edge)
         shares = np.linspace(0.0, 1.0, _PIECES_ACROSS + 1)
         near, far = shares[:-1, None], shares[1:, None]
@@ -175,28 +175,28 @@ def _paint_parking(layout: Layout, road: Road, side: Side, painter: RoadPainter)
 
 
 def parking_stretches(layout: Layout, road: Road, side: Side) -> tuple[tuple[float, float], ...]:
-    """Where cars park along a side: not right at a junction."""
+    """List the parking ranges along a side: not directly at a junction."""
     margin = 5.0 if layout.junction is not None else 0.0
     return side.stretches(road.first, road.last, margin)
 
 
 def bay_pitch(parking: Parking) -> float:
-    """Room [m] along the kerb for one car."""
+    """Length [m] along the kerb for one car."""
     return {Parking.PARALLEL: 5.6, Parking.ANGLED: 3.1}.get(parking, 2.6)
 
 
 def bay_lean(parking: Parking) -> float:
-    """How far a place is slanted along the road per metre away from the lanes."""
+    """Slant of a place along the road per metre of distance from the lanes."""
     return 0.58 if parking is Parking.ANGLED else 0.0
 
 
 def _lay_covers(rng: np.random.Generator, road: Road, painter: RoadPainter) -> None:
-    """Manholes in the lanes and gullies at the kerb."""
+    """Place manholes in the lanes and gullies at the kerb."""
     count = int(rng.integers(2, 6))
     stations = rng.uniform(road.first + 5, min(road.last, 90.0), count)
     lanes = rng.integers(0, len(road.lanes), count)
     offsets = np.array([road.lanes[row].offset for row in lanes]) + rng.uniform(-0.6, 0.6, count)
-    # Two crossed rectangles make an octagon.
+    # Two crossed rectangles form an octagon.
     for long, wide in ((0.31, 0.13), (0.22, 0.22), (0.13, 0.31)):
         painter.stripes(
             np.stack((stations - long, stations + long), axis=1),
@@ -215,7 +215,7 @@ def _lay_covers(rng: np.random.Generator, road: Road, painter: RoadPainter) -> N
 def _paint_junction(
     layout: Layout, junction: Junction, main_painter: RoadPainter, batch: QuadBatch
 ) -> None:
-    """Stop lines, or broken lines at waiting places, and crossings at lights."""
+    """Paint stop lines, or broken lines at yield signs, and crossings at lights."""
     cross_painter = RoadPainter(layout, junction.cross, batch)
     for road, painter in ((layout.main, main_painter), (junction.cross, cross_painter)):
         must_wait = junction.has_lights or road is junction.cross
@@ -238,7 +238,7 @@ def _paint_junction(
 
 
 def stop_lines(layout: Layout, road: Road) -> list[tuple[float, int]]:
-    """Station of the stop line and direction of the traffic that stops there, for each arm."""
+    """List for each arm the station of the stop line and the direction of its traffic."""
     lines = []
     for first, last in open_stretches(layout, road):
         if last < road.last:
@@ -250,7 +250,7 @@ def stop_lines(layout: Layout, road: Road) -> list[tuple[float, int]]:
 
 
 def _paint_ford(road: Road, station: float, painter: RoadPainter) -> None:
-    """Two broken lines across the road that mark a crossing."""
+    """Paint two broken lines across the road that mark a crossing."""
     starts = np.arange(-road.right.edge + 0.2, road.left.edge - 0.5, 0.8)
     for start in (station - 1.4, station + 1.4):
         painter.stripes(

@@ -1,4 +1,4 @@
-"""Pedestrians who stand and walk, and people who sit."""
+"""Standing and walking pedestrians, and sitting people."""
 
 from collections.abc import Sequence
 from copy import deepcopy
@@ -16,48 +16,48 @@ from sightline.simulation.meshes.skeleton import LEFT, RIGHT, Bone, Pose, Turn, 
 from sightline.simulation.meshes.wardrobe import Hair, Legwear, Luggage, Outfit
 from sightline.simulation.scene import Mesh
 
-_LEG_LENGTH = 0.90 / 1.75  # of the height
+_LEG_LENGTH = 0.90 / 1.75  # share of the height
 _WALKING_FROM_MPS = 0.15
 _ANNOTATED_STRIDE = 0.90, 0.125  # mean and deviation of a walker's labelled length, in strides
-_ANNOTATED_ROOM_M = 0.10, 0.10  # of what a label of someone who stands is longer than the person
-_ANNOTATED_WIDTH = 1.10, 0.22  # of a label's width, in the person's
-_LABELS = 21  # tells the numbers of labels from those of all else
-_PHASES = np.arange(12) * (np.pi / 6)  # moments of a stride at which its extent is measured
+_ANNOTATED_ROOM_M = 0.10, 0.10  # same for a standing person's margin in the label
+_ANNOTATED_WIDTH = 1.10, 0.22  # mean and deviation of a label's width, in the person's widths
+_LABELS = 21  # separates the random numbers of labels from all others
+_PHASES = np.arange(12) * (np.pi / 6)  # phases of a stride for measuring its extent
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Gait:
-    """How someone walks."""
+    """Gait of a walker."""
 
     stride_hz: float
-    """Strides, of two steps each, a second."""
+    """Frequency of strides, of two steps each."""
     swing: float
-    """By how much [rad] the thighs swing forward and back."""
+    """Amplitude [rad] of the thighs' swing."""
     start: float
     """Phase at time 0 [rad]."""
     arms: float
-    """How much the arms swing along, 0 to 1."""
+    """Relative swing of the arms, 0 to 1."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WalkingPerson:
-    """A person who walks in place; no foot slips where the actor moves at its speed."""
+    """Person walking in place; no foot slips if the actor moves at its speed."""
 
     figure: Figure
     gait: Gait
     offset: tuple[float, float]
-    """Shift that puts the middle of the box around the whole stride over the origin [m]."""
+    """Shift that centres the box around the whole stride over the origin [m]."""
 
     def at(self, time_s: float) -> Mesh:
-        """The figure in its step."""
+        """Build the mesh at a time."""
         phase = self.gait.start + 2 * np.pi * self.gait.stride_hz * time_s
         return _grounded(self.figure, walking_pose(phase, self.gait), self.offset)
 
 
 def walking_pose(phase: float, gait: Gait) -> Pose:
-    """Joint angles in a stride; at phase 0 the left heel strikes, at pi the right one.
+    """Compute the joint angles in a stride; at phase 0 the left heel strikes, at pi the right one.
 
-    The curves are simple fits to what gait laboratories publish: hip like a cosine, knee with a
+    The curves are simple fits to data of gait laboratories: the hip like a cosine, the knee with a
     small bend after the strike and a large one while the leg swings.
     """
     share = gait.swing / 0.42
@@ -83,12 +83,12 @@ def walking_pose(phase: float, gait: Gait) -> Pose:
 
 
 def _bump(phase: float, middle: float, width: float) -> float:
-    """A smooth periodic hump of height 1; `width` [rad] is like a standard deviation."""
+    """Compute a smooth periodic hump of height 1; `width` [rad] is like a standard deviation."""
     return float(np.exp((np.cos(phase - middle) - 1) / width**2))
 
 
 def make_pedestrian(rng: np.random.Generator, speed_mps: float) -> ActorModel:
-    """Someone who walks at `speed_mps`, or stands where it is near 0."""
+    """Draw a pedestrian who walks at `speed_mps`, or stands if it is near 0."""
     build, outfit = draw_build(rng), draw_outfit(rng)
     figure = make_figure(build, outfit)
     if speed_mps < _WALKING_FROM_MPS:
@@ -105,11 +105,11 @@ def make_pedestrian(rng: np.random.Generator, speed_mps: float) -> ActorModel:
 
 
 def _annotated(rng: np.random.Generator, model: ActorModel, *, walks: bool) -> ActorModel:
-    """With a label as KITTI's annotators draw it: one size by eye for all of a person's frames.
+    """Add a label size as by KITTI's annotators: estimated by eye, constant for a person.
 
-    Walkers' boxes hold most of a stride, seldom all of it, those of people who stand have room,
-    and so the lengths of all are as those of KITTI's 4,487: 0.84 m, deviation 0.23 m. It takes
-    no numbers from `rng` itself, so that streets are what they are whatever is written on labels.
+    Walkers' boxes hold most of a stride, seldom all of it, and those of standing people have a
+    margin, so the lengths match KITTI's 4,487: 0.84 m, deviation 0.23 m. No numbers are drawn from
+    `rng` itself, so that streets do not depend on the label sizes.
     """
     length, width, height = model.size_lwh
     ahead = deepcopy(rng.bit_generator).random_raw(2)
@@ -129,7 +129,7 @@ def _annotated(rng: np.random.Generator, model: ActorModel, *, walks: bool) -> A
 def _extent(
     figure: Figure, poses: Sequence[Pose]
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-    """Corners [m] of the upright box that holds the figure in all these poses on the ground."""
+    """Compute corners [m] of the upright box around the figure in all these poses on the ground."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for pose in poses:
         bent = figure.skinned.bent_vertices(bone_transforms(pose, figure.joints))
@@ -139,7 +139,7 @@ def _extent(
 
 
 def _gait(rng: np.random.Generator, build: Build, speed_mps: float, outfit: Outfit) -> Gait:
-    """Steps of the length that people of that height take at that speed."""
+    """Draw a gait with the step length of people of this height at this speed."""
     step = 0.62 * np.sqrt(speed_mps) * np.sqrt(build.height / 1.75) * rng.uniform(0.94, 1.06)
     step = float(np.clip(step, 0.2, 0.95 * _LEG_LENGTH * build.height))
     swing = float(np.arcsin(step / (2 * _LEG_LENGTH * build.height)))
@@ -153,7 +153,7 @@ def _gait(rng: np.random.Generator, build: Build, speed_mps: float, outfit: Outf
 
 
 def _grounded(figure: Figure, pose: Pose, offset: tuple[float, float]) -> Mesh:
-    """The bent figure with its lowest point on the ground."""
+    """Bend the figure and put its lowest point on the ground."""
     mesh = figure.skinned.bent(bone_transforms(pose, figure.joints))
     return moved(mesh, (*offset, -float(mesh.vertices[:, 2].min())))
 
@@ -169,7 +169,7 @@ def _model(class_name: str, mesh: Mesh, shape: RigidShape) -> ActorModel:
 
 
 def _standing_pose(rng: np.random.Generator) -> Pose:
-    """Weight on one leg, arms hanging, folded or at a telephone."""
+    """Draw a pose with the weight on one leg, arms hanging, folded or at a telephone."""
     lean, twist, spread = rng.uniform(-0.05, 0.05), rng.uniform(-0.25, 0.25), rng.uniform(0, 0.1)
     pose: Pose = {
         Bone.TORSO: Turn(forward=-0.02, left=lean, twist=twist / 2),
@@ -196,7 +196,7 @@ def _standing_pose(rng: np.random.Generator) -> Pose:
 
 
 def make_sitting_person(rng: np.random.Generator) -> ActorModel:
-    """Someone on a chair, which is part of the shape."""
+    """Draw a person on a chair, which is part of the shape."""
     build = draw_build(rng)
     build = replace(build, height=float(np.clip(build.height - 0.13, 1.45, 1.80)))
     outfit = draw_outfit(rng)
@@ -225,7 +225,7 @@ def make_sitting_person(rng: np.random.Generator) -> ActorModel:
 
 
 def _chair(rng: np.random.Generator, seat: float) -> Mesh:
-    """A simple chair whose seat is at the height `seat` [m]."""
+    """Build a simple chair with a seat at the height `seat` [m]."""
     wood = Finish(Material.WOOD, (0.22, 0.13, 0.07))
     steel = Finish(Material.METAL, (0.10, 0.10, 0.11))
     plastic = Finish(Material.PLASTIC, (0.30, 0.31, 0.30))
@@ -279,7 +279,7 @@ _TROUSERS: tuple[Color, ...] = (
 
 
 def draw_build(rng: np.random.Generator) -> Build:
-    """A body: slim, average, heavy or a child's; heights as KITTI's pedestrians."""
+    """Draw a build: slim, average, heavy or a child's; heights as of KITTI's pedestrians."""
     if rng.random() < 0.03:
         height = float(rng.uniform(1.15, 1.45))
         return Build(height=height, girth=0.92, head=1.35 - 0.25 * (height - 1.1), shoulders=0.92)
@@ -300,7 +300,7 @@ def draw_build(rng: np.random.Generator) -> Build:
 
 
 def draw_outfit(rng: np.random.Generator) -> Outfit:
-    """Everyday clothes."""
+    """Draw everyday clothes."""
     legwear = Legwear(int(rng.choice(3, p=[0.82, 0.07, 0.11])))
     cold = legwear is Legwear.TROUSERS and rng.random() < 0.6
     hem = float(
@@ -333,6 +333,6 @@ def draw_outfit(rng: np.random.Generator) -> Outfit:
 
 
 def _shaded(rng: np.random.Generator, color: Color) -> Color:
-    """The colour a little lighter or darker."""
+    """Make the colour a little lighter or darker."""
     red, green, blue = np.clip(np.array(color) * rng.uniform(0.75, 1.3), 0.0, 0.9).tolist()
     return red, green, blue

@@ -1,4 +1,4 @@
-"""What stands on the plots beside a street: buildings, gardens, parks, woods and fields."""
+"""Contents of the plots beside a street: buildings, gardens, parks, woods and fields."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -45,7 +45,7 @@ _GARDEN_TREES: Final = (Species.CHERRY, Species.SPRUCE, Species.BIRCH, Species.L
 
 
 def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) -> list[Mesh]:
-    """Everything beyond the pavements."""
+    """Build everything beyond the pavements."""
     batch = QuadBatch()
     parts: list[Mesh] = []
     shared: BuildingForm | None = None
@@ -69,14 +69,14 @@ def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) ->
 
 
 def _form_of(rng: np.random.Generator, lot: Lot, form: BuildingForm) -> BuildingForm:
-    """Houses of a terrace share their form but not their colours."""
+    """Draw a new look for a terrace: its houses share their form but not their colours."""
     if lot.plots is not Plots.TERRACES:
         return form
     return replace(form, look=draw_look(rng, 0.15))
 
 
 def _free_sides(lots: Sequence[Lot], row: int) -> tuple[bool, bool]:
-    """Whether a lot's building has no neighbour on its right and left, seen from the street."""
+    """Test whether a lot's building has no neighbour on its right and left, from the street."""
     lot = lots[row]
     before, after = (
         any(
@@ -120,12 +120,12 @@ def _place_building(
 
 
 def _garden(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot) -> list[Mesh]:
-    """The driveway, the path to the door, and plants in front of and beside a building."""
+    """Build the driveway, the path to the door, and plants in front of and beside a building."""
     side, room = lot.side, lot.front - lot.side.outer
     if lot.driveway is not None:
         half = 1.5 if lot.plots is not Plots.HALLS else 3.0
         paved = Finish(Material.PAVEMENT, (0.30, 0.28, 0.26))
-        # Up to the garage or the yard, over the grass.
+        # It leads to the garage or the yard, over the grass.
         stations = np.linspace(lot.driveway - half, lot.driveway + half, 3)
         _paving(batch, layout, lot, stations, (side.outer, lot.front + 3.0), paved)
     if lot.plots is Plots.HALLS and room > 8.0 and lot.building is not None:
@@ -164,7 +164,7 @@ def _paving(
     finish: Finish,
     lift: float = 0.008,
 ) -> None:
-    """A paved piece of ground between two distances, just above the ground there."""
+    """Pave the ground between two distances, just above its surface."""
     steps = np.linspace(*distances, 2 + int((distances[1] - distances[0]) / 3.0))
     s, d = np.meshgrid(stations, steps, indexing="ij")
     points = ground_places(layout, lot.road, s, lot.side.sign * d, lot.side.level + lift)
@@ -185,7 +185,7 @@ def planted(
     spread: float = 1.0,
     coarseness: float = 1.0,
 ) -> list[Mesh]:
-    """Plants of one species, of heights between two [m]."""
+    """Place plants of one species, with heights between two limits [m]."""
     tall = rng.uniform(*heights, len(places))
     plants = Plants(places=places, heights=tall, spread=spread, coarseness=coarseness)
     return set_out(rng, species, plants)
@@ -204,7 +204,7 @@ def _scattered(
 
 
 def _forest(rng: np.random.Generator, layout: Layout, lot: Lot) -> list[Mesh]:
-    """A wood: an edge of bushes, trees in depth behind."""
+    """Build a wood: an edge of bushes, with trees behind."""
     front = lot.front
     mix = rng.choice(4, 2, replace=False)
     kinds = [(Species.LIME, Species.PLANE, Species.SPRUCE, Species.PINE)[row] for row in mix]
@@ -223,7 +223,7 @@ def _forest(rng: np.random.Generator, layout: Layout, lot: Lot) -> list[Mesh]:
 
 
 def _open_land(rng: np.random.Generator, layout: Layout, lot: Lot) -> list[Mesh]:
-    """A park with trees and shrubs, or fields with a few trees."""
+    """Build a park with trees and shrubs, or fields with a few trees."""
     front = lot.front
     if lot.plots is Plots.PARK:
         trees = _scattered(rng, layout, lot, int(0.2 * lot.width), (front, front + 35.0))
@@ -238,7 +238,7 @@ def _open_land(rng: np.random.Generator, layout: Layout, lot: Lot) -> list[Mesh]
 
 
 def _car_park(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot) -> list[Mesh]:
-    """Asphalt with two rows of places, and trees behind them."""
+    """Build asphalt with two rows of places, and trees behind them."""
     lines = car_park_rows(lot)
     tone = float(rng.uniform(0.12, 0.22))
     asphalt = Finish(Material.ASPHALT, (tone, tone, tone))

@@ -1,7 +1,7 @@
-"""Simple solids that meshes are assembled from.
+"""Basic solids for building meshes.
 
-Metres. A row of points runs counter-clockwise about the outward direction: seen from outside,
-columns of a grid run to the right and rows go up, and faces wind counter-clockwise.
+Units are metres. A row of points runs counter-clockwise about the outward direction: viewed from
+outside, columns of a grid run to the right and rows go up, and faces wind counter-clockwise.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ Color = tuple[float, float, float]
 Vector = Sequence[SupportsFloat] | Float[np.ndarray, "3"]
 """Metres along x, y, z."""
 
-_SMALLEST_AREA = 1e-9  # m^2; cells that collapse into an edge or a pole leave such triangles
+_SMALLEST_AREA = 1e-9  # m^2; cells collapsed to an edge or a pole have smaller triangles
 
 
 @dataclass(frozen=True, slots=True)
 class Finish:
-    """What a surface is made of and its colour."""
+    """Material and colour of a surface."""
 
     material: Material
     color: Color
@@ -38,19 +38,19 @@ def grid(
     closed: bool = False,
     smooth: bool = True,
 ) -> Mesh:
-    """The surface through a grid of points, two triangles a cell.
+    """Build the surface through a grid of points, with two triangles per cell.
 
     Cell (i, j), between rows i and i + 1 and columns j and j + 1, makes faces 2k and 2k + 1 with
     k = i * cells_per_row + j. Texture coordinates are the lengths along the row and the column.
 
     Args:
-        points: Where the surface passes.
-        finish: Of all faces; see `painted` for several.
+        points: Points of the surface.
+        finish: Finish of all faces; see `painted` for several.
         closed: Whether the last column is joined to the first.
         smooth: Whether the cells share their normals at the points.
     """
     points = np.asarray(points, dtype=np.float64)
-    if closed:  # the seam is duplicated, or the texture would run back within one cell
+    if closed:  # the seam is duplicated; otherwise the texture would run back within one cell
         points = np.concatenate((points, points[:, :1]), axis=1)
     num_rows, num_columns, _ = points.shape
     cell_normals = _cross(points[1:, 1:] - points[:-1, :-1], points[1:, :-1] - points[:-1, 1:])
@@ -76,7 +76,7 @@ def loft(
     capped: bool = True,
     smooth: bool = True,
 ) -> Mesh:
-    """The skin over closed rings, which run counter-clockwise seen from the last ring.
+    """Build the skin over closed rings, which run counter-clockwise viewed from the last ring.
 
     Caps are flat fans about the middles of the end rings.
     """
@@ -96,7 +96,7 @@ def loft(
 
 
 def polygon(corners: Float[np.ndarray, "num_corners 3"], finish: Finish) -> Mesh:
-    """A flat, star-shaped polygon; its corners run counter-clockwise seen from outside."""
+    """Build a flat, star-shaped polygon; its corners run counter-clockwise from outside."""
     corners = np.asarray(corners, dtype=np.float64)
     vertices = np.concatenate((corners, corners.mean(axis=0, keepdims=True)))
     following = np.roll(corners, -1, axis=0)
@@ -112,7 +112,7 @@ def polygon(corners: Float[np.ndarray, "num_corners 3"], finish: Finish) -> Mesh
 
 
 def quads(corners: Float[np.ndarray, "num_quads 4 3"], finish: Finish) -> Mesh:
-    """Flat rectangles; their corners run counter-clockwise seen from outside."""
+    """Build flat rectangles; their corners run counter-clockwise from outside."""
     first, second, _, last = np.moveaxis(np.asarray(corners, dtype=np.float64), 1, 0)
     along, up = second - first, last - first
     normals = np.repeat(_cross(along, up), 4, axis=0)
@@ -128,7 +128,7 @@ def boxes(
     half_sizes: Float[np.ndarray, "num_boxes 3"],
     finish: Finish,
 ) -> Mesh:
-    """Upright cuboids."""
+    """Build upright cuboids."""
     centers, half_sizes = np.asarray(centers, np.float64), np.asarray(half_sizes, np.float64)
     vertices = centers[:, None] + half_sizes[:, None] * _BOX_CORNERS
     scaled = np.abs(half_sizes[:, None, :]) * _BOX_CORNERS
@@ -140,7 +140,7 @@ def boxes(
 
 
 def box(center: Vector, half_size: Vector, finish: Finish) -> Mesh:
-    """One upright cuboid."""
+    """Build one upright cuboid."""
     return boxes(np.array([center], float), np.array([half_size], float), finish)
 
 
@@ -152,11 +152,11 @@ def tube(
     num_sides: int = 8,
     capped: bool = True,
 ) -> Mesh:
-    """A round rod along a path, with one radius [m] or one for each point of it."""
+    """Build a round rod along a path, with one radius [m] or one for each point."""
     points = np.asarray(path, dtype=np.float64)
     along = np.gradient(points, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    # The axis least along the path turns least about it, so that rings do not twist.
+    # The axis least along the path rotates least about it, so that rings do not twist.
     reference = np.eye(3)[np.abs(along).max(axis=0).argmin()]
     first = _cross(reference, along)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -175,7 +175,7 @@ def rods(
     *,
     num_sides: int = 7,
 ) -> Mesh:
-    """Straight round rods, open at the ends, of one radius [m] or one each."""
+    """Build straight round rods, open at the ends, of one radius [m] or one each."""
     starts, ends = np.asarray(starts, np.float64), np.asarray(ends, np.float64)
     lengths = np.linalg.norm(ends - starts, axis=1, keepdims=True)
     along = (ends - starts) / lengths
@@ -207,10 +207,10 @@ def superellipsoid(
     num_rings: int = 9,
     num_sides: int = 14,
 ) -> Mesh:
-    """An ellipsoid (exponents 1), or a box with round edges (exponents near 0).
+    """Build an ellipsoid (exponents 1), or a box with round edges (exponents near 0).
 
-    `radii` are half sizes. The exponents are those of the outline seen from the side and from
-    above; rings run from pole to pole, sides around.
+    `radii` are half sizes. The exponents apply to the outline from the side and from above; rings
+    run from pole to pole, sides around.
     """
     unit = _unit_superellipsoid(exponents, num_rings, num_sides)
     half_sizes = np.asarray(radii, dtype=np.float64)
@@ -222,7 +222,7 @@ def superellipsoid(
 
 @lru_cache(maxsize=64)
 def _unit_superellipsoid(exponents: tuple[float, float], num_rings: int, num_sides: int) -> Mesh:
-    """With half sizes of 1, about the origin; cached, since vehicles have many of a few kinds."""
+    """Build one with half sizes of 1 at the origin; cached, as many in vehicles are equal."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, num_rings)[:, None]
     longitude = np.arange(num_sides) * (2 * np.pi / num_sides)
     around = signed_power(np.cos(latitude), exponents[0])
@@ -246,7 +246,7 @@ def torus(
     num_sides: int = 24,
     num_tube_sides: int = 6,
 ) -> Mesh:
-    """A ring about the y axis."""
+    """Build a ring about the y axis."""
     angles = np.linspace(0, 2 * np.pi, num_tube_sides + 1)
     profile = np.stack((radius + tube_radius * np.cos(angles), tube_radius * np.sin(angles)), 1)
     return moved(lathe(profile, finish, num_sides=num_sides), center)
@@ -255,9 +255,9 @@ def torus(
 def lathe(
     profile: Float[np.ndarray, "num_points 2"], finish: Finish, *, num_sides: int = 24
 ) -> Mesh:
-    """Turns (radius, y) points about the y axis; from outside the profile's start is its bottom.
+    """Rotate (radius, y) points about the y axis; from outside, the profile starts at the bottom.
 
-    So a profile that runs towards +y at a positive radius has its outside away from the axis.
+    A profile that runs towards +y at a positive radius thus has its outside away from the axis.
     """
     angles = -np.arange(num_sides) * (2 * np.pi / num_sides)
     radius, y = profile[:, :1], profile[:, 1:]
@@ -275,7 +275,7 @@ def disc(
     *,
     num_sides: int = 16,
 ) -> Mesh:
-    """A flat circle that faces along `normal`."""
+    """Build a flat circle that faces along `normal`."""
     axis = np.asarray(normal, dtype=np.float64)
     axis = axis / np.linalg.norm(axis)
     first = _cross(axis, np.eye(3)[np.abs(axis).argmin()])
@@ -286,19 +286,19 @@ def disc(
 
 
 def repainted(mesh: Mesh, selected: Bool[np.ndarray, " num_faces"], finish: Finish) -> Mesh:
-    """The mesh with another finish on the selected faces."""
+    """Change the finish of the selected faces."""
     materials = np.where(selected, np.int32(finish.material), mesh.materials)
     colors = np.where(selected[:, None], np.array(finish.color, np.float32), mesh.colors)
     return replace(mesh, materials=materials, colors=colors)
 
 
 def moved(mesh: Mesh, offset: Vector) -> Mesh:
-    """The mesh moved by `offset` [m]."""
+    """Move the mesh by `offset` [m]."""
     return replace(mesh, vertices=(mesh.vertices + np.asarray(offset)).astype(np.float32))
 
 
 def kept(mesh: Mesh, selected: Bool[np.ndarray, " num_faces"]) -> Mesh:
-    """The mesh with only the selected faces; its vertices stay."""
+    """Keep only the selected faces; all vertices stay."""
     return replace(
         mesh,
         faces=mesh.faces[selected],
@@ -308,7 +308,7 @@ def kept(mesh: Mesh, selected: Bool[np.ndarray, " num_faces"]) -> Mesh:
 
 
 def without_slivers(mesh: Mesh) -> Mesh:
-    """The mesh without triangles that have no area."""
+    """Remove triangles without area."""
     a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
     return kept(mesh, np.square(_cross(b - a, c - a)).sum(axis=1) > _SMALLEST_AREA**2)
 
@@ -316,7 +316,7 @@ def without_slivers(mesh: Mesh) -> Mesh:
 def signed_power(
     values: Float[np.ndarray, "*shape"], exponent: float
 ) -> Float[np.ndarray, "*shape"]:
-    """The power of the magnitude with the value's sign, as superellipses need it."""
+    """Compute the power of the magnitude with the value's sign, for superellipses."""
     powers: Float[np.ndarray, "*shape"] = np.sign(values) * np.abs(values) ** exponent
     return powers
 
@@ -328,7 +328,7 @@ def _mesh(
     faces: np.ndarray,
     finish: Finish,
 ) -> Mesh:
-    """A mesh of one finish; normals may have any length, where they vanish they point up."""
+    """Build a mesh of one finish; normals may have any length, and zero normals become upward."""
     lengths = np.sqrt(np.square(normals).sum(axis=1, keepdims=True))
     vanishing = lengths < 1e-14
     units = np.where(vanishing, (0.0, 0.0, 1.0), normals / np.where(vanishing, 1.0, lengths))
@@ -345,7 +345,7 @@ def _mesh(
 def _shared_normals(
     cell_normals: Float[np.ndarray, "cell_rows cell_columns 3"], *, closed: bool
 ) -> Float[np.ndarray, "rows columns 3"]:
-    """Normals of the points of a grid: sums over the cells around them, weighed by area."""
+    """Compute normals at the points of a grid: area-weighted sums over the cells around them."""
     rows, columns, _ = cell_normals.shape
     padded = np.zeros((rows + 2, columns + 2, 3))
     padded[1:-1, 1:-1] = cell_normals
@@ -359,7 +359,7 @@ def _shared_normals(
 def _cross(
     first: Float[np.ndarray, "*#shape 3"], second: Float[np.ndarray, "*#shape 3"]
 ) -> Float[np.ndarray, "*_ 3"]:
-    """The cross product, several times faster than numpy's on the small arrays of one part."""
+    """Compute the cross product, several times faster than numpy's for one part's small arrays."""
     ax, ay, az = first[..., 0], first[..., 1], first[..., 2]
     bx, by, bz = second[..., 0], second[..., 1], second[..., 2]
     product = np.empty(np.broadcast_shapes(first.shape, second.shape))
@@ -370,7 +370,7 @@ def _cross(
 
 
 def _lengths(points: Float[np.ndarray, "rows columns 3"]) -> Float[np.ndarray, "rows columns 2"]:
-    """How far each point lies along its row and along its column [m]."""
+    """Compute the distance of each point along its row and along its column [m]."""
     uvs = np.zeros((*points.shape[:2], 2))
     steps = np.sqrt(np.square(np.diff(points, axis=1)).sum(axis=2))
     np.cumsum(steps, axis=1, out=uvs[:, 1:, 0])
@@ -380,7 +380,7 @@ def _lengths(points: Float[np.ndarray, "rows columns 3"]) -> Float[np.ndarray, "
 
 
 def _unit_box() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Corners, normals, faces and texture axes of the cube from -1 to 1, four corners a side."""
+    """Build corners, normals, faces and texture axes of a cube from -1 to 1, 4 corners a side."""
     corners, normals, axes = np.zeros((6, 4, 3)), np.zeros((6, 4, 3)), np.zeros((6, 4, 2), int)
     for side, (axis, sign) in enumerate((axis, sign) for axis in range(3) for sign in (-1, 1)):
         corners[side, :, axis] = normals[side, :, axis] = sign

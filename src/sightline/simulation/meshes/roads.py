@@ -31,15 +31,15 @@ _WIDEST_CELL: Final = 1.6
 _KERB_WIDTH: Final = 0.15
 _GARDEN_REACH: Final = 14.0
 _BEYOND: Final = 160.0
-"""How far the carriageway goes on ahead of the street, so that it is not seen to end."""
+"""Length of the carriageway beyond the street, so that its end is not visible."""
 _RIM_DROP: Final = 0.006
-"""How much lower plots along the crossing road lie, where those of both roads overlap."""
+"""Offset by which plots along the crossing road are lower, where those of both roads overlap."""
 _LAND_DROP: Final = 0.12
-"""How far the land lies below the bands that it carries on from."""
+"""Height of the land below the adjoining bands."""
 
 
 class RoadFinishes(NamedTuple):
-    """What the ground of one street is made of."""
+    """Finishes of the ground of one street."""
 
     carriageway: Finish
     parking: Finish
@@ -54,7 +54,7 @@ _ASPHALT_TONES: Final = (0.13, 0.25)
 
 
 def draw_road_finishes(rng: np.random.Generator, kind: StreetKind) -> RoadFinishes:
-    """Surfaces of a street; asphalt of any age, slabs, setts and grass."""
+    """Draw surfaces of a street; asphalt of any age, slabs, setts and grass."""
     tone = float(rng.uniform(*_ASPHALT_TONES))
     asphalt = Finish(Material.ASPHALT, (tone, tone * 0.99, tone * 0.97))
     stone = float(rng.uniform(0.22, 0.40))
@@ -86,7 +86,7 @@ def draw_road_finishes(rng: np.random.Generator, kind: StreetKind) -> RoadFinish
 
 
 def make_ground(rng: np.random.Generator, layout: Layout) -> Mesh:
-    """Everything that people walk and drive on, out to the horizon."""
+    """Build all ground for walking and driving, out to the horizon."""
     finishes = draw_road_finishes(rng, layout.kind)
     parts = [_land(rng, layout, finishes.land)]
     for road in layout.roads:
@@ -97,7 +97,7 @@ def make_ground(rng: np.random.Generator, layout: Layout) -> Mesh:
 
 
 def stations_between(first: float, last: float) -> Float64[np.ndarray, " num_stations"]:
-    """Where surfaces along a road have their vertices: dense near the ego, all at shared places."""
+    """Compute the stations of surface vertices: dense near the ego, shared by all surfaces."""
     near = np.arange(-30, 36) * _NEAR_STEP
     far = np.arange(18, 201) * _FAR_STEP
     shared = np.concatenate((-far[::-1], near, far))
@@ -115,9 +115,9 @@ def surface(
     *,
     smooth: bool = True,
 ) -> Mesh:
-    """A surface along a road, at levels [m] above the terrain.
+    """Build a surface along a road, at levels [m] above the terrain.
 
-    Offsets go from the right to the left, or up where they are the same.
+    Offsets run from right to left, or upwards if they are equal.
     """
     places = road.line.place(stations[None], offsets[:, None])
     heights = layout.terrain.height(places) + levels
@@ -126,7 +126,7 @@ def surface(
 
 
 def _across(first: float, second: float) -> Float64[np.ndarray, " num_offsets"]:
-    """Where a surface between two offsets has its vertices, from the right to the left."""
+    """Compute offsets of a surface's vertices between two offsets, from right to left."""
     low, high = min(first, second), max(first, second)
     return np.linspace(low, high, 2 + int((high - low) / _WIDEST_CELL))
 
@@ -139,7 +139,7 @@ def _carriageway(
     finish: Finish,
     lift: float = 0.0,
 ) -> Mesh:
-    """The carriageway between two offsets and two stations."""
+    """Build the carriageway between two offsets and two stations."""
     stations, offsets = stations_between(*stretch), _across(*span)
     levels = crown_level(road, stations[None], offsets[:, None]) + lift
     return surface(layout, road, stations, offsets, levels, finish)
@@ -171,7 +171,7 @@ def _bands(
     stations: Float64[np.ndarray, " num_stations"],
     finishes: RoadFinishes,
 ) -> list[Mesh]:
-    """Kerb and bands on one side of a road."""
+    """Build kerb and bands on one side of a road."""
     parts = []
     start = side.edge
     if road.has_kerbs:
@@ -208,7 +208,7 @@ def _rim(
     finishes: RoadFinishes,
     drop: float,
 ) -> list[Mesh]:
-    """Ground of the plots, which ends below the land around, so that the two meet without a gap."""
+    """Build the ground of the plots, which ends below the surrounding land to avoid a gap."""
     paved = side.plots in (Plots.BLOCKS, Plots.HALLS)
     ground = finishes.pavement if paved else finishes.verge
     distances = side.outer + np.array([0.0, _GARDEN_REACH, _GARDEN_REACH + 2.0])
@@ -219,7 +219,7 @@ def _rim(
 
 
 def _parking_surfaces(layout: Layout, road: Road, finishes: RoadFinishes) -> list[Mesh]:
-    """Setts under parked cars where the street has them."""
+    """Build setts under parked cars if the street has them."""
     if finishes.parking == finishes.carriageway:
         return []
     parts = []
@@ -235,7 +235,7 @@ def _parking_surfaces(layout: Layout, road: Road, finishes: RoadFinishes) -> lis
 
 
 def _junction(layout: Layout, junction: Junction, finishes: RoadFinishes) -> list[Mesh]:
-    """Asphalt between the carriageways and the four corners with their kerbs."""
+    """Build asphalt between the carriageways, and the four corners with their kerbs."""
     main, cross = layout.main, junction.cross
     parts = []
     for side in main.sides:
@@ -261,16 +261,16 @@ def _corner(
     towards: tuple[int, int],
     finishes: RoadFinishes,
 ) -> list[Mesh]:
-    """The pavement of a corner as a fan from its inner point, with a round kerb.
+    """Build the pavement of a corner as a fan from its inner point, with a round kerb.
 
     Args:
         layout: The street.
-        junction: Where it is crossed.
+        junction: Junction of the street.
         inner: Station and offset of the point farthest from both carriageways.
         towards: Signs of the directions from there to the crossing and to the main carriageway.
-        finishes: Of the ground.
+        finishes: Finishes of the ground.
     """
-    # Where there are no kerbs the ground still lies a little above the asphalt under it.
+    # Without kerbs the ground is still a little above the asphalt below it.
     level = max(layout.main.left.level, 0.012)
     size, radius = junction.corner, junction.radius
     angles = np.linspace(0.0, np.pi / 2, 9)
@@ -309,7 +309,7 @@ _FIELD_COLORS: Final[tuple[tuple[Material, Color], ...]] = (
 
 
 def _land(rng: np.random.Generator, layout: Layout, around: Finish) -> Mesh:
-    """Meadows and fields from under the street to the horizon."""
+    """Build meadows and fields from below the street to the horizon."""
     near = np.arange(-240.0, 241.0, 8.0)
     far = np.array([300.0, 380.0, 500.0, 700.0, 1000.0, 1500.0, 2400.0])
     axis = np.concatenate((-far[::-1], near, far))
@@ -327,7 +327,7 @@ def _land(rng: np.random.Generator, layout: Layout, around: Finish) -> Mesh:
     across = centers[:, 1] * np.cos(turn) - centers[:, 0] * np.sin(turn)
     plot = np.floor(along / 70.0).astype(int) * 7 + np.floor(across / 130.0).astype(int) * 3
     kinds = rng.integers(0, len(_FIELD_COLORS), 97)[plot % 97]
-    # Triangles of a cell belong to one field, or the border between fields would be jagged.
+    # Both triangles of a cell belong to one field; otherwise borders of fields would be jagged.
     kinds = np.repeat(kinds[::2], 2)
     materials = np.array([material for material, _ in _FIELD_COLORS], np.int32)[kinds]
     colors = np.array([color for _, color in _FIELD_COLORS], np.float32)[kinds]

@@ -1,4 +1,4 @@
-"""How large KITTI's objects are: facts of its 7,481 label files as numbers."""
+"""Size statistics of KITTI's objects, from its 7,481 label files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Size(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Kind:
-    """A kind of a class: how common it is within it and how large."""
+    """Kind of a class: its share of the class and its size."""
 
     share: float
     mean_size: Size
@@ -32,14 +32,14 @@ class SizeStatistics:
     deviation: Size
     """Standard deviations [m]."""
     correlations: tuple[float, float, float]
-    """Of length and width, length and height, width and height."""
+    """Correlations of length and width, length and height, width and height."""
     low: Size
-    """First percentiles [m]: nothing smaller is drawn."""
+    """First percentiles [m], the minimum of drawn sizes."""
     high: Size
-    """99th percentiles [m]: nothing larger is drawn."""
+    """99th percentiles [m], the maximum of drawn sizes."""
 
     def draw(self, rng: np.random.Generator, count: int) -> Float64[np.ndarray, "{count} 3"]:
-        """Sizes (l, w, h) [m] from the normal distribution with these moments, clipped."""
+        """Draw sizes (l, w, h) [m] from the normal distribution with these moments, clipped."""
         lw, lh, wh = self.correlations
         factor = np.linalg.cholesky(np.array([[1, lw, lh], [lw, 1, wh], [lh, wh, 1]]))
         normal = rng.standard_normal((count, 3)) @ factor.T
@@ -56,15 +56,15 @@ def draw_kind(
     spread: Size,
     wanted: int | None = None,
 ) -> tuple[int, Size]:
-    """A kind of a class with a size: sizes follow the class, kinds how well they suit the size.
+    """Draw a size from the class, and a kind by its likelihood of that size.
 
-    So the class keeps its statistics whatever kinds it has (Bayes' rule; within a kind sizes are
-    normal). A `wanted` kind takes, of many sizes of the class, one by how well it suits.
+    The class thus keeps its statistics for any kinds (Bayes' rule; within a kind sizes are normal).
+    For a `wanted` kind, one of many sizes of the class is drawn by its likelihood.
 
     Args:
         rng: Source of randomness.
-        statistics: Of the class.
-        kinds: How common and how large each is.
+        statistics: Statistics of the class.
+        kinds: Shares and sizes of the kinds.
         spread: Standard deviations within a kind [m].
         wanted: Index of the kind; None draws it.
     """
@@ -119,4 +119,4 @@ KITTI_SIZES: dict[str, SizeStatistics] = {
         correlations=(0.321, 0.369, 0.130), low=Size(1.19, 0.34, 1.44), high=Size(2.12, 0.88, 1.97),
     ),
 }  # fmt: skip
-"""By class name."""
+"""Statistics by class name."""

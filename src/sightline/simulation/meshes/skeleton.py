@@ -15,7 +15,7 @@ from sightline.simulation.scene import Mesh
 
 
 class Bone(IntEnum):
-    """The bones; each follows its parent, which stands before it."""
+    """Bones; each follows its parent, which comes before it."""
 
     PELVIS = 0
     TORSO = 1
@@ -66,13 +66,13 @@ REST_JOINTS = np.array(
         (0.0, -0.09, 0.08),
     ]
 )
-"""Where each bone begins [m]."""
+"""Start of each bone [m]."""
 
 
 class Turn(NamedTuple):
-    """How a bone is turned against its parent [rad].
+    """Rotation of a bone relative to its parent [rad].
 
-    Positive swings a hanging limb forward, swings it to the left, twists it counter-clockwise.
+    Positive values swing a hanging limb forward, swing it to the left, twist it counter-clockwise.
     """
 
     forward: float = 0.0
@@ -81,12 +81,12 @@ class Turn(NamedTuple):
 
 
 Pose = dict[Bone, Turn]
-"""Turns of the bones that do not rest."""
+"""Rotations of the bones that are not at rest."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Skinned:
-    """A mesh in the resting pose with the share that each bone has in each of its vertices."""
+    """Mesh in the resting pose with the weights of the bones at each vertex."""
 
     mesh: Mesh
     weights: Float32[np.ndarray, "num_vertices num_bones"]
@@ -94,7 +94,7 @@ class Skinned:
 
     @staticmethod
     def joined(parts: Sequence["Skinned"]) -> "Skinned":
-        """Several parts of one figure."""
+        """Join the parts of one figure."""
         return Skinned(
             mesh=Mesh.joined([part.mesh for part in parts]),
             weights=np.concatenate([part.weights for part in parts]),
@@ -103,11 +103,11 @@ class Skinned:
     def bent_vertices(
         self, transforms: Float64[np.ndarray, "num_bones 3 4"]
     ) -> Float64[np.ndarray, "num_vertices 3"]:
-        """Where the vertices are after each bone moved by its transform from the resting pose."""
+        """Compute the vertices after each bone's transform from the resting pose."""
         return self._moved(self._blended(transforms))
 
     def bent(self, transforms: Float64[np.ndarray, "num_bones 3 4"]) -> Mesh:
-        """The mesh after each bone moved by its transform from the resting pose."""
+        """Compute the mesh after each bone's transform from the resting pose."""
         blended = self._blended(transforms)
         vertices = self._moved(blended)
         normals = np.einsum("vij,vj->vi", blended[:, :, :3], self.mesh.normals)
@@ -120,7 +120,7 @@ class Skinned:
     def _blended(
         self, transforms: Float64[np.ndarray, "num_bones 3 4"]
     ) -> Float64[np.ndarray, "num_vertices 3 4"]:
-        """The transform of each vertex: its bones', by their shares in it."""
+        """Blend the bones' transforms at each vertex by its weights."""
         blended: Float64[np.ndarray, "num_vertices 3 4"] = (
             self.weights @ transforms.reshape(len(transforms), 12)
         ).reshape(-1, 3, 4)
@@ -138,7 +138,7 @@ class Skinned:
 def bone_transforms(
     pose: Pose, joints: Float64[np.ndarray, "num_bones 3"]
 ) -> Float64[np.ndarray, "num_bones 3 4"]:
-    """The rigid motion [R | t] of each bone from rest to a pose; the pelvis stays in place."""
+    """Compute the rigid motion [R | t] of each bone from rest to a pose with a fixed pelvis."""
     resting = Turn()
     turns = turn_matrices(np.array([pose.get(bone, resting) for bone in Bone], dtype=np.float64))
     transforms = np.empty((len(joints), 3, 4))
@@ -156,7 +156,7 @@ def bone_transforms(
 def turn_matrices(
     turns: Float64[np.ndarray, "num_turns 3"],
 ) -> Float64[np.ndarray, "num_turns 3 3"]:
-    """The rotations of `Turn`s: first forward, then left, then the twist."""
+    """Compute the rotations of `Turn`s: first forward, then left, then the twist."""
     (cf, cl, ct), (sf, sl, st) = np.cos(turns).T, np.sin(turns).T
     zero, one = np.zeros_like(cf), np.ones_like(cf)
     forward = np.array([[cf, zero, -sf], [zero, one, zero], [sf, zero, cf]])
@@ -169,7 +169,7 @@ def turn_matrices(
 
 
 def rigid(mesh: Mesh, bone: Bone) -> Skinned:
-    """A part that moves with one bone."""
+    """Bind a part to one bone."""
     weights = np.zeros((len(mesh.vertices), len(Bone)), dtype=np.float32)
     weights[:, bone] = 1.0
     return Skinned(mesh=mesh, weights=weights)
@@ -178,7 +178,7 @@ def rigid(mesh: Mesh, bone: Bone) -> Skinned:
 def chained(
     mesh: Mesh, bones: Sequence[Bone], borders: Sequence[float], *, softness: float = 0.045
 ) -> Skinned:
-    """A part along a chain of bones, top to bottom, which blend into each other at `borders`."""
+    """Bind a part to a chain of bones, top to bottom, which blend at `borders`."""
     height = mesh.vertices[:, 2]
     weights = np.zeros((len(height), len(Bone)), dtype=np.float32)
     remaining = np.ones_like(height)
@@ -192,22 +192,23 @@ def chained(
 
 
 class Reach(NamedTuple):
-    """How a limb of two bones reaches a point [rad]."""
+    """Angles at which a limb of two bones reaches a point [rad]."""
 
     toward: float
-    """Forward turn from hanging to the point."""
+    """Forward rotation from hanging to the point."""
     opening: float
-    """Between the first bone and the way to the point: a knee is ahead of it, an elbow behind."""
+    """Angle between the first bone and the line to the point: a knee is ahead of it, an elbow
+    behind."""
     bend: float
-    """Between the bones; 0 is a stretched limb."""
+    """Angle between the bones; 0 is a straight limb."""
 
 
 def reach(ahead: float, above: float, upper: float, lower: float) -> Reach:
-    """Angles that bring the end of a limb to a point, or as near as the limb is long.
+    """Compute the angles that bring a limb's end to a point, or as near as its length allows.
 
     Args:
-        ahead: Of the limb's root [m].
-        above: The limb's root [m].
+        ahead: Distance of the point ahead of the limb's root [m].
+        above: Height of the point above the limb's root [m].
         upper: Length of the first bone [m].
         lower: Length of the second [m].
     """

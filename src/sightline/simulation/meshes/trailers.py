@@ -1,4 +1,4 @@
-"""What KITTI's labels call Misc: trailers, caravans and motorcycles."""
+"""Vehicles of KITTI's class Misc: trailers, caravans and motorcycles."""
 
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -38,7 +38,7 @@ _TYRE_M: Final = 0.17
 
 
 class MiscKind(NamedTuple):
-    """A kind of the class: how common it is, how large, and what it is made of."""
+    """Kind of Misc vehicle: its share, its size and its parts."""
 
     share: float
     mean_size: Size
@@ -47,7 +47,7 @@ class MiscKind(NamedTuple):
 
 
 def make_misc(rng: np.random.Generator, kind: str | None = None) -> ActorModel:
-    """Something of KITTI's class Misc, its drawbar or handlebar ahead.
+    """Draw a vehicle of KITTI's class Misc, with its drawbar or handlebar ahead.
 
     Args:
         rng: Source of randomness.
@@ -74,7 +74,7 @@ def _livery(rng: np.random.Generator, material: Material) -> Finish:
 def _running_gear(
     rng: np.random.Generator, size: Size, radius: float, bar: float, axles: int
 ) -> list[Mesh]:
-    """Wheels, drawbar, jockey wheel and all at the rear end of what has a drawbar of `bar` [m]."""
+    """Build wheels, drawbar of `bar` [m], jockey wheel and rear end of a trailer."""
     front, back = size.length / 2, -size.length / 2
     middle = (front - bar + back) / 2 - 0.05
     places = [middle + (index - (axles - 1) / 2) * 2.2 * radius for index in range(axles)]
@@ -92,7 +92,7 @@ def _running_gear(
 
 
 def _open_trailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
-    """Boards around a floor, at times with a heap on it."""
+    """Build boards around a floor, sometimes with a heap on it."""
     bar, floor = 0.24 * size.length, 0.45
     front, back = size.length / 2 - bar, -size.length / 2
     half = size.width / 2 - (0.2 if size.width < 2 else 0.0)
@@ -116,7 +116,7 @@ def _open_trailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
 
 
 def _covered_trailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
-    """A trailer with a tarpaulin, or all of plywood: for luggage, horses or goods."""
+    """Build a trailer with a tarpaulin, or of plywood: for luggage, horses or goods."""
     bar, low, axles = 0.26 * size.length, 0.48, 1 if size.length < 2.6 else 2
     tarpaulin = size.height < 2.2 or rng.random() < 0.3
     cover = _livery(rng, Material.CLOTH if tarpaulin else Material.PLASTIC)
@@ -180,7 +180,7 @@ def _caravan(rng: np.random.Generator, size: Size) -> list[Mesh]:
 
 
 def _semitrailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
-    """A lorry's trailer that stands on its legs."""
+    """Build a parked semitrailer on its legs."""
     front = size.length / 2
     leg = box((front - 2.4, 0.9, 0.5), (0.07, 0.07, 0.5), STEEL)
     cargo = _livery(rng, Material.PLASTIC)
@@ -226,4 +226,4 @@ MISC_KINDS: Final = {
     "flat trailer": MiscKind(0.04, Size(5.82, 2.39, 0.93), Size(0.30, 0.10, 0.08), _open_trailer),
     "semitrailer": MiscKind(0.08, Size(12.1, 2.62, 3.68), Size(0.46, 0.05, 0.21), _semitrailer),
 }
-"""By name; shares, as sizes, are those of KITTI's labels and sum to 1."""
+"""Kinds by name; shares, like sizes, are those of KITTI's labels and sum to 1."""

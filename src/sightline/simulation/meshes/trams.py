@@ -1,4 +1,4 @@
-"""Trams: one car or several, with joints between."""
+"""Trams of one car or several, with joints between them."""
 
 from itertools import pairwise
 
@@ -21,13 +21,13 @@ _LIVERIES: tuple[tuple[Color, Color], ...] = (  # walls, band below the windows
     ((0.62, 0.62, 0.60), (0.03, 0.10, 0.38)),
     ((0.58, 0.56, 0.48), (0.05, 0.20, 0.10)),
 )
-_SHORTEST = 11.0  # m
+_SHORTEST = 11.0  # minimum length [m]
 _MODULE_LENGTH = 9.0  # m, roughly
 _PANTOGRAPH_ROOM = 0.28  # m
 
 
 def make_tram(rng: np.random.Generator) -> ActorModel:
-    """A tram of KITTI's sizes, but not shorter than one car: such labels are truncated trams."""
+    """Draw a tram of KITTI's sizes, at least one car long: shorter labels are truncated trams."""
     length, width, height = KITTI_SIZES["Tram"].draw(rng, 1)[0].tolist()
     if length < _SHORTEST:
         length = float(rng.uniform(_SHORTEST, 15.0))
@@ -45,7 +45,7 @@ def make_tram(rng: np.random.Generator) -> ActorModel:
 
 
 def _module(size: Size, count: int, index: int, wall: Finish, band: Finish) -> list[Mesh]:
-    """One car of the tram, with a driver's front where it is the first or last."""
+    """Build one car of the tram; the first and last have a driver's front."""
     step = size.length / count
     start, end = size.length / 2 - index * step, size.length / 2 - (index + 1) * step
     joint = 0.22
@@ -76,7 +76,7 @@ def _module(size: Size, count: int, index: int, wall: Finish, band: Finish) -> l
                 TAIL_LIGHT if face is Face.REAR or not first else LAMP_GLASS,
             )
     mesh = coachwork_mesh(work, wall, panels)
-    if last and not first:  # its driver's front looks back
+    if last and not first:  # its driver's front faces backwards
         mesh = mesh.placed(Pose(x=0.0, y=0.0, z=0.0, yaw=np.pi))
     parts = [moved(mesh, ((start + end) / 2, 0, 0))]
     if not last:
@@ -101,7 +101,7 @@ def _end_profile(high: float) -> tuple[tuple[float, float, float], ...]:
 
 
 def _side_panels(length: float, high: float, band: Finish) -> list[Panel]:
-    """Skirt, coloured band, a row of windows and doors."""
+    """Build skirt, coloured band, a row of windows and doors."""
     reach, low, top = length / 2, 1.05, 0.80 * high
     panels = [
         Panel(Face.SIDES, -reach, reach, 0, 0.45, BLACK_PLASTIC),
@@ -134,7 +134,7 @@ def _end_panels(face: Face, half_width: float, high: float, lamp: Finish) -> lis
 
 
 def _roof_gear(size: Size, count: int) -> list[Mesh]:
-    """Boxes on the roof and a lowered pantograph."""
+    """Build boxes on the roof and a lowered pantograph."""
     base = size.height - _PANTOGRAPH_ROOM
     step = size.length / count
     middles = size.length / 2 - step * (np.arange(count) + 0.5)

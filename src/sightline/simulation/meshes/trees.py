@@ -28,7 +28,7 @@ class Species(Enum):
 
 
 class Detail(Enum):
-    """How finely a plant is made, by how near it stands."""
+    """Level of detail of a plant, by its distance."""
 
     CLOSE = "close"
     NEAR = "near"
@@ -38,20 +38,20 @@ class Detail(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Habit:
-    """How a species grows; lengths are shares of its height."""
+    """Habit of a species; lengths are shares of its height."""
 
     height: float
-    """Of the model [m]."""
+    """Height of the model [m]."""
     crown_base: float
     crown_radius: float
     profile: tuple[float, ...]
     """Relative radius of the crown from its base to its top."""
     clumps: int
     clump_radius: float
-    """Relative to the crown's."""
+    """Radius relative to the crown's."""
     trunk_radius: float
     droop: float
-    """How much the foliage hangs, 0 to 1."""
+    """Droop of the foliage, 0 to 1."""
     leaf: Color
     bark: Color
 
@@ -102,26 +102,26 @@ _HABITS: Final = {
 _CARDS: Final = {Detail.CLOSE: 3600, Detail.NEAR: 1000, Detail.MIDDLE: 340, Detail.FAR: 110}
 _DETAIL_LIMITS_M: Final = (14.0, 28.0, 58.0)
 _BEHIND_FACTOR: Final = 3.0
-"""Plants behind the eye are made as if this much farther away: only the LiDAR sees them."""
+"""Distance factor for plants behind the eye, visible only to the LiDAR."""
 _BUSH_SHARE: Final = 0.35
 _VARIANTS: Final = 3
 
 
 class Plants(NamedTuple):
-    """Plants to be set out."""
+    """Plants to be placed."""
 
     places: Float64[np.ndarray, "count 3"]
     heights: Float64[np.ndarray, " count"]
-    """[m]."""
+    """Heights [m]."""
     spread: float
     """Widths relative to the species' own."""
     coarseness: float = 1.0
-    """Factor on the distance by which models are chosen; more than 1 for plants in the rear."""
+    """Factor on the distance for choosing models; above 1 for plants in the rear."""
 
 
 @cache
 def tree_model(species: Species, detail: Detail, variant: int) -> Mesh:
-    """A plant at the origin, of its species' usual height; made once."""
+    """Build a plant at the origin, of its species' usual height; cached."""
     rng = np.random.default_rng([list(Species).index(species), variant])
     habit = _HABITS[species]
     clumps, radii = _clumps(rng, habit)
@@ -141,9 +141,9 @@ def tree_model(species: Species, detail: Detail, variant: int) -> Mesh:
 def set_out(
     rng: np.random.Generator, species: Species, plants: Plants, eye: tuple[float, float] = (0, 0)
 ) -> list[Mesh]:
-    """Copies of a species' models, each with its own heading, stretch and colour.
+    """Copy a species' models, each with its own heading, stretch and colour.
 
-    The nearer a plant is to the `eye` (world x, y), the finer is its model.
+    The model is finer the nearer the plant is to the `eye` (world x, y).
     """
     count = len(plants.places)
     if count == 0:
@@ -181,7 +181,7 @@ def set_out(
 def _clumps(
     rng: np.random.Generator, habit: _Habit
 ) -> tuple[Float64[np.ndarray, "count 3"], Float64[np.ndarray, " count"]]:
-    """Centres and radii [m] of the balls of foliage that make up a crown."""
+    """Draw centres and radii [m] of the balls of foliage in a crown."""
     count = habit.clumps
     rise = (np.arange(count) + rng.uniform(0.1, 0.9, count)) / count
     widths = np.interp(rise, np.linspace(0, 1, len(habit.profile)), habit.profile)
@@ -203,7 +203,7 @@ def _foliage(
     radii: Float64[np.ndarray, " count"],
     num_cards: int,
 ) -> Mesh:
-    """Cards of leaves on the clumps; fewer cards are larger ones."""
+    """Build cards of leaves on the clumps; fewer cards are larger."""
     weights = radii**2
     owner = rng.choice(len(clumps), num_cards, p=weights / weights.sum())
     ways = rng.normal(size=(num_cards, 3))
@@ -271,7 +271,7 @@ def _trunk(rng: np.random.Generator, habit: _Habit, detail: Detail) -> Mesh:
 def _boughs(
     rng: np.random.Generator, habit: _Habit, clumps: Float64[np.ndarray, "count 3"], count: int
 ) -> list[Mesh]:
-    """Branches from the trunk into some of the clumps."""
+    """Build branches from the trunk into some of the clumps."""
     boughs = []
     thick = habit.trunk_radius * habit.height
     finish = Finish(Material.BARK, habit.bark)
@@ -287,7 +287,7 @@ def _boughs(
 
 
 def _birch_bark(wood: Mesh) -> Mesh:
-    """White bark with black bands, and dark boughs higher up."""
+    """Paint white bark with black bands, and dark boughs higher up."""
     middle = wood.vertices[wood.faces].mean(axis=1)
     dark = np.sin(middle[:, 2] * 23.0 + middle[:, 0] * 40.0) > 0.75
     return repainted(wood, dark, Finish(Material.BARK, (0.06, 0.055, 0.05)))
@@ -298,7 +298,7 @@ _HEDGE_PIECE: Final = 2.0
 
 @cache
 def hedge_model(variant: int, is_fine: bool) -> Mesh:  # noqa: FBT001 - a key of the cache
-    """Two metres of clipped hedge along x, 1 m high and 0.7 m deep: a dark core in leaf cards."""
+    """Build 2 m of clipped hedge along x, 1 m high and 0.7 m deep: a dark core in leaf cards."""
     rng = np.random.default_rng([77, variant])
     count = 130 if is_fine else 45
     core = boxes(
@@ -324,7 +324,7 @@ def hedge_model(variant: int, is_fine: bool) -> Mesh:  # noqa: FBT001 - a key of
         axis=1,
     )  # fmt: skip
     cards = _card_mesh(rng, corners, ways + 0.3 * tilted + [0, 0, 0.2], (0.06, 0.11, 0.03))
-    # The bottom of the core is never seen.
+    # The bottom of the core is never visible.
     return Mesh.joined((kept(core, core.normals[core.faces[:, 0], 2] > -0.5), cards))
 
 
@@ -334,7 +334,7 @@ def make_hedge(
     stops: Float[np.ndarray, "count 3"],
     height: float,
 ) -> list[Mesh]:
-    """Hedges between pairs of world points, cut into pieces that follow the ground."""
+    """Build hedges between pairs of world points, in pieces that follow the ground."""
     pieces = []
     for start, stop in zip(starts, stops, strict=True):
         length = float(np.hypot(*(stop - start)[:2]))

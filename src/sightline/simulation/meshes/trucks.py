@@ -35,7 +35,7 @@ _ARTICULATED_FROM = 9.8  # m of length
 
 
 def make_truck(rng: np.random.Generator) -> ActorModel:
-    """A lorry of KITTI's sizes; long ones are tractors with a trailer."""
+    """Draw a lorry of KITTI's sizes; long ones are tractors with a trailer."""
     size = Size(*KITTI_SIZES["Truck"].draw(rng, 1)[0].tolist())
     cab = Finish(Material.CAR_PAINT, LIVERIES[int(rng.integers(len(LIVERIES)))])
     cargo = Finish(Material.PLASTIC, LIVERIES[int(rng.integers(len(LIVERIES)))])
@@ -52,7 +52,7 @@ def make_truck(rng: np.random.Generator) -> ActorModel:
 def _cab(
     rng: np.random.Generator, size: Size, paint: Finish, height: float, radius: float
 ) -> list[Mesh]:
-    """A driver's cab with its front at x = 0 that reaches up to `height` [m]."""
+    """Build a driver's cab with its front at x = 0 and its top at `height` [m]."""
     width = min(0.95 * size.width, 2.5)
     low = 0.62 * radius
     sill, top = low + 0.50 * (height - low), low + 0.86 * (height - low)
@@ -107,7 +107,7 @@ def _axles(rng: np.random.Generator, size: Size, places: Sequence[float], radius
 
 
 def rear_end(rng: np.random.Generator, x: float, size: Size, radius: float) -> list[Mesh]:
-    """Under-run bar, lamps, markings and plate at the rear end x [m]."""
+    """Build under-run bar, lamps, markings and plate at the rear end x [m]."""
     half, z = size.width / 2, 1.15 * radius
     bar = box((x + 0.06, 0, 0.95 * radius), (0.05, 0.9 * half, 0.06), STEEL)
     lamp = box((x + 0.03, 0.78 * half, z + 0.12), (0.03, 0.16, 0.06), TAIL_LIGHT)
@@ -118,13 +118,13 @@ def rear_end(rng: np.random.Generator, x: float, size: Size, radius: float) -> l
 
 
 def _frame(front: float, back: float, radius: float) -> list[Mesh]:
-    """The two beams that carry everything, between x `back` and `front` [m]."""
+    """Build the two supporting beams between x `back` and `front` [m]."""
     center = np.array([[(front + back) / 2, side * 0.42, 1.35 * radius] for side in (-1, 1)])
     return [boxes(center, np.tile(((front - back) / 2, 0.06, 0.14), (2, 1)), STEEL)]
 
 
 def _tank(x: float, size: Size, radius: float) -> list[Mesh]:
-    """A fuel tank on one side and a battery box on the other."""
+    """Build a fuel tank on one side and a battery box on the other."""
     y = size.width / 2 - 0.36
     tank = superellipsoid(
         (x, y, 1.1 * radius), (0.55, 0.30, 0.30), CHROME, exponents=(0.7, 0.15), num_rings=9
@@ -135,7 +135,7 @@ def _tank(x: float, size: Size, radius: float) -> list[Mesh]:
 def _cargo_box(
     front: float, back: float, low: float, high: float, width: float, finish: Finish, edge: Finish
 ) -> Mesh:
-    """A cargo box with a frame of another finish and a split rear door."""
+    """Build a cargo box with a frame of another finish and a split rear door."""
     half, reach = width / 2, (front - back) / 2
     panels = [
         Panel(Face.SIDES, -reach + 0.12, reach - 0.12, low + 0.16, high - 0.14, finish),
@@ -197,7 +197,7 @@ def _articulated(rng: np.random.Generator, size: Size, cab: Finish, cargo: Finis
 def semitrailer(
     rng: np.random.Generator, size: Size, front: float, back: float, cargo: Finish
 ) -> list[Mesh]:
-    """The trailer of a lorry of that size, from x `front` to `back` [m]."""
+    """Build the trailer of a lorry of a size, from x `front` to `back` [m]."""
     low, radius, half = 1.12, 0.48, size.width / 2
     middle, reach = (front + back) / 2, (front - back) / 2
     axles = [back + 1.9 + 1.31 * index for index in range(3 if reach > 4.7 else 2)]

@@ -1,4 +1,4 @@
-"""What people wear and carry: hanging cloth, hair, hats and bags, in the resting pose of 1.75 m."""
+"""Clothes and luggage: hanging cloth, hair, hats and bags, in the resting pose of 1.75 m."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -36,7 +36,7 @@ HEAD_RINGS = np.array(  # height, half depth, half width, offset ahead [m], from
 
 
 class Hair(Enum):
-    """What is on the head."""
+    """Hair or headwear."""
 
     SHORT = 0
     LONG = 1
@@ -46,7 +46,7 @@ class Hair(Enum):
 
 
 class Legwear(Enum):
-    """What is on the legs."""
+    """Legwear."""
 
     TROUSERS = 0
     SHORTS = 1
@@ -54,7 +54,7 @@ class Legwear(Enum):
 
 
 class Luggage(Enum):
-    """What is carried."""
+    """Carried luggage."""
 
     NOTHING = 0
     BACKPACK = 1
@@ -73,13 +73,13 @@ class Outfit:
     bottom: Color
     shoes: Color
     accent: Color = (0.02, 0.02, 0.02)
-    """Of hat and luggage."""
+    """Colour of hat and luggage."""
     short_sleeves: bool = False
     legwear: Legwear = Legwear.TROUSERS
     hem: float = 0.97
-    """Height [m] on a figure of 1.75 m to which the top hangs: 0.9 a jacket, 0.6 a coat."""
+    """Height [m] of the top's hem on a figure of 1.75 m: 0.9 a jacket, 0.6 a coat."""
     shirt: Color | None = None
-    """Seen where the top is open in front; None where it is closed."""
+    """Colour visible where the top is open in front; None if it is closed."""
     luggage: Luggage = Luggage.NOTHING
 
 
@@ -88,7 +88,7 @@ CLOTH_SIDES = 16
 
 
 def front_columns() -> Bool[np.ndarray, " columns"]:
-    """Which columns of cloth are in the middle of the front, where a jacket opens."""
+    """Mark the columns of cloth in the middle of the front, where a jacket opens."""
     column = np.arange(CLOTH_SIDES)
     front: Bool[np.ndarray, " columns"] = (column == 0) | (column == CLOTH_SIDES - 1)
     return front
@@ -97,7 +97,7 @@ def front_columns() -> Bool[np.ndarray, " columns"]:
 def ellipse_stack(
     stations: Float64[np.ndarray, "num_rings 4"], num_sides: int, *, squareness: float = 1.0
 ) -> Float64[np.ndarray, "num_rings num_sides 3"]:
-    """Rings (height, half depth, half width, offset ahead) about z; column 0 looks ahead."""
+    """Compute rings (height, half depth, half width, offset ahead) about z; column 0 is ahead."""
     angles = np.arange(num_sides) * (2 * np.pi / num_sides)
     cos = signed_power(np.cos(angles), squareness)
     sin = signed_power(np.sin(angles), squareness)
@@ -108,14 +108,14 @@ def ellipse_stack(
 def hanging_cloth(
     hem: float, depth: float, width: float, finish: Finish, *, is_open: bool = False
 ) -> Skinned:
-    """A jacket's lower part, a coat or a skirt: it follows the hips and, lower, both thighs.
+    """Build a jacket's lower part, a coat or a skirt, following the hips and, lower, both thighs.
 
     Args:
-        hem: Height [m] where it ends.
-        depth: Half the size along x [m] at the hips.
-        width: Half the size along y [m] at the hips.
-        finish: Of the cloth.
-        is_open: Whether it is left open in front.
+        hem: Height [m] of its lower edge.
+        depth: Half size along x [m] at the hips.
+        width: Half size along y [m] at the hips.
+        finish: Finish of the cloth.
+        is_open: Whether it is open in front.
     """
     start = 1.08  # the waist
     heights = np.linspace(hem, start, max(3, round((start - hem) / 0.07)))
@@ -136,7 +136,7 @@ def hanging_cloth(
 
 
 def headwear(outfit: Outfit) -> list[Skinned]:
-    """Hair, cap or helmet."""
+    """Build hair, cap or helmet."""
     hair = Finish(Material.CLOTH, outfit.hair)
     accent = Finish(Material.CLOTH, outfit.accent)
     style = outfit.hair_style
@@ -166,7 +166,7 @@ def headwear(outfit: Outfit) -> list[Skinned]:
 
 
 def _hair_shell(finish: Finish) -> Skinned:
-    """A layer over the skull that leaves the face and the ears free."""
+    """Build a layer over the skull without the face and the ears."""
     heights = np.array([1.555, 1.590, 1.625, 1.655, 1.680, 1.700, 1.720, 1.742, 1.757, 1.765])
     columns = [np.interp(heights / 1.008, HEAD_RINGS[:, 0], HEAD_RINGS[:, k]) for k in (1, 2, 3)]
     thicker = np.interp(heights, (1.55, 1.65, 1.75), (0.002, 0.009, 0.010))
@@ -181,7 +181,7 @@ def _hair_shell(finish: Finish) -> Skinned:
 
 
 def _long_hair(finish: Finish) -> Skinned:
-    """Hair that falls to the shoulders."""
+    """Build hair down to the shoulders."""
     rings = np.array(
         [
             (1.40, 0.050, 0.100, -0.080),
@@ -197,7 +197,7 @@ def _long_hair(finish: Finish) -> Skinned:
 
 
 def luggage(outfit: Outfit, trunk_depth: float) -> list[Skinned]:
-    """A bag with its straps; `trunk_depth` is half the chest's depth [m]."""
+    """Build a bag with its straps; `trunk_depth` is half the chest's depth [m]."""
     finish = Finish(Material.CLOTH, outfit.accent)
     if outfit.luggage is Luggage.BACKPACK:
         body = superellipsoid(
