@@ -10,6 +10,7 @@ from sightline.data.atomic import atomic_link, atomic_write_text
 from sightline.data.kitti_files import write_image, write_points
 from sightline.data.mask_png import write_mask_png
 from sightline.data.object_tree import (
+    CORRUPTED,
     ObjectFrame,
     Part,
     Velodyne,
@@ -21,7 +22,7 @@ from sightline.data.object_tree import (
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")
 """Of a frame, what a case's tree holds as well, if the input does."""
 
-_RECORDS = "corruption"
+_RECORDS = CORRUPTED
 _MASKS = ("camera_mask", "lidar_mask")
 _LISTS = "ImageSets"
 
