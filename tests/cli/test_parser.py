@@ -3,6 +3,7 @@ from pathlib import Path
 import jsonargparse
 import pytest
 
+from sightline.cli.main import main
 from sightline.cli.parser import OneLineParser
 
 _seen = []
@@ -81,3 +82,27 @@ def test_what_are_no_numbers_is_refused_in_one_line_that_says_how(capsys, words,
 @pytest.mark.parametrize("name", ["donn\udce9es/KITTI", "a\x1b[2J", "a\nb", "été"])
 def test_a_path_is_taken_whatever_bytes_its_name_has(name):
     assert run(placed, name, "--out", name) == (Path(name), Path(name))
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ("a: " + "[" * 30_000 + "]" * 30_000, "nested more than 50 deep"),  # a segmentation fault
+        ("a: " + "[" * 3000 + "]" * 3000, "nested more than 50 deep"),
+        (
+            "\n".join(
+                ["a0: &a0 [x, x, x, x, x, x, x, x]"]
+                + [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 8)}]" for n in range(1, 12)]
+            ),
+            "more than 65536 values",
+        ),
+    ],
+)
+def test_settings_that_are_nested_deeply_or_multiply_are_refused_in_one_line(
+    tmp_path, capsys, settings, said
+):
+    path = tmp_path / "settings.yaml"
+    path.write_text(settings)
+    with pytest.raises(SystemExit):
+        main(["predict", "depth-completion", "KITTI", "out", "--config", str(path)])
+    assert said in capsys.readouterr().err

@@ -34,6 +34,9 @@ _SEVERAL = ("frames",)
 _SHORT = {"--page": "-o"}
 
 
+_MAX_DEPTH, _MAX_VALUES = 50, 2**16
+"""Of one argument or file of settings."""
+
 _load_yaml = jsonargparse.get_loader("yaml")
 
 
@@ -43,7 +46,38 @@ def _load_value(value: str) -> Any:  # noqa: ANN401 - as YAML has it
         value.encode()
     except UnicodeEncodeError:
         return value
-    return _load_yaml(value)
+    _check_depth(value)
+    loaded = _load_yaml(value)
+    _check_extent(loaded)
+    return loaded
+
+
+def _check_depth(value: str) -> None:
+    """Refuse text that is nested deeply before PyYAML's C code, which calls itself, reads it."""
+    if len(value) <= _MAX_DEPTH:
+        return
+    depth = 0
+    for event in yaml.parse(value, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+        is_start = isinstance(event, yaml.CollectionStartEvent)
+        depth += is_start - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            raise yaml.YAMLError(f"is nested more than {_MAX_DEPTH} deep")
+
+
+def _check_extent(loaded: object) -> None:
+    """Refuse settings that are nested deeply, or many, by aliases: whoever copies them hangs."""
+    held, num_values = [(loaded, 0)], 0
+    while held:
+        value, depth = held.pop()
+        num_values += 1
+        if depth > _MAX_DEPTH:
+            raise yaml.YAMLError(f"is nested more than {_MAX_DEPTH} deep")
+        if num_values > _MAX_VALUES:
+            raise yaml.YAMLError(f"holds more than {_MAX_VALUES} values, its aliases counted along")
+        if isinstance(value, dict):
+            held += [(each, depth + 1) for each in value.values()]
+        elif isinstance(value, list):
+            held += [(each, depth + 1) for each in value]
 
 
 jsonargparse.set_loader("yaml", _load_value, (yaml.YAMLError,))

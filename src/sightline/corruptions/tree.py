@@ -13,6 +13,7 @@ from sightline.data.kitti_files import write_image, write_points
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.mask_png import read_mask_png, write_mask_png
 from sightline.data.object_tree import (
+    CORRUPTED,
     ObjectFrame,
     Part,
     Velodyne,
@@ -24,7 +25,7 @@ from sightline.data.object_tree import (
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")
 """Parts of a frame that a case's tree also contains, if the input does."""
 
-_RECORDS = "corruption"
+_RECORDS = CORRUPTED
 _MASKS = ("camera_mask", "lidar_mask")
 _LISTS = "ImageSets"
 

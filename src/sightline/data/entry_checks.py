@@ -9,12 +9,11 @@ from typing import Final, TypeVar
 from sightline.data.depth_tree import DepthFrame
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
-from sightline.data.object_tree import OBJECT_SPLITS, ObjectFrame, Part
+from sightline.data.object_tree import CORRUPTED, OBJECT_SPLITS, ObjectFrame, Part
 from sightline.data.problem import FileError, Problem
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
 
 _DRAWN: Final = 3  # frames: the first, and others spread over the rest
-_CORRUPTED: Final = "corruption"  # folder of what was done to each frame of a tree
 _STACK: Final = 4  # from here to who opens the data set
 
 Item = TypeVar("Item")
@@ -119,7 +118,7 @@ def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Find
 
     Corrupted data sets lack it on purpose.
     """
-    if any((root / split / _CORRUPTED).is_dir() for split in ("", *OBJECT_SPLITS)):
+    if any((root / split / CORRUPTED).is_dir() for split in ("", *OBJECT_SPLITS)):
         return
     images = [
         found.has_dark_image

@@ -22,6 +22,7 @@ from sightline.data.drive_tree import DriveFrame
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_labels
 from sightline.data.label_checks import check_objects
+from sightline.data.label_fit import check_label_fit
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.problem import FileError, Problem
 from sightline.data.velodyne import read_sweep, sweep_doubt
@@ -78,6 +79,8 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
             found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
         found.doubted += check_objects(objects, size, frame.objects)
+        if matrices is not None and not found.all():
+            found.doubted += check_label_fit(objects, matrices, size, points, frame.objects)
     return found
 
 

@@ -10,6 +10,8 @@ from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.plain_text import shortened
 
 OBJECT_SPLITS: Final = ("training", "testing")
+CORRUPTED: Final = "corruption"
+"""The folder, in a split, of what was done to each frame of it; sound trees have none."""
 Velodyne = Literal["velodyne", "velodyne_reduced"]
 Part = Literal["image", "points", "calibration", "objects", "depth"]
 """`depth` is no part of KITTI's own tree: simulated ones have dense true depth, as 16-bit PNGs."""

@@ -14,8 +14,9 @@ from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.depth_png import read_depth_png
 from sightline.data.frame_checks import Findings, check_depth_scale, examine_image, read_or_note
 from sightline.data.image_header import read_image_size
-from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_labels import KittiObjects, read_labels
 from sightline.data.label_checks import check_objects
+from sightline.data.label_fit import check_label_fit
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.point_files import cloud_rows, read_cloud
 from sightline.data.problem import FileError, Problem
@@ -302,7 +303,21 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
     elif depth_m is not None and frame.depth is not None and points is not None:
         image_from_lidar = said.matrices.image_from_camera @ said.matrices.camera_from_lidar
         found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
+    _doubt_label_fit(found, frame.objects, objects, said, points, size)
     return found
+
+
+def _doubt_label_fit(
+    found: Findings,
+    path: Path | None,
+    objects: KittiObjects | None,
+    said: RecordingCalibration,
+    points: Float32[np.ndarray, "_num_points 4"] | None,
+    size: tuple[int, int] | None,
+) -> None:
+    """Note labels that are elsewhere than image and cloud, where nothing else is at fault."""
+    if path is not None and objects is not None and not found.all():
+        found.doubted += check_label_fit(objects, said.matrices, size, points, path)
 
 
 def _check_emptied(path: Path) -> list[Problem]:

@@ -1,0 +1,98 @@
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sightline.data.calibration_text import CalibrationMatrices, read_object_matrices
+from sightline.data.kitti_labels import parse_objects
+from sightline.data.label_fit import check_label_fit
+from sightline.data.tree_checks import find_trees
+from sightline.data.velodyne import read_sweep
+from sightline.simulation.packaged import PACKAGED_FRAMES
+
+FRAMES = PACKAGED_FRAMES / "training"
+SIZE = (375, 1242)
+
+
+def doubts(text: str, *, points=None, focal: float = 1.0, path: Path | None = None) -> list[str]:
+    path = path or FRAMES / "label_2/000000.txt"
+    objects = parse_objects(text.encode(), path, with_scores=False)
+    matrices = read_object_matrices(FRAMES / "calib/000000.txt")
+    projection = matrices.image_from_camera.copy()
+    projection[:2, :2] *= focal
+    matrices = CalibrationMatrices(
+        image_from_camera=projection, camera_from_lidar=matrices.camera_from_lidar
+    )
+    return [each.problem for each in check_label_fit(objects, matrices, SIZE, points, path)]
+
+
+@pytest.fixture
+def labels() -> str:
+    return (FRAMES / "label_2/000000.txt").read_text()
+
+
+@pytest.fixture
+def points() -> np.ndarray:
+    return read_sweep(FRAMES / "velodyne/000000.bin")
+
+
+def changed(text: str, column: int, change) -> str:
+    rows = [line.split() for line in text.splitlines()]
+    for row in rows:
+        if row[0] != "DontCare":
+            row[column] = str(change(row, float(row[column])))
+    return "\n".join(" ".join(row) for row in rows)
+
+
+def test_sound_labels_raise_no_doubt(labels, points):
+    assert doubts(labels, points=points) == []
+    assert doubts(labels) == []
+    assert doubts(labels, points=points[:0]) == []
+
+
+def test_another_cameras_focal_length_is_doubted(labels, points):
+    (doubt,) = doubts(labels, points=points, focal=0.5)
+    assert "3D boxes that the calibration shows elsewhere than its 2D boxes" in doubt
+
+
+@pytest.mark.parametrize(
+    ("column", "change"),
+    [
+        (12, lambda row, y: y - float(row[8]) / 2),  # the box's centre instead of its bottom's
+        (11, lambda _, x: -x),
+        (13, lambda _, z: -z),
+    ],
+)
+def test_places_of_another_convention_are_doubted(labels, column, change):
+    (doubt,) = doubts(changed(labels, column, change))
+    assert "elsewhere than its 2D boxes" in doubt
+
+
+def test_cloud_of_another_frame_or_unit_is_doubted(labels, points):
+    (doubt,) = doubts(labels, points=points * np.float32([3.28, 3.28, 3.28, 1]))
+    assert "no point of the cloud in their 3D box" in doubt
+    assert "no point of the cloud" in doubts(labels, points=points[:10])[0]
+
+
+def test_one_object_tells_too_little(labels):
+    first = labels.splitlines()[0]
+    assert doubts(first, focal=0.5) == []
+
+
+def test_check_tells_labels_of_another_camera_but_not_of_corrupted_trees(tmp_path):
+    root = tmp_path / "KITTI"
+    shutil.copytree(FRAMES, root / "training", ignore=shutil.ignore_patterns("depth"))
+    for path in (root / "training/calib").iterdir():
+        lines = path.read_text().splitlines()
+        halved = " ".join(str(float(word) / 2) for word in lines[2].split()[1:9])
+        lines[2] = f"P2: {halved} 0 0 1 0"
+        path.write_text("\n".join(lines))
+
+    def problems() -> list[str]:
+        (tree,) = find_trees(root)
+        return [each.problem for check in tree.checks for each in check.run()]
+
+    assert ["elsewhere" in each for each in problems()] == [True, True]
+    (root / "training/corruption").mkdir()
+    assert problems() == []
