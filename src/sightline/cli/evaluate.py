@@ -160,7 +160,7 @@ def depth_command(
             bias and the share of errors above 1 m for each band, pooled over pixels.
         sparse: Sparse depth maps (velodyne_raw), a PNG or a folder: adds the same figures at LiDAR
             returns, within 3 px of one and beyond, and the share of sound returns that predictions
-            change.
+            deviate from.
         against: Predictions of another method: adds the difference to it, image by image, with its
             95 % interval.
         seed: Seed of that interval's resampling.
