@@ -20,7 +20,7 @@ class Fault(ABC):
 
     @abstractmethod
     def __str__(self) -> str:
-        """Its name."""
+        """Name of the fault."""
 
     @abstractmethod
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
@@ -112,7 +112,7 @@ class NoCamera(Fault):
     """Camera that delivers nothing."""
 
     def __str__(self) -> str:
-        """Its name."""
+        """Name of the fault."""
         return "no camera"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:

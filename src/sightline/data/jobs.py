@@ -24,7 +24,7 @@ RESULT_SUFFIXES: Final = (".txt", ".png")
 """Suffixes of result files."""
 
 _WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
-# of what commands write into folders: a file of weights, for one, is never replaced
+# suffixes of files that commands write to folders: weights, for example, are never replaced
 _MAX_MANIFEST_BYTES = 2**22
 _MOST_DIFFERENCES = 12  # settings named in an error
 _LONGEST_VALUE = 60  # characters of a setting shown in an error
@@ -171,7 +171,7 @@ def _is_claimed(
         raise ValueError(f"{folder} is no folder; name another output folder")
     check_links(folder)
     path = folder / manifest_name
-    # In this order: a job has written its manifest before its first result.
+    # In this order: a job writes its manifest before its first result.
     has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
     if not path.exists():
         if has_results:

@@ -51,7 +51,7 @@ def least_corrections(
     top = cv2.erode(top[None].astype(np.float32), around)[0]  # the border adds no lower value
     rows_above = top - np.arange(height, dtype=np.float32)[:, None]
     is_above = ((rows_above - FIRST_ROWS_ABOVE) / (LAST_ROWS_ABOVE - FIRST_ROWS_ABOVE)).clip(0, 1)
-    is_beside = _is_beside(is_measured)  # never where it is above
+    is_beside = _is_beside(is_measured)  # never where a pixel is above
     nearer, farther = (
         (least + (far - least) * is_above + (close - least) * is_beside).astype(np.float32)
         for far, close in ((above.nearer, beside.nearer), (above.farther, beside.farther))
@@ -63,7 +63,7 @@ def _is_beside(is_measured: Bool[ndarray, "height width"]) -> Float32[ndarray, "
     """Map that is 1 beside a measurement, 0 away from all, and linear in between."""
     measured = is_measured.astype(np.uint8)
     share = np.zeros(measured.shape, np.float32)
-    away_px = np.hypot(*np.mgrid[-2:3, -2:3])  # holds all that is less than AWAY_PX away
+    away_px = np.hypot(*np.mgrid[-2:3, -2:3])  # includes all pixels less than AWAY_PX away
     for reach_px in np.unique(away_px[away_px < AWAY_PX])[::-1]:  # the nearest last
         within = cv2.dilate(measured, (away_px <= reach_px).astype(np.uint8))
         share[within > 0] = min((AWAY_PX - reach_px) / (AWAY_PX - BESIDE_PX), 1)

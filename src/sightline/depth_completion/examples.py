@@ -130,7 +130,7 @@ class DepthExamples(SamplePreparation):
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DepthBatch:
-        """See `make_example`."""
+        """Makes an example; see `make_example`."""
         return make_example(sample, self.settings, rng, training=training)
 
 

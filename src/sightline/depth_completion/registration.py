@@ -89,7 +89,7 @@ class DepthCompletionTask(DepthNetworkTask):
     )
 
     def graphs(self, loaded: "LoadedNetwork[DepthCompletionNet]") -> "tuple[ExportGraph, ...]":
-        """Returns one graph, the whole network."""
+        """Export graph of the whole network, as the only one."""
         from sightline.depth_completion.export_graph import export_graph
 
         return (export_graph(loaded),)

@@ -200,7 +200,7 @@ def _random_states() -> dict[str, Any]:
     """Random states as plain values and tensors, which checkpoints may contain."""
     version, internal, gauss = random.getstate()
     name, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002 - the
-    # global generator is what is kept here
+    # global generator's state is kept here
     return {
         "python": [version, list(internal), gauss],
         "numpy": [str(name), torch.from_numpy(np.array(keys, dtype=np.int64)), position],

@@ -59,7 +59,7 @@ class InterruptionNote:
         self._previous: dict[int, Any] = {}
 
     def listen(self) -> None:
-        """Takes over the signals."""
+        """Installs the signal handlers."""
         if not self._previous:
             self._previous = {number: signal.signal(number, self._note) for number in SIGNALS}
 

@@ -70,7 +70,7 @@ class LastCheckpoint(Checkpoint):
         self._resumed_owing_at = None
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Takes over the signals."""
+        """Installs the signal handlers."""
         del pl_module
         self._step = trainer.global_step
         if trainer.world_size == 1:
@@ -118,14 +118,14 @@ class LastCheckpoint(Checkpoint):
         self._write(trainer)
 
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Gives the signals back."""
+        """Restores the signal handlers."""
         del trainer, pl_module, stage
         self._note.give_back()
 
     def on_exception(
         self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
     ) -> None:
-        """Gives the signals back."""
+        """Restores the signal handlers."""
         del trainer, pl_module, exception
         self._note.give_back()
 

@@ -89,7 +89,7 @@ class RunProgress(ProgressBar):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Counts."""
+        """Updates the number of finished batches."""
         del pl_module, outputs, batch, batch_idx
         self._show_training(trainer)
 
@@ -107,7 +107,7 @@ class RunProgress(ProgressBar):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Counts."""
+        """Updates the number of finished batches."""
         del pl_module, outputs, batch, dataloader_idx
         self._show("validation", batch_idx + 1, self._num_batches(trainer))
 
@@ -145,20 +145,20 @@ class RunProgress(ProgressBar):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Counts."""
+        """Updates the number of finished batches."""
         del pl_module, outputs, batch, dataloader_idx
         total = trainer.num_test_batches[0]
         self._show("test", batch_idx + 1, int(total) if math.isfinite(total) else None)
 
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Clears the bars away."""
+        """Removes the bars."""
         del trainer, pl_module, stage
         self._close()
 
     def on_exception(
         self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
     ) -> None:
-        """Clears the bars away."""
+        """Removes the bars."""
         del trainer, pl_module, exception
         self._close()
 
