@@ -1,4 +1,4 @@
-"""`sightline evaluate calibration`: whether a detector's scores tell how often it is right."""
+"""`sightline evaluate calibration`: measures the calibration of a detector's scores."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -30,27 +30,27 @@ def evaluate_calibration(
     picture: Path | None = None,
     json: Path | None = None,
 ) -> None:
-    """Measures whether scores tell how often a detection is right: D-ECE, LaECE, oLRP.
+    """Measures how well scores predict the correctness of detections: D-ECE, LaECE, oLRP.
 
-    With --fit-results, calibrators are fitted on those results, of sound sensors say, and the
-    calibrated scores are measured, too.
+    With --fit-results, calibrators are fitted on those results, for example of sound sensors, and
+    the calibrated scores are measured, too.
 
     Args:
-        results: Folder with one result file a frame (16 fields a line), scores from 0 to 1.
-        labels: Folder with one label file a frame (15 fields a line).
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all that have labels.
-        fit_results: Folder of the results to fit calibrators on; frames other than those measured.
-        fit_labels: Their labels. Default: LABELS.
-        fit_list: Which frames to fit on, like --sample-list.
-        calibrator: Which one to fit.
-        target: What calibrators predict: whether a detection is true, or its overlap.
-        metric: Overlap in the image, of bird's-eye rectangles, or of boxes in space.
-        difficulty: KITTI's; harder objects are ignored: finding one counts neither as right nor as
-            wrong.
+        results: Folder with one result file per frame (16 fields per line), scores from 0 to 1.
+        labels: Folder with one label file per frame (15 fields per line).
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all that have labels.
+        fit_results: Folder of the results to fit calibrators on; not the measured frames.
+        fit_labels: Folder of the labels of the fit. Default: LABELS.
+        fit_list: Frames to fit on, like --sample-list.
+        calibrator: Calibrator to fit.
+        target: Prediction target of calibrators: correctness of a detection, or its overlap.
+        metric: Overlap in the image, of bird's-eye rectangles, or of 3D boxes.
+        difficulty: KITTI's difficulty; harder objects are ignored: finding one counts neither as
+            right nor as wrong.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
-        bins: How many, of equal width over the scores.
-        min_score: Detections of a lower score are left out.
+        bins: Number of bins of equal width over the scores.
+        min_score: Score threshold; detections below it are left out.
         out: Folder for the result files with calibrated scores; needs one --calibrator.
         picture: PNG for the reliability diagrams.
         json: File for the whole report.
@@ -105,7 +105,7 @@ def evaluate_calibration(
 
 
 def _write_picture(path: Path, report: "CalibrationReport") -> None:
-    """A row of diagrams for each class: the scores as they are, then calibrated."""
+    """Draw a row of diagrams for each class: uncalibrated scores, then calibrated ones."""
     from sightline.data.image_file import write_rgb
     from sightline.visualization.reliability import draw_reliability_sheet
 

@@ -1,4 +1,4 @@
-"""`sightline corrupt`: a data set as faulty sensors would have taken it."""
+"""`sightline corrupt`: simulates sensor faults on a data set."""
 
 from pathlib import Path
 
@@ -22,27 +22,27 @@ def corrupt(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
-    """Breaks the sensors of a data set: a KITTI object tree for each case of a suite.
+    """Corrupts the sensors of a data set: writes a KITTI object tree for each case of a suite.
 
-    OUT/CASE can be given to every other command. The same settings give the same files for any
-    number of workers; an interrupted run is finished by running it again. Files that a case leaves
-    as they are become hard links to those of DATA, which is never changed.
+    OUT/CASE is valid data for every other command. The same settings give the same files for any
+    number of workers; to resume an interrupted run, run it again. Unchanged files of a case become
+    hard links to those of DATA, which is never changed.
 
     Args:
         data: A KITTI object tree.
         out: Folder for the cases, not within DATA.
-        suite: Which cases there are: dgfn7, the seven of Kim et al. 2018; dgfn7-figure, with noise
-            as their picture shows it; core, some twenty kinds at five severities (lidar_fog-3);
-            all, every kind; or a kind by itself, or several at once (camera_fog+lidar_fog).
-        seed: Another seed draws other boxes, discs and noise.
-        cases: Which of the suite's cases; a kind (lidar_fog) stands for its five. Default: all.
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
+        suite: Set of cases: dgfn7, the seven of Kim et al. 2018; dgfn7-figure, with noise as in
+            their picture; core, some twenty kinds at five severities (lidar_fog-3); all, every
+            kind; or a single kind, or several together (camera_fog+lidar_fog).
+        seed: Seed of the random boxes, discs and noise.
+        cases: Cases of the suite to write; a kind (lidar_fog) selects its five. Default: all.
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or
             a text file with one name a line. Default: all.
         velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
-        masks: Also writes which pixels of each sensor may have changed.
-        workers: Processes.
-        shard_index: Which part of the frames to do, from 0.
-        num_shards: Number of parts, each of which can run on another machine.
+        masks: Also writes masks of the pixels of each sensor that may have changed.
+        workers: Number of processes.
+        shard_index: Index of the shard of frames to process, from 0.
+        num_shards: Number of shards, each of which can run on another machine.
     """
     check_outputs({"OUT": out}, data=[data, named_file(sample_list)])
     from sightline.corruptions.generate import corrupt_dataset

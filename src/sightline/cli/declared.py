@@ -1,4 +1,4 @@
-"""Commands whose options are not typed out but made from what something else declares."""
+"""Commands with options generated from declarations elsewhere."""
 
 from collections.abc import Callable, Mapping
 from inspect import Parameter, Signature
@@ -12,12 +12,12 @@ def declare(
     *,
     help_text: str,
 ) -> Callable[..., None]:
-    """Gives a function that takes `**settings` the signature that jsonargparse reads.
+    """Sets the signature for jsonargparse of a function with `**settings`.
 
     Args:
-        command: The function; it is changed.
-        positional: Arguments' names and types.
-        options: Options' names, types and defaults.
+        command: The function, changed in place.
+        positional: Names and types of the arguments.
+        options: Names, types and defaults of the options.
         help_text: The docstring.
 
     Returns:

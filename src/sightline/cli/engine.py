@@ -1,4 +1,4 @@
-"""What the commands that run networks tell of the engine."""
+"""Message about the engine in commands that run networks."""
 
 import os
 
@@ -9,12 +9,12 @@ from sightline.export.names import EngineChoice
 
 
 def tell_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
-    """Says which engine runs the network, where nothing that was asked for tells.
+    """Prints the engine that runs the network, unless the arguments determine it.
 
     Args:
-        choice: What was asked for.
-        taken: The engine's name; None where no network runs.
-        device: What was asked for; on others than the CPU there is one engine.
+        choice: The requested engine.
+        taken: Name of the engine; None: no network runs.
+        device: The requested device; only the CPU has several engines.
     """
     if choice != "auto" or taken is None or device != "cpu" or VARIABLE in os.environ:
         return

@@ -1,7 +1,7 @@
-"""The commands that measure: `evaluate`.
+"""Commands of `evaluate`.
 
-Their functions are not called as those that `import sightline` gives: jsonargparse looks each up
-there, and would import what measures to answer `--help`.
+Their names differ from the functions of `import sightline`: jsonargparse looks names up there, and
+would import the evaluation for `--help`.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ from sightline.data.object_tree import Velodyne
 from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineChoice
 
-_COMPARED_RESAMPLES = 1000  # of frames, where differences are told and no number is given
+_COMPARED_RESAMPLES = 1000  # default number of resamples of frames for differences
 
 
 def objects_command(
@@ -39,26 +39,26 @@ def objects_command(
     """Scores result files exactly as KITTI's official object evaluation does.
 
     With --against a second folder of results is scored on the same frames, and the differences are
-    told with intervals.
+    printed with intervals.
 
     Args:
-        results: Folder with one result file a frame (16 fields a line).
-        labels: Folder with one label file a frame (15 fields a line).
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all that have labels.
+        results: Folder with one result file per frame (16 fields per line).
+        labels: Folder with one label file per frame (15 fields per line).
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all that have labels.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
-        bootstrap: Resamples of the frames for the interval of AP_all_points; 0 leaves it out. With
-            --against for the interval of each difference; there 0 stands for 1000.
-        seed: Of the resamples.
-        by_distance: Distances from the camera [m] at which bands end that are scored by themselves,
-            e.g. 20 40.
-        missing_as_empty: Takes a frame without a result file as one in which nothing was found.
-        against: Folder of other results of the same frames, to compare with.
+        bootstrap: Number of resamples of the frames for the interval of AP_all_points; 0: no
+            interval. With --against, for the interval of each difference; there 0 means 1000.
+        seed: Seed of the resamples.
+        by_distance: End distances from the camera [m] of bands that are scored separately, e.g. 20
+            40.
+        missing_as_empty: Counts a frame without a result file as a frame without detections.
+        against: Folder of other results of the same frames, for comparison.
         json: File for the whole report.
         csv: File for the scores, a line for each class, metric, difficulty and band.
-        markdown: File for the same as a table.
-        plots: Folder for pictures of precision over recall, one for each class, metric and band,
-            with a curve for each difficulty.
+        markdown: File for the scores as a table.
+        plots: Folder for precision-recall pictures, one for each class, metric and band, with a
+            curve for each difficulty.
     """
     if against is not None and (by_distance or csv or markdown or plots):
         raise ValueError(
@@ -115,15 +115,15 @@ def proposals_command(
     max_proposals: int | None = None,
     json: Path | None = None,
 ) -> None:
-    """Recall of proposals: how many labelled objects a first stage finds.
+    """Measures the recall of proposals: the share of labelled objects that a first stage finds.
 
     Args:
-        results: Folder with one result file a frame (16 fields a line).
-        labels: Folder with one label file a frame (15 fields a line).
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all that have labels.
-        ious: Overlaps from which an object is found, one or several numbers.
-        max_proposals: Only so many of a frame, those of the highest score.
+        results: Folder with one result file per frame (16 fields per line).
+        labels: Folder with one label file per frame (15 fields per line).
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all that have labels.
+        ious: IoU thresholds at which an object counts as found, one or several numbers.
+        max_proposals: Largest number of proposals per frame, those with the highest scores.
         json: File for the whole report.
     """
     check_places({"--json": json}, data=[labels, named_file(sample_list)], results=[results])
@@ -155,15 +155,16 @@ def depth_command(
 
     Args:
         predictions: A 16-bit depth PNG or a folder of them.
-        truth: Ground truth likewise; matched by name.
-        by_distance: Distances [m] at which bands of true depth end, e.g. 10 20 40 80: adds RMSE,
-            MAE, bias and the shares off by more than 1 m of each band, pooled over pixels.
-        sparse: Sparse depth maps likewise (velodyne_raw): adds the same at LiDAR returns, within 3
-            px of one and beyond, and the share of sound returns that predictions leave.
+        truth: Ground truth, a PNG or a folder; matched by name.
+        by_distance: End distances [m] of bands of true depth, e.g. 10 20 40 80: adds RMSE, MAE,
+            bias and the share of errors above 1 m for each band, pooled over pixels.
+        sparse: Sparse depth maps (velodyne_raw), a PNG or a folder: adds the same figures at LiDAR
+            returns, within 3 px of one and beyond, and the share of sound returns that predictions
+            deviate from.
         against: Predictions of another method: adds the difference to it, image by image, with its
             95 % interval.
         seed: Seed of that interval's resampling.
-        workers: Threads that read and score.
+        workers: Number of threads that read and score.
         json: File for the whole report.
     """
     data = [truth, *([] if sparse is None else [sparse])]
@@ -196,22 +197,22 @@ def held_out_command(
     velodyne: Velodyne | None = None,
     json: Path | None = None,
 ) -> None:
-    """Scores depth completion without ground truth, on LiDAR rings that the method never sees.
+    """Scores depth completion without ground truth, on held-out LiDAR rings.
 
     Args:
         data: A KITTI object tree or raw drive with sweeps in KITTI's order.
-        method: How depth is completed without a network.
-        weights: The network: name of weights that come with Sightline (depth-best,
-            depth-fast-cpu) or a file (.safetensors, .ckpt). Default: depth-best.
-        engine: What runs the network: by default (auto) openvino where it is installed, on the CPU,
-            and else torch.
-        device: Where PyTorch runs the network.
-        beams: How many of the sensor's beams the method gets, one or several numbers. Default:
-            all, half, a quarter and an eighth of them.
-        truth: rings, or of simulated frames their dense depth up to 80 m: all of it (depth), or
-            what lies below the highest ring (depth_in_reach).
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all.
+        method: Depth completion method without a network.
+        weights: Weights of the network: name of weights in Sightline (depth-best, depth-fast-cpu)
+            or a file (.safetensors, .ckpt). Default: depth-best.
+        engine: Engine of the network: by default (auto) openvino on the CPU if it is installed,
+            else torch.
+        device: Device of the network in PyTorch.
+        beams: Number of the sensor's beams in the input, one or several numbers. Default: all,
+            half, a quarter and an eighth of them.
+        truth: rings, or for simulated frames their dense depth up to 80 m: all of it (depth), or
+            the part below the highest ring (depth_in_reach).
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all.
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
         json: File for the whole report.
@@ -236,7 +237,7 @@ def realism_command(
     """Compares simulated frames with real ones: points, boxes, ground, traffic, light.
 
     Args:
-        simulated: KITTI object tree that `simulate` wrote.
+        simulated: KITTI object tree from `simulate`.
         real: KITTI object tree of real frames.
         labels: Folder of more real label files, whose objects are compared instead of those of
             REAL.

@@ -1,4 +1,4 @@
-"""`sightline health`: which sensor cannot be trusted, frame by frame."""
+"""`sightline health`: detects untrustworthy sensors, frame by frame."""
 
 import warnings
 from pathlib import Path
@@ -27,27 +27,27 @@ def health(
     picture: Path | None = None,
     json: Path | None = None,
 ) -> None:
-    """Judges camera, LiDAR and their alignment along a drive, without a model of the sensors.
+    """Rates camera, LiDAR and their alignment along a drive, without a model of the sensors.
 
-    Prints the time line: scores from 1 (nothing is wrong) to 0 (nothing was delivered), below 0.5
-    as bad as one sound frame in a hundred; alarms, which take two bad frames in a row to be raised
-    (one, if nothing was delivered) and five good ones to be taken back; the LiDAR's turn about z
-    [degrees]. Says which limits were taken, and what makes the scores doubtful.
+    Prints the time line: scores from 1 (no fault) to 0 (no data), below 0.5 as bad as one sound
+    frame in a hundred; alarms, raised after two consecutive bad frames (one without data) and
+    cleared after five good ones; the LiDAR's rotation about z [degrees]. Also prints the limits
+    used, and reasons for doubt about the scores.
 
     Args:
         data: A recording, KITTI object tree, depth completion tree or raw drive; its frames in
             their order.
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all.
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all.
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
-        limits: What is usual of these sensors, by `health-limits`. Default: those that come with
-            Sightline for this kind of pictures and number of beams.
-        images: How the pictures were saved, png or jpeg. Default: recognised.
+        limits: Limits of these sensors from `health-limits`. Default: Sightline's limits for this
+            kind of pictures and number of beams.
+        images: Format in which the pictures were saved, png or jpeg. Default: recognised.
         lidar_beams: Number of the LiDAR's beams, 64, 32 or 16. Default: recognised.
-        fit_first: Fits the limits to so many first frames of the drive, at least 10, which are
-            taken as sound; for sensors that no limits fit. 30 will do.
-        picture: PNG for the time line and for where sensors were bad.
+        fit_first: Number of first frames of the drive, at least 10, to fit the limits to; they must
+            be sound. For sensors without suitable limits. 30 are enough.
+        picture: PNG for the time line and the faulty regions of sensors.
         json: File for all scores, the worst checks, alarms and regions.
     """
     only_read = [data, limits, named_file(sample_list)]
@@ -98,7 +98,7 @@ def _limits(
     beams: int | None,
     fit_first: int | None,
 ) -> "ChosenLimits":
-    """Limits as given, else those that come with Sightline, or fitted to the first frames."""
+    """Choose the given limits, else Sightline's, or fit them to the first frames."""
     from sightline.data.recording_tree import IMAGES
     from sightline.health.limits import read_limits
     from sightline.health.shipped import (
@@ -132,18 +132,17 @@ def health_limits(
     seed: int = 0,
     transfer: bool = False,
 ) -> None:
-    """Fits what is usual of sound sensors: limits that one clean frame in a hundred goes beyond.
+    """Fits limits to sound sensors: one clean frame in a hundred exceeds them.
 
     Args:
-        data: A recording, KITTI object tree or raw drive of sound sensors like those to be judged.
+        data: A recording, KITTI object tree or raw drive of sound sensors like those to be rated.
         out: JSON file to write, for `sightline health --limits`.
-        sample_list: Which frames it is drawn from. Default: all.
-        velodyne: Folder of the sweeps: whole ones, where whole ones are to be judged. Default:
+        sample_list: List of the frames to draw from. Default: all.
+        velodyne: Folder of the sweeps: whole sweeps, if whole sweeps are to be rated. Default:
             velodyne, or else velodyne_reduced.
-        frames: How many are looked at, at most.
-        seed: Of the drawing.
-        transfer: Widens the limits so that they serve sensors of other makes, too, as those that
-            come with Sightline.
+        frames: Largest number of frames to use.
+        seed: Seed of the random selection.
+        transfer: Widens the limits for sensors of other makes, like Sightline's own limits.
     """
     check_places({"OUT": out}, data=[data, named_file(sample_list)])
     from sightline.health.fitting import fit_on_dataset

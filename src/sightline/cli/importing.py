@@ -1,4 +1,4 @@
-"""`sightline import`: drives of other formats become recordings."""
+"""`sightline import`: converts drives of other formats to recordings."""
 
 from pathlib import Path
 from typing import Literal
@@ -20,23 +20,23 @@ def import_command(
     undistort: bool = False,
     max_intensity: float | None = None,
 ) -> None:
-    """Makes a recording of a ROS 2 bag, an MCAP file or nuScenes, for every other command.
+    """Converts a ROS 2 bag, an MCAP file or nuScenes to a recording for all other commands.
 
-    Tells what was paired and dropped, and which share of the points falls into the image. An
-    interrupted run is finished by running it again. Bags need `pip install '.[ros]'`.
+    Reports pairs, dropped data, and the share of the points inside the image. To resume an
+    interrupted run, run it again. Bags need `pip install '.[ros]'`.
 
     Args:
-        source: A bag (its folder, .mcap, .db3 or ROS 1's .bag), or the folder of nuScenes that
-            holds v1.0-mini or another version's tables.
+        source: A bag (its folder, .mcap, .db3 or ROS 1's .bag), or the folder of nuScenes with the
+            tables of v1.0-mini or another version.
         out: Folder for the recording.
         camera_topic: Topic of the images, or nuScenes' channel. Default: the only one; CAM_FRONT.
         lidar_topic: Topic of the clouds, or nuScenes' channel. Default: the only one; LIDAR_TOP.
-        info_topic: Topic of the CameraInfo. Default: the one beside the images.
+        info_topic: Topic of CameraInfo. Default: the one beside the images.
         calibration: A calibration file (docs/recordings.md) instead of CameraInfo and TF.
-        max_gap_s: Images and sweeps that are farther apart are no pair.
-        clock: Which time counts: the header's, when a sensor took it, or when it was received.
-        undistort: Straightens the images of a lens that distorts, whenever they are read.
-        max_intensity: What stands for a reflectance of 1. Default: 1, 255 or 65535, by some
+        max_gap_s: Largest time difference of an image and a sweep.
+        clock: Clock for pairing: the header's time of measurement, or the time of receipt.
+        undistort: Undistorts the images of a distorting lens whenever they are read.
+        max_intensity: Intensity of a reflectance of 1. Default: 1, 255 or 65535, guessed from some
             sweeps.
     """
     check_outputs({"OUT": out}, data=[source, calibration])

@@ -1,4 +1,4 @@
-"""Ctrl-C, and SIGTERM for trainings, where an exception would be lost: in imports and forks."""
+"""Handling of Ctrl-C, and SIGTERM in trainings, if imports or forks would lose the exception."""
 
 import os
 import signal
@@ -19,17 +19,17 @@ _RETRY_S = 0.05
 def keep_interrupts(arguments: Sequence[str]) -> None:
     """Repeat Ctrl-C until it ends the command; for the main thread of a program.
 
-    A `KeyboardInterrupt` in the middle of an import is not passed on by all compiled libraries:
-    some end the process with a core dump, others turn it into errors that say nothing. So it waits
-    until no import is under way. Python itself drops one in finalizers and in hooks of `os.fork`,
-    after which the job would run on: so it comes again a moment later.
+    Some compiled libraries do not pass on a `KeyboardInterrupt` during their import: they crash
+    with a core dump or raise unclear errors. So it waits for the end of imports. Python itself
+    drops it in finalizers and in hooks of `os.fork`, and the job would continue: so it is repeated
+    a moment later.
 
     Args:
-        arguments: Of the command line. SIGTERM ends a training as Ctrl-C does.
+        arguments: Arguments of the command line. SIGTERM ends a training as Ctrl-C does.
     """
     signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = partial(_repeat_dropped, sys.unraisablehook, os.getpid())
-    from sightline.training.arguments import Subcommand  # takes a moment, in which Ctrl-C may come
+    from sightline.training.arguments import Subcommand  # slow; Ctrl-C may come meanwhile
 
     if arguments and arguments[0] in get_args(Subcommand):
         signal.signal(signal.SIGTERM, _interrupt)
@@ -47,7 +47,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _repeat(number: int) -> None:
-    """Interrupt a moment later."""
+    """Schedule an interruption a moment later."""
     signal.signal(signal.SIGALRM, lambda _, later: _interrupt(number, later))
     signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
 
@@ -55,8 +55,8 @@ def _repeat(number: int) -> None:
 def _repeat_dropped(
     report: "Callable[[UnraisableHookArgs], object]", process: int, dropped: "UnraisableHookArgs"
 ) -> None:
-    """Repeat an interruption that Python has dropped; report any other exception as before."""
+    """Repeat an interruption dropped by Python; report other exceptions as before."""
     if not issubclass(dropped.exc_type, KeyboardInterrupt):
         report(dropped)
-    elif os.getpid() == process:  # a forked worker leaves it to its parent
+    elif os.getpid() == process:  # in a forked worker, the parent handles it
         _repeat(getattr(dropped.exc_value, "number", signal.SIGINT))

@@ -1,7 +1,7 @@
 """The command line: the only place that parses arguments.
 
 Each command is a typed function; jsonargparse turns its signature and docstring into arguments and
-help. What a command needs is imported inside it, so that `--help` answers at once.
+help. Commands import their dependencies themselves, so that `--help` is fast.
 """
 
 import os
@@ -39,8 +39,8 @@ from sightline.export.names import Format
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
 
-_INTERRUPTED = 130  # what a shell reports for a program that Ctrl-C ended
-_BROKEN_PIPE = 141  # likewise
+_INTERRUPTED = 130  # exit status of a program ended by Ctrl-C
+_BROKEN_PIPE = 141  # exit status of a program ended by SIGPIPE
 
 
 def check(data: Path, *, workers: int = 2) -> int:
@@ -51,7 +51,7 @@ def check(data: Path, *, workers: int = 2) -> int:
 
     Args:
         data: A recording, or a KITTI object tree, depth completion tree or raw drive.
-        workers: Threads that read.
+        workers: Number of reading threads.
     """
     from sightline.data.check import check_tree, summarize_tree
 
@@ -74,13 +74,13 @@ def export(
     weights: str = "depth-best",
     format: Format = "onnx",  # noqa: A002 - the flag's name
 ) -> None:
-    """Writes a network as a file that runs without PyTorch, and checks that its answers agree.
+    """Exports a network to a file that runs without PyTorch, and checks that its outputs agree.
 
     Args:
         out: File to write: .onnx, or .xml for OpenVINO.
-        weights: Name of weights that come with Sightline (`sightline tasks` lists them), or a file
+        weights: Name of weights in Sightline (`sightline tasks` lists them), or a file
             (.safetensors, .ckpt).
-        format: Of the file: onnx or openvino.
+        format: Format of the file: onnx or openvino.
     """
     from sightline.data.weights_header import find_weights
     from sightline.export.write import export_graphs
@@ -96,14 +96,14 @@ def export(
 
 
 def submission(results: Path, out: Path, *, sample_list: str | None = None) -> None:
-    """Checks result files and packs them into the archive that KITTI's object benchmark takes.
+    """Checks result files and packs them into the archive for KITTI's object benchmark.
 
     Args:
-        results: Folder with one result file a frame (16 fields a line), empty where nothing was
-            found.
+        results: Folder with one result file per frame (16 fields per line), empty without
+            detections.
         out: Archive to write, .zip.
-        sample_list: The frames that must be there: a list in ImageSets beside the folder or a text
-            file with one name a line. Default: all that have a file.
+        sample_list: List of the required frames: a list in ImageSets beside the folder or a text
+            file with one name per line. Default: all that have a file.
     """
     from sightline.data.submission import write_submission
 
@@ -130,7 +130,7 @@ _TRAINING = {
 
 
 def _commands() -> dict[str, Any]:
-    """All commands; those of the tasks as the registry has them now."""
+    """All commands, with the tasks currently registered."""
     return {
         "demo": demo,
         "import": import_command,
@@ -170,7 +170,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     try:
         return _run(given)
-    except BrokenPipeError:  # the reader, `head` say, has seen enough
+    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _BROKEN_PIPE
     except KeyboardInterrupt as error:
@@ -187,7 +187,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     match arguments:
         case ["fit" | "validate" | "test" as training, *rest]:
-            # As they are: Lightning makes the parser, of what the recipe names.
+            # Unparsed: Lightning creates the parser for the recipe's classes.
             from sightline.training.command import run_training
 
             return run_training(training, rest, recipes=PACKAGE_RECIPES)

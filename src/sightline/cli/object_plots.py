@@ -1,4 +1,4 @@
-"""What `evaluate objects --plots` draws."""
+"""Pictures of `evaluate objects --plots`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,15 +11,15 @@ if TYPE_CHECKING:
 def write_object_plots(report: "ObjectReport", folder: Path) -> int:
     """Draws precision over recall for each class and metric, over all distances and in each band.
 
-    The files are CLASS_METRIC.png, and of a band CLASS_METRIC_FROM-TOm.png; those of an earlier
+    The files are CLASS_METRIC.png, and for a band CLASS_METRIC_FROM-TOm.png; those of an earlier
     run are replaced.
 
     Args:
-        report: What was measured.
-        folder: Made where it is missing.
+        report: Report of the evaluation.
+        folder: Output folder; created if missing.
 
     Returns:
-        How many pictures there are: none where nothing was found.
+        Number of pictures; 0 without detections.
     """
     from sightline.data.image_file import write_rgb
     from sightline.visualization.precision_recall import draw_precision_recall

@@ -1,4 +1,4 @@
-"""Lines that the commands print: what a file or a folder is named never reaches a terminal raw."""
+"""Output of the commands; names of files and folders are escaped for the terminal."""
 
 import re
 import sys
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
 
-_FILE_WIDTH = 160  # columns of a table that goes to no terminal
+_FILE_WIDTH = 160  # columns of a table without a terminal
 
 
 def say(*lines: object) -> None:
-    """Print each as one line to standard output; control characters are shown, not sent."""
+    """Print each value as one line to standard output, with escaped control characters."""
     for line in lines:
         print(escaped(str(line)))
 
 
 def show_table(table: "RenderableType") -> None:
-    """Print a table in the colours and the width of the terminal, where there is one."""
+    """Print a table in the colours and the width of the terminal, if there is one."""
     from rich.console import Console
 
     console = Console()
@@ -38,7 +38,7 @@ def warn(message: str) -> None:
 
 
 def fail(message: str, status: int) -> int:
-    """Prints a message in one line to standard error; gives the exit status back."""
+    """Prints a message as one line to standard error; returns the exit status."""
     warn(message)
     return status
 
@@ -50,17 +50,17 @@ def format_warning(
     lineno: int,
     line: str | None = None,
 ) -> str:
-    """A warning as one line for whoever gave the command; as `warnings.formatwarning`."""
+    """Format a warning as one line; a replacement for `warnings.formatwarning`."""
     del category, filename, lineno, line
     return f"sightline: warning: {plain_line(str(message))}\n"
 
 
 @contextmanager
 def gathered_warnings() -> Iterator[None]:
-    """Print each kind of warning within a block once, at its end, with how many like it there were.
+    """Print each kind of warning within a block once, at its end, with the number of warnings.
 
-    Warnings are of one kind where they differ in the file and in numbers alone. Threads of the
-    block count as well; so it is for a whole command.
+    Warnings that differ only in the file and in numbers are of one kind. Threads of the block are
+    included; use it for a whole command.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
@@ -77,7 +77,7 @@ def gathered_warnings() -> Iterator[None]:
 
 
 class _Plain:
-    """Something that rich draws, without the control characters of what it shows."""
+    """Wrapper of a rich renderable that escapes control characters."""
 
     def __init__(self, shown: "RenderableType") -> None:
         self._shown = shown

@@ -1,4 +1,4 @@
-"""How the command line reads its arguments and refuses them."""
+"""Parser of the command line's arguments."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ from sightline.cli.refusal import plain_refusal
 Device = Literal["cpu", "cuda"]
 
 REFUSED = 2
-"""Exit status."""
+"""Exit status for refused arguments."""
 
 _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--beams": (int, None),
@@ -25,12 +25,12 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--healthy": (str, None),
     "--compare": (str, None),
 }
-"""Options that take several values: of which type, and how many where that is fixed."""
+"""Options with several values: their type, and their number if it is fixed."""
 
 _MAY_BE_LEFT_OUT = ("--out-folder",)
-"""Arguments without dashes that are not always needed: the command refuses where they are."""
+"""Optional positional arguments; commands that need them check them themselves."""
 _SEVERAL = ("frames",)
-"""Arguments without dashes of which there may be several, one at least."""
+"""Positional arguments with one or more values."""
 _SHORT = {"--page": "-o"}
 
 
@@ -41,7 +41,7 @@ _load_yaml = jsonargparse.get_loader("yaml")
 
 
 def _load_value(value: str) -> Any:  # noqa: ANN401 - as YAML has it
-    """Read an argument as YAML, but for a name whose bytes are not UTF-8: that is text."""
+    """Read an argument as YAML, or as text if it is a name that is not UTF-8."""
     try:
         value.encode()
     except UnicodeEncodeError:
@@ -84,14 +84,14 @@ jsonargparse.set_loader("yaml", _load_value, (yaml.YAMLError,))
 
 
 class OneLineParser(jsonargparse.ArgumentParser):
-    """Refuses arguments in one line, and writes options with dashes."""
+    """Parser with errors in one line, and option names with dashes."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:  # noqa: ANN401 - as jsonargparse
-        # An abbreviation would mean something else as soon as there is another option.
+        # The meaning of an abbreviation would change with new options.
         super().__init__(*args, **{"allow_abbrev": False, **settings})
 
     def add_argument(self, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
-        """Adds an argument; a Boolean one becomes a flag without a value."""
+        """Adds an argument; a Boolean argument becomes a flag without a value."""
         dashed = [
             name.replace("_", "-") if name.startswith("--") and name != "--print_config" else name
             for name in names
@@ -110,13 +110,13 @@ class OneLineParser(jsonargparse.ArgumentParser):
         return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
-        """Ends the program."""
+        """Prints the error and ends the program."""
         del ex  # its text is in the message
         sys.exit(fail(plain_refusal(message, str(self.prog)), REFUSED))
 
 
 class _ValueList(argparse.Action):
-    """Takes `--beams 64 32` and `--beams 64,32`, where jsonargparse knows `--beams=[64,32]`."""
+    """Action for `--beams 64 32` and `--beams 64,32`; jsonargparse itself only has `[64,32]`."""
 
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - as argparse
         value_type, _ = _LISTS[settings["option_strings"][0]]
@@ -130,7 +130,7 @@ class _ValueList(argparse.Action):
         values: Any,  # noqa: ANN401 - as argparse
         option_string: str | None = None,
     ) -> None:
-        """Sets the tuple that the words which follow the option stand for."""
+        """Sets the tuple of the words after the option."""
         del parser, option_string
         option = self.option_strings[0]
         value_type, count = _LISTS[option]

@@ -1,4 +1,4 @@
-"""`sightline perceive`: all tasks together, made from what the registry has."""
+"""`sightline perceive`: runs all registered tasks together."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -49,7 +49,7 @@ _TASK_HELP = """    {argument}: What answers {name}: weights by name ({known}) o
 
 
 def perceive_command() -> Callable[..., None]:
-    """The command as the registry has the tasks now."""
+    """Create the command for the currently registered tasks."""
 
     def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
         weights = {name: settings.pop(_argument(name)) for name in task_names()}
@@ -107,7 +107,7 @@ def _run(
     from sightline.perception.perceive import LINES_NAME, perceive
     from sightline.perception.perceiver import Perceiver
 
-    # One thread of each worker; of several threads PyTorch gives other last digits.
+    # One thread per worker; with several threads PyTorch's last digits differ.
     perceiver = Perceiver.load(weights, engine=engine, device=device, threads=1)
     taken = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
     tell_engine(engine, next(iter(taken), None), device)

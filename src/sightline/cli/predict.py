@@ -1,4 +1,4 @@
-"""`sightline predict`: one command a task, made from what the task declares."""
+"""`sightline predict`: one command per task, generated from the task's declaration."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -40,13 +40,13 @@ Args:
 
 
 def predict_commands() -> dict[str, Any]:
-    """The commands by the tasks' names, as jsonargparse takes them."""
+    """Create the commands by task name, for jsonargparse."""
     commands = {name: _command(find_task(name)) for name in task_names()}
     return {"_help": "Run a task over a data set.", **commands}
 
 
 def _command(task: Task) -> Callable[..., None]:
-    """A function whose signature and docstring have the task's own methods and outputs."""
+    """Create a function whose signature and docstring contain the task's methods and outputs."""
 
     def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
         _run(task, **settings)
@@ -67,7 +67,7 @@ def _command(task: Task) -> Callable[..., None]:
 
 
 def _options(task: Task) -> dict[str, tuple[Any, object]]:
-    """Types and defaults by name."""
+    """Types and defaults of the options by name."""
     method: dict[str, tuple[Any, object]] = {}
     if task.methods:
         method["method"] = (Literal[task.methods] | None, None)
@@ -117,7 +117,7 @@ def _run(
         weights=weights,
         engine=engine,
         device=device,
-        threads=1,  # of each worker; of several threads PyTorch gives other last digits
+        threads=1,  # per worker; with several threads PyTorch's last digits differ
     )
     tell_engine(engine, predictor.made_by.get("engine"), device)
     result = predict(

@@ -1,4 +1,4 @@
-"""`sightline proposals`: what a first stage of 3D detection gives, for the second's training."""
+"""`sightline proposals`: stores outputs of a first stage, for the training of the second."""
 
 from pathlib import Path
 
@@ -22,24 +22,24 @@ def proposals(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
-    """Stores the first stage's points, features and proposals, to train the second stage on.
+    """Stores the first stage's points, features and proposals for training the second stage.
 
-    `sightline fit` takes the folder by --data.init_args.preparation.init_args.cache. A file appears
-    whole or not at all; an interrupted run is finished by running it again.
+    `sightline fit` reads the folder of --data.init_args.preparation.init_args.cache. Files are
+    written atomically; to resume an interrupted run, run it again.
 
     Args:
         data: A KITTI object tree.
-        out: Folder for the cache: one file a frame, 4 to 8 MB at 16,384 points.
-        weights: Of a 3D detector: name of weights that come with Sightline or a file
-            (.safetensors, .ckpt). Its first stage is run.
-        device: Where PyTorch runs it.
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
+        out: Folder for the cache: one file per frame, 4 to 8 MB at 16,384 points.
+        weights: Weights of a 3D detector, whose first stage is run: name of weights in Sightline or
+            a file (.safetensors, .ckpt).
+        device: Device of the network in PyTorch.
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or
             a text file with one name a line. Default: all.
         velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
-        workers: Processes, each of one thread.
-        overwrite: Rewrites files that exist already.
-        shard_index: Which part of the frames to do, from 0.
-        num_shards: Number of parts, each of which can run on another machine.
+        workers: Number of processes with one thread each.
+        overwrite: Replaces existing files.
+        shard_index: Index of the shard of frames to process, from 0.
+        num_shards: Number of shards, each of which can run on another machine.
     """
     only_read = [data, named_file(weights), named_file(sample_list)]
     check_outputs({"OUT": out}, data=only_read)

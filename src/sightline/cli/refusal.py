@@ -1,4 +1,4 @@
-"""What is said of a command that cannot be understood, in the words of whoever gave it."""
+"""Error messages for invalid commands, in the user's terms."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -8,11 +8,11 @@ _TYPES: Final = {"int": "a whole number", "float": "a number"}
 
 
 def plain_refusal(message: str, program: str) -> str:
-    """A message of jsonargparse without its own terms, and which help to look at.
+    """Rewrite a message of jsonargparse without its own terms, with a pointer to the help.
 
     Args:
-        message: As it refuses something; kept where nothing is known about it.
-        program: The parser's name, with the commands in it.
+        message: Message of jsonargparse; unknown ones are kept.
+        program: Name of the parser, including the commands.
     """
     program = program.replace(" [options]", "")
     for pattern, rewrite in _RULES:
@@ -24,7 +24,7 @@ def plain_refusal(message: str, program: str) -> str:
 
 
 _Said = tuple[str, Sequence[str]]
-"""The message, and the commands whose help tells more."""
+"""Message, and the commands with the relevant help."""
 
 
 def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _Said:

@@ -1,4 +1,4 @@
-"""How the command line delivers a report: a table for people, a file for scripts."""
+"""Output of reports: a table for people, a file for scripts."""
 
 import json
 import tempfile
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Report(Protocol):
-    """What the commands that measure something give."""
+    """Report of a command that measures something."""
 
     def table(self) -> "RenderableType":
-        """For people."""
+        """Formats the report for people."""
         ...
 
     def to_json(self) -> Mapping[str, object]:
-        """For scripts."""
+        """Converts the report for scripts."""
         ...
 
 
 def check_writable(path: Path | None) -> None:
-    """Refuses the place of a report before the work for it is done.
+    """Refuses an unwritable report file before the work.
 
     Raises:
-        ValueError: No file can be written there.
+        ValueError: The file cannot be written.
     """
     if path is None:
         return
@@ -52,10 +52,10 @@ def check_places(
     data: Sequence[Path | None] = (),
     results: Sequence[Path | None] = (),
 ) -> None:
-    """Refuses places of files before the work for them is done; arguments as `check_outputs`.
+    """Refuses invalid output files before the work; arguments as in `check_outputs`.
 
     Raises:
-        ValueError: No file can be written there, two are the same, or it is among what is read.
+        ValueError: A file cannot be written, two are the same, or one is among the inputs.
     """
     check_outputs(places, data=data, results=results)
     for path in places.values():
@@ -63,15 +63,15 @@ def check_places(
 
 
 def named_file(name: str | None) -> Path | None:
-    """The file that an argument names, weights or a list of samples say; None: it names none."""
+    """File in an argument, such as weights or a list of samples; None: it is no file."""
     return Path(name) if name and Path(name).is_file() else None
 
 
 def check_writable_folder(path: Path | None) -> None:
-    """Refuses the place of a folder of reports before the work for it is done.
+    """Refuses an unwritable folder of reports before the work.
 
     Raises:
-        ValueError: It is a file or lies below one, or nothing can be written there.
+        ValueError: The folder is a file or is below one, or cannot be written to.
     """
     if path is None:
         return
@@ -82,9 +82,9 @@ def check_writable_folder(path: Path | None) -> None:
 
 
 def deliver(report: Report, path: Path | None) -> None:
-    """Prints a report and writes it to a JSON file, where there is a path for one."""
+    """Prints a report and writes it to a JSON file, if a path is given."""
     try:
         show_table(report.table())
-    finally:  # even where the reader of the table, `head` say, has seen enough
+    finally:  # even if the reader of the table, such as `head`, has closed the pipe
         if path is not None:
             atomic_write_text(path, json.dumps(report.to_json(), indent=2) + "\n")

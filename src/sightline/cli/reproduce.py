@@ -1,4 +1,4 @@
-"""The commands that print a paper's tables beside our own figures: `reproduce`."""
+"""Commands of `reproduce`: print a paper's tables with our own figures."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -27,20 +27,20 @@ def reproduce_shiftconv(
     velodyne: Velodyne | None = None,
     json: Path | None = None,
 ) -> None:
-    """Prints the tables of Yu and Kee 2021 (Shift-Convolution), with our figures on the data given.
+    """Prints the tables of Yu and Kee 2021 (Shift-Convolution) with our figures on the given data.
 
-    A cell that cannot be measured on the data, or without weights, says what it needs.
+    A cell that cannot be measured with the data or weights names its requirements.
 
     Args:
         data: KITTI's depth completion tree with val_selection_cropped, for the benchmark's own
             figures; or any other data set, which is scored on held-out LiDAR rings.
-        weights: The paper's network: name of weights that come with Sightline, or a file.
-        weights_without: The same network trained without Shift-Conv.
-        engine: What runs the networks: by default (auto) openvino where it is installed, on the
-            CPU, and else torch.
-        device: Where PyTorch runs the networks.
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all.
+        weights: Weights of the paper's network: name of weights in Sightline, or a file.
+        weights_without: Weights of the same network trained without Shift-Conv.
+        engine: Engine of the networks: by default (auto) openvino on the CPU if it is installed,
+            else torch.
+        device: Device of the networks in PyTorch.
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all.
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
         json: File for the whole report.
@@ -88,38 +88,38 @@ def reproduce_dgfn(
     workers: int = 2,
     json: Path | None = None,
 ) -> None:
-    """Prints the tables of Kim et al. 2018 (gated fusion), with our figures on the data given.
+    """Prints the tables of Kim et al. 2018 (gated fusion) with our figures on the given data.
 
-    Published figures stand beside ours; a cell that was not measured says what it needs. What the
-    networks find is kept in OUT, so an interrupted run is finished by running it again, and other
+    Published figures are beside ours; a cell without a measurement names its requirements. The
+    networks' detections are kept in OUT: to resume an interrupted run, run it again; further
     figures take seconds.
 
     Args:
         data: A KITTI object tree with labels.
-        gated: The network with gates: name of weights that come with Sightline, or a file
+        gated: Weights of the network with gates: name of weights in Sightline, or a file
             (.safetensors, .ckpt). The same for the other five.
-        ones: The same network with all gates fixed at 1.
-        early: One network on the channels of both sensors together (early fusion).
-        late: A detector for each sensor, their boxes suppressed together (late fusion).
-        camera: A detector on the camera alone, for Table II.
-        lidar: A detector on the LiDAR alone, for Table II.
-        out: Folder for what the networks find: KITTI's result files, one folder a network and case.
-        suite: Which cases there are: dgfn7, the seven of the paper; dgfn7-figure, with noise as its
-            picture shows it.
-        seed: Another seed draws other boxes, discs and noise.
-        class_name: The class in the tables. The published figures are of cars.
-        iou: Overlap that a match must exceed. Default: 0.7 for cars, 0.5 for the others.
-        bootstrap: Resamples of the frames for AP over all scores; 0 leaves it out.
+        ones: Weights of the same network with all gates fixed at 1.
+        early: Weights of one network on the channels of both sensors together (early fusion).
+        late: Weights of a detector for each sensor, with common NMS (late fusion).
+        camera: Weights of a detector on the camera alone, for Table II.
+        lidar: Weights of a detector on the LiDAR alone, for Table II.
+        out: Folder for the detections: KITTI's result files, one folder per network and case.
+        suite: Set of cases: dgfn7, the seven of the paper; dgfn7-figure, with noise as in its
+            picture.
+        seed: Seed of the random boxes, discs and noise.
+        class_name: Class in the tables. The published figures are for cars.
+        iou: IoU that a match must exceed. Default: 0.7 for cars, 0.5 for the others.
+        bootstrap: Number of resamples of the frames for AP over all scores; 0: none.
         figures: Folder for two pictures of the gates: histograms of their means (Fig. 4), and maps
             of one frame (Fig. 5), in every case.
-        figure_frame: The frame of the maps. Default: the first.
-        engine: What runs the networks: by default (auto) openvino where it is installed, on the
-            CPU, and else torch.
-        device: Where PyTorch runs the networks.
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all.
+        figure_frame: Frame of the maps. Default: the first.
+        engine: Engine of the networks: by default (auto) openvino on the CPU if it is installed,
+            else torch.
+        device: Device of the networks in PyTorch.
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all.
         velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
-        workers: Processes, each of one thread.
+        workers: Number of processes with one thread each.
         json: File for the whole report.
     """
     if data is None:

@@ -1,4 +1,4 @@
-"""`sightline robustness`: what broken sensors cost a method, on any task."""
+"""`sightline robustness`: measures the loss of a method under sensor faults, for any task."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -38,42 +38,42 @@ def robustness(
     compare: tuple[str, ...] | None = None,
     page: Path | None = None,
 ) -> None:
-    """Tells what broken sensors cost: scores in every case of a suite, and measures of them.
+    """Measures robustness to sensor faults: scores in every case of a suite, and summaries.
 
-    OUT_FOLDER gets robustness.json, .csv and .md, and report.html, a page in one file. An
-    interrupted run is finished by running it again. With --compare runs are held against each
-    other instead; with --results, results of any other method are scored.
+    OUT_FOLDER gets robustness.json, .csv and .md, and report.html, a page in one file. To resume an
+    interrupted run, run it again. With --compare, runs are compared instead; with --results,
+    results of any other method are scored.
 
     Args:
         out_folder: Folder of the run; not needed with --compare.
-        task: What is to be done; `sightline tasks` lists them. Default: that of the weights, or
+        task: Task; `sightline tasks` lists them. Default: the task of the weights, or
             depth-completion.
-        method: What answers without a network.
-        weights: The network: name of weights that come with Sightline (`sightline tasks` lists
-            them) or a file (.safetensors, .ckpt). Default: the task's own.
-        data: A data set; with --results, the folder that `sightline corrupt` wrote.
-        suite: Which cases there are, see docs/corruptions.md: a suite, a kind, or several kinds at
-            once (camera_fog+lidar_fog). Default: dgfn7.
-        cases: Which of the suite's cases, beside the clean one. Default: all; with --results those
-            that there are results of.
-        seed: Another seed draws other boxes, discs and noise. Default: 0.
-        baseline: For the corruption error: robustness.json of another run, or weights or a method
-            of the task, which run as well.
-        healthy: Methods of one sensor each, for the gap to the best healthy sensor:
-            camera=A.json lidar=B.json, of the same frames.
+        method: Method without a network.
+        weights: Weights of the network: name of weights in Sightline (`sightline tasks` lists them)
+            or a file (.safetensors, .ckpt). Default: the task's own.
+        data: A data set; with --results, the folder from `sightline corrupt`.
+        suite: Set of cases, see docs/corruptions.md: a suite, a kind, or several kinds together
+            (camera_fog+lidar_fog). Default: dgfn7.
+        cases: Cases of the suite to run, beside the clean one. Default: all; with --results, all
+            cases with results.
+        seed: Seed of the random boxes, discs and noise. Default: 0.
+        baseline: Baseline of the corruption error: robustness.json of another run, or weights or a
+            method of the task, which are run as well.
+        healthy: Methods of one sensor each, for the gap to the best healthy sensor: camera=A.json
+            lidar=B.json, of the same frames.
         results: Folder with a folder of result files for each case, by any method.
-        show: The frame of the example pictures. Default: the first.
-        picture_px: How wide each of them is; a click on one in the page enlarges it.
-        engine: What runs networks: by default (auto) openvino where it is installed, on the CPU,
-            and else torch.
-        device: Where PyTorch runs networks.
-        sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
-            text file with one name a line. Default: all.
+        show: Frame of the example pictures. Default: the first.
+        picture_px: Width of each example picture; a click on it in the page enlarges it.
+        engine: Engine of the networks: by default (auto) openvino on the CPU if it is installed,
+            else torch.
+        device: Device of the networks in PyTorch.
+        sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
+            text file with one name per line. Default: all.
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
-        workers: Processes, each of one thread. Any number gives the same files.
-        compare: The robustness.json of two runs or more to hold against each other.
-        page: With --compare: a page (.html) that draws them.
+        workers: Number of processes with one thread each. Any number gives the same files.
+        compare: The robustness.json of two runs or more to compare.
+        page: With --compare: page (.html) with the charts.
     """
     if compare is not None:
         if results or any(each is not None for each in (out_folder, data, weights, method)):
@@ -148,7 +148,7 @@ def _compare(paths: tuple[str, ...], page: Path | None) -> None:
 
 
 def _by_sensor(given: tuple[str, ...]) -> "dict[Sensor, Path]":
-    """What `camera=A.json lidar=B.json` says."""
+    """Parse `camera=A.json lidar=B.json`."""
     from sightline.corruptions.corruption import Sensor
 
     found: dict[Sensor, Path] = {}

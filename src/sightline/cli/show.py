@@ -1,4 +1,4 @@
-"""`sightline show`: frames and what was found in them, as a picture."""
+"""`sightline show`: draws frames with predictions as a picture."""
 
 from pathlib import Path
 
@@ -22,21 +22,21 @@ def show(
 ) -> None:
     """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth, its errors.
 
-    Draws the answer of one task, or result files. Of several frames it makes a page with camera,
-    depth and bird's-eye view of each.
+    Draws the prediction of one task, or result files. For several frames it draws a page with
+    camera, depth and bird's-eye view of each.
 
     Args:
         data: A recording, or a KITTI object tree, depth completion tree or raw drive.
         frames: Names of the frames, e.g. 000008 000010.
         out: PNG or JPEG to write; by default FRAME.png in the current folder, or FIRST-LAST.png.
-        results: Folders of result files to draw instead of asking a task: what perceive or predict
-            has written, or others' files in KITTI's formats.
-        task: Whose answer is drawn; `sightline tasks` lists them. Default: that of the weights,
-            or depth-completion.
-        method: What answers without a network.
-        weights: The network: name of weights that come with Sightline (`sightline tasks` lists
-            them) or a file (.safetensors, .ckpt). Default: the task's own.
-        min_score: Detections that are less sure are not drawn.
+        results: Folders of result files to draw instead of running a task: from perceive or
+            predict, or other files in KITTI's formats.
+        task: Task whose prediction is drawn; `sightline tasks` lists them. Default: the task of the
+            weights, or depth-completion.
+        method: Method without a network.
+        weights: Weights of the network: name of weights in Sightline (`sightline tasks` lists them)
+            or a file (.safetensors, .ckpt). Default: the task's own.
+        min_score: Score threshold of drawn detections.
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
     """

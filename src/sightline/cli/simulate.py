@@ -1,4 +1,4 @@
-"""`sightline simulate`: its options are the settings of a simulation."""
+"""`sightline simulate`: runs a simulation; its options are the simulation's settings."""
 
 from argparse import SUPPRESS
 from collections.abc import Callable
@@ -28,12 +28,12 @@ Args:
 
 
 def simulate_command() -> Callable[..., None]:
-    """The command, with an option for each setting."""
+    """Create the command with an option for each setting."""
 
     def command(**settings: Any) -> None:  # noqa: ANN401 - its options say what
         _run(**settings)
 
-    # What is not given is left out, so that it can be told from what is given as the default is.
+    # Missing options are left out, to distinguish them from given defaults.
     options: dict[str, tuple[Any, object]] = {"preset": (PresetName, SUPPRESS)}
     explained = ""
     for settings_type in (SimulatedSet, SimulationConfig):
@@ -41,7 +41,7 @@ def simulate_command() -> Callable[..., None]:
         documented = parse_from_object(settings_type).params
         texts = {each.arg_name: each.description or "" for each in documented}
         for setting in fields(settings_type):
-            if setting.default is MISSING:  # the configuration, whose fields follow
+            if setting.default is MISSING:  # the configuration; its fields follow
                 continue
             options[setting.name] = (types[setting.name], SUPPRESS)
             explained += f"    {setting.name}: {_help(setting, texts[setting.name])}\n"
@@ -52,7 +52,7 @@ def simulate_command() -> Callable[..., None]:
 def _help(setting: Field[Any], text: str) -> str:
     default: Any = setting.default
     text = " ".join(text.split())
-    if setting.name == "image_size":  # here KITTI's users write the width first, as `_run` knows
+    if setting.name == "image_size":  # KITTI's users write the width first; `_run` swaps
         text, default = text.replace("Height, width", "Width, height"), f"{default[1]} {default[0]}"
     return f"{text} Default: {default}."
 

@@ -1,4 +1,4 @@
-"""`sightline tasks`: what there is to run, train and export, and what runs it."""
+"""`sightline tasks`: lists the tasks to run, train and export, and the engines."""
 
 from importlib.util import find_spec
 from typing import get_args

@@ -1,1 +1,1 @@
-"""Files in and out, in KITTI's formats, and the data sets over them."""
+"""Readers and writers of files in KITTI's formats, and data sets."""

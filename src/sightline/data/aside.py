@@ -1,4 +1,4 @@
-"""Hidden folders in which files are written aside, and what killed processes leave of them."""
+"""Hidden temporary folders for atomic writes, and removal of leftovers of killed processes."""
 
 import contextlib
 import fcntl
@@ -15,14 +15,14 @@ _PREFIX = ".sightline-"
 
 @contextmanager
 def folder_beside(target: Path) -> Iterator[Path]:
-    """A new hidden folder next to where a file shall stand; it goes, however the block ends.
+    """Create a hidden folder next to a file's target; removes it at the end of the block.
 
-    Only a killed process leaves one. The first file that another process writes to the same place
-    removes it: a folder is locked as long as its process lives, wherever that runs. Where the file
-    system has no locks nothing is removed.
+    Only a killed process leaves its folder behind; the next write to the same target removes it. A
+    folder is locked while its process lives, on any machine. On a file system without locks nothing
+    is removed.
 
     Args:
-        target: The file. Its folder is made where it is missing.
+        target: The file. Its parent folder is created if missing.
 
     Raises:
         ValueError: The folder cannot be written to.
@@ -45,18 +45,18 @@ def folder_beside(target: Path) -> Iterator[Path]:
 
 
 def final_place(path: Path) -> Path:
-    """Where a file will stand that is being written, in a folder of `folder_beside` for one."""
+    """Final path of a file being written, for example in a folder of `folder_beside`."""
     is_aside = path.parent.name.startswith(_PREFIX)
     return path.parent.parent / path.name if is_aside else path
 
 
 def _make_locked(folder: Path) -> tuple[Path, int]:
-    """A new folder and the descriptor that holds its lock."""
+    """Create a folder; also returns the descriptor of its lock."""
     while True:
         aside = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
         try:
             lock = os.open(aside, os.O_RDONLY)
-        except FileNotFoundError:  # taken for a leftover before it was locked
+        except FileNotFoundError:  # removed as a leftover before it was locked
             continue
         if _is_ours(lock) and aside.exists():
             return aside, lock
@@ -64,7 +64,7 @@ def _make_locked(folder: Path) -> tuple[Path, int]:
 
 
 def _is_ours(lock: int) -> bool:
-    """Whether nobody else has the lock, in order to remove the folder; also where none can be."""
+    """Try to lock a new folder; False if another process removes it; True without lock support."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there."""
+"""Atomic file writes."""
 
 import errno
 import os
@@ -16,18 +16,17 @@ _OTHER_DISK = errno.EXDEV
 
 @contextmanager
 def atomic_path(path: Path | str) -> Iterator[Path]:
-    """Gives a path to write to; the file appears under its own name only once it is whole.
+    """Yields a temporary path to write to; renames the file to its own name once it is complete.
 
-    The file is written aside in a hidden folder next to its place, under the same name (so that a
-    library which goes by the suffix is content), and renamed when the block ends well. When it
-    ends with any exception, Ctrl-C included, nothing is left behind and an older file stays as it
-    was. Parent folders are made where they are missing. A symbolic link in the file's own place is
-    replaced and never followed, so that nothing is written where it leads; those among the folders
-    above it are: see `check_links`. A crash of the whole machine is not guarded against: nothing is
-    flushed to the disk.
+    The file is written to a hidden folder next to its target, under the same name (some libraries
+    depend on the suffix), and renamed if the block ends without an exception. After any exception,
+    Ctrl-C included, nothing is left behind and an existing file is unchanged. Missing parent
+    folders are created. A symbolic link at the target is replaced, never followed; links among the
+    parent folders are followed: see `check_links`. There is no protection against a crash of the
+    machine: nothing is flushed to the disk.
 
     Args:
-        path: Where the file shall stand.
+        path: Target path of the file.
 
     Raises:
         ValueError: The folder cannot be written to, `path` is a folder or a device, or the disk is
@@ -37,12 +36,12 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
     check_replaceable(target)
     with folder_beside(target) as aside, _naming_disk_faults(target):
         yield aside / target.name
-        # Only now: a file of the old content must survive everything up to here.
+        # Only now: the old file must survive everything up to here.
         (aside / target.name).replace(target)
 
 
 def _place(path: Path | str) -> Path:
-    """The file's place by its real folder."""
+    """Path of the file in its resolved folder."""
     path = Path(path)
     if path.name in ("", ".."):
         return Path(os.path.realpath(path))
@@ -61,7 +60,7 @@ def _naming_disk_faults(target: Path) -> Iterator[None]:
 
 
 def disk_fault(error: OSError, target: Path) -> ValueError | None:
-    """The error that names what was being written to a disk that is full or broken; else None."""
+    """Error that names the target of a write to a full or broken disk; None: another cause."""
     if error.errno not in _DISK_FAULTS:
         return None
     reason = os.strerror(error.errno).lower()
@@ -72,10 +71,10 @@ def disk_fault(error: OSError, target: Path) -> ValueError | None:
 
 
 def check_replaceable(target: Path) -> None:
-    """Refuses a place where something else than a file stands.
+    """Refuses a target that exists and is not a file.
 
     Raises:
-        ValueError: It is a folder, a device or a pipe, or a link of the system's to one's own
+        ValueError: The target is a folder, a device or a pipe, or a system link to standard
             streams, such as /dev/stdout.
     """
     is_system_link = target.is_symlink() and target.parts[1:2] in (("dev",), ("proc",))
@@ -84,11 +83,11 @@ def check_replaceable(target: Path) -> None:
 
 
 def check_writable(path: Path | str) -> None:
-    """Refuses, before long work for it, a place where `atomic_path` could not write; makes nothing.
+    """Refuses, before long work, a target that `atomic_path` could not write; creates nothing.
 
     Raises:
-        ValueError: Something else than a file stands there, or its folder, or the nearest above it
-            where that is missing, is none or cannot be written to.
+        ValueError: The target is not a file, or its nearest existing parent is not a folder or
+            cannot be written to.
     """
     target = _place(path)
     check_replaceable(target)
@@ -103,32 +102,32 @@ def check_writable(path: Path | str) -> None:
 
 
 def atomic_write_bytes(path: Path | str, content: bytes) -> None:
-    """Writes a whole file or none, as `atomic_path` does."""
+    """Writes a file atomically; see `atomic_path`."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
 
 
 def atomic_write_text(path: Path | str, text: str) -> None:
-    """Writes a whole text file or none, as `atomic_path` does.
+    """Writes a text file atomically; see `atomic_path`.
 
-    UTF-8, line ends as given. Bytes of another encoding, which a folder's name may hold, are
+    UTF-8, line ends as given. Bytes of another encoding, which folder names may contain, are
     written as escapes.
     """
     atomic_write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def atomic_link(path: Path | str, source: Path | str) -> None:
-    """Gives a file a second name that takes no room, by a hard link; elsewhere makes a whole copy.
+    """Creates a second name of a file by a hard link, or a copy if links are not possible.
 
-    Elsewhere is another disk, or one without hard links. Whatever rewrites one of the two names as
-    `atomic_path` does leaves the other as it was; what writes into the file in place changes both.
+    Links are not possible to another disk, or on disks without hard links. An atomic rewrite of one
+    name leaves the other unchanged; a write in place changes both.
 
     Args:
-        path: The new name; a file there is replaced.
-        source: The file; of a symbolic link, what it leads to.
+        path: The new name; an existing file is replaced.
+        source: The file; a symbolic link is resolved.
 
     Raises:
-        ValueError: As `atomic_path`.
+        ValueError: See `atomic_path`.
         OSError: The source cannot be read.
     """
     original = os.path.realpath(source)
@@ -142,15 +141,15 @@ def atomic_link(path: Path | str, source: Path | str) -> None:
 
 
 def atomic_create_text(path: Path | str, text: str) -> bool:
-    """Writes a text file (UTF-8) that is not there yet, whole at once.
+    """Writes a new text file (UTF-8) atomically, if it does not exist.
 
-    Of several processes that do so at one time, on one machine or on several, one succeeds.
+    Of several concurrent processes, on one machine or on several, exactly one succeeds.
 
     Returns:
-        Whether this call wrote it; False where there is such a file already, which stays.
+        Whether this call wrote the file; False: it already existed and is unchanged.
 
     Raises:
-        ValueError: As `atomic_path`.
+        ValueError: See `atomic_path`.
     """
     target = _place(path)
     check_replaceable(target)
@@ -168,7 +167,7 @@ def atomic_create_text(path: Path | str, text: str) -> bool:
 
 
 def _create_exclusively(target: Path, text: str) -> bool:
-    """The same on a disk without hard links (exFAT, say): for a moment the file is there empty."""
+    """Create the file on a disk without hard links, such as exFAT; it is briefly visible empty."""
     try:
         file = target.open("xb")
     except FileExistsError:
@@ -177,6 +176,6 @@ def _create_exclusively(target: Path, text: str) -> bool:
         with file:
             file.write(text.encode())
     except BaseException:
-        target.unlink(missing_ok=True)  # a part of it would stand for the whole
+        target.unlink(missing_ok=True)  # a partial file would count as complete
         raise
     return True

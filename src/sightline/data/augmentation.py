@@ -1,8 +1,8 @@
-"""Samples changed as sensors and scenes vary: to train on, and to see what a method withstands.
+"""Augmentation of samples for training and for tests of robustness.
 
-Each function gives a new sample and says what becomes of its parts; what it does not mention stays.
-The same functions serve training (with random arguments) and the tables of robustness (with fixed
-ones).
+Each function returns a new sample and documents the changed parts; other parts stay unchanged. The
+same functions are used in training (with random arguments) and for the tables of robustness (with
+fixed ones).
 """
 
 import math
@@ -27,7 +27,7 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
-    """Which points KITTI's reduced sweeps would have kept; see `is_in_view`.
+    """Mask of the points that KITTI's reduced sweeps would keep; see `is_in_view`.
 
     Raises:
         ValueError: The sample has no sweep.
@@ -41,7 +41,7 @@ def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
 def keep_rings(
     sample: CameraLidarSample, rings: Int64[Tensor, " num_points"], kept: Iterable[int]
 ) -> CameraLidarSample:
-    """The sample with only the points whose ring number, given for each point, is kept.
+    """Keep only the points of some rings, given the ring number of each point.
 
     Raises:
         ValueError: The sample has no sweep.
@@ -50,14 +50,14 @@ def keep_rings(
 
 
 def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> CameraLidarSample:
-    """The sweep as a sensor of fewer beams sees it: ring `first` and every `keep_every`th after.
+    """Simulate a sensor with fewer beams: keep ring `first` and every `keep_every`th after it.
 
-    Points out of the camera's view are cut off first and the rest numbered as the held-out-rings
-    tables are (`rings_of_any_order`), so that whole sweeps and KITTI's reduced ones thin alike.
-    Thin before `mirror`, which reverses the order that rings are found by.
+    Points outside the camera's view are removed first and the rest is numbered as for the
+    held-out-rings tables (`rings_of_any_order`), so the result is the same for full sweeps and for
+    KITTI's reduced ones. Call it before `mirror`, which reverses the order used to find rings.
 
     Raises:
-        ValueError: The sample has no sweep, nothing shows its rings, or `first` is not below
+        ValueError: The sample has no sweep, its rings are unknown, or `first` is not below
             `keep_every`.
     """
     if not 0 <= first < keep_every:
@@ -75,11 +75,11 @@ def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> Ca
 def rotate_extrinsics(
     sample: CameraLidarSample, yaw_deg: float, pitch_deg: float = 0.0, roll_deg: float = 0.0
 ) -> CameraLidarSample:
-    """The sample with a LiDAR that is turned in its mount while the calibration knows nothing.
+    """Rotate the LiDAR in its mount without a change of the calibration.
 
-    Points turn about the LiDAR's own x (roll), then y (pitch), then z (yaw), each
-    counter-clockwise seen from the axis's tip. Depth and labels stay: they are the truth that the
-    points now miss.
+    Points rotate about the LiDAR's own x (roll), then y (pitch), then z (yaw), each
+    counter-clockwise seen from the axis's tip. Depth and labels stay: they are the truth, from
+    which the points now deviate.
 
     Raises:
         ValueError: The sample has no sweep.
@@ -91,7 +91,7 @@ def rotate_extrinsics(
 
 
 def drop_camera(sample: CameraLidarSample) -> CameraLidarSample:
-    """The sample of a camera that delivers nothing. Labels stay: the objects are still there."""
+    """Remove the image. Labels stay: the objects are still there."""
     return replace(sample, image=None)
 
 
@@ -103,11 +103,11 @@ def add_outliers(
     nearest_m: float = 1.5,
     farthest_m: float = 80.0,
 ) -> CameraLidarSample:
-    """The sample with false echoes: a share of the returns at a random range along their rays.
+    """Add false echoes: move a share of the returns to random ranges along their rays.
 
-    Exactly the rounded share of the returns, drawn evenly; ranges [m] are uniform. Rays start at
-    the LiDAR's origin, so ring numbers and azimuths stay. A return at the origin itself has no ray
-    and stays too.
+    Exactly the rounded share of the returns is drawn, without preference; ranges [m] are uniform.
+    Rays start at the LiDAR's origin, so ring numbers and azimuths stay. A return at the origin has
+    no ray and stays unchanged.
 
     Raises:
         ValueError: The sample has no sweep, or `share` is not in [0, 1].
@@ -127,12 +127,12 @@ def add_outliers(
 
 
 def mirror(sample: CameraLidarSample) -> CameraLidarSample:
-    """The sample of the scene mirrored left to right, sensors and drive included.
+    """Mirror the scene left to right, including sensors and drive.
 
     Image, depth, points, calibration, pose and labels in 2D and 3D stay consistent: the mirrored
-    points fall on the mirrored pixels with the same depths (a point on the very border of two
-    pixels may fall on the other). Mirrored twice, it is the sample again. The order of the points
-    stays, and is no longer KITTI's.
+    points project to the mirrored pixels with the same depths (a point on the border of two pixels
+    may project to the other). Mirroring twice restores the sample. The order of the points stays,
+    so it is no longer KITTI's.
     """
     width = sample.image_size[1]
     pose, level_from_lidar = sample.world_from_lidar, sample.level_from_lidar
@@ -156,15 +156,15 @@ def mirror(sample: CameraLidarSample) -> CameraLidarSample:
 def crop(
     sample: CameraLidarSample, top: int, left: int, height: int, width: int
 ) -> CameraLidarSample:
-    """The sample of a camera that sees only a part of the image [px].
+    """Crop the image to a region [px].
 
-    Image, depth and calibration are cut, as views of the same memory; the sweep stays whole. 2D
-    boxes are cut as well, and what shows nothing any more is no label, as in KITTI. Truncation, if
-    known, grows by the share of the box that is lost; occlusion stays, though the part may show
-    more or less of what is hidden.
+    Image, depth and calibration are cropped, as views of the same memory; the sweep stays complete.
+    2D boxes are clipped, and labels outside the region are removed, as in KITTI. Truncation, if
+    known, grows by the removed share of the box; occlusion stays, although its share in the region
+    may differ.
 
     Raises:
-        ValueError: The part does not lie within the image.
+        ValueError: The region is not inside the image.
     """
     full_height, full_width = sample.image_size
     is_inside = 0 <= top < top + height <= full_height and 0 <= left < left + width <= full_width
@@ -188,9 +188,9 @@ def crop(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ColorJitterConfig:
-    """How far colours are changed: each factor is drawn from [1 / (1 + x), 1 + x], evenly in log.
+    """Range x of each colour change: factors are drawn from [1 / (1 + x), 1 + x], uniform in log.
 
-    So as many images get darker as lighter, and 0 leaves the quantity alone.
+    So as many images get darker as lighter; 0 disables a change.
     """
 
     brightness: float = 0.3
@@ -215,9 +215,9 @@ def jitter_color(
     rng: np.random.Generator,
     config: ColorJitterConfig = ColorJitterConfig(),
 ) -> CameraLidarSample:
-    """The sample with another exposure, lens and sensor: gamma, contrast, brightness, saturation.
+    """Change the colours of the image: gamma, contrast, brightness, saturation, in this order.
 
-    In this order. As many random numbers are drawn with an image as without.
+    Draws the same number of random numbers with and without an image.
     """
     spreads = (config.brightness, config.contrast, config.gamma, config.saturation)
     brightness, contrast, gamma, saturation = (
@@ -243,7 +243,7 @@ def _saturate(
 
 
 def sweep_of(sample: CameraLidarSample) -> Float32[Tensor, "num_points 4"]:
-    """The points of a sample whose sweep is to be changed.
+    """Return the points of a sample.
 
     Raises:
         ValueError: The sample has no sweep.
@@ -269,7 +269,7 @@ def _rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64[Tens
 
 
 def _mirrored_calibration(calibration: Calibration, width: int) -> Calibration:
-    """Flips camera and LiDAR about their own left-right axes, and the image about its centre."""
+    """Flip camera and LiDAR along their left-right axes, and the image about its centre."""
     camera_flip = calibration.camera_from_lidar.new_tensor([-1, 1, 1, 1]).diag()
     lidar_flip = calibration.camera_from_lidar.new_tensor([1, -1, 1, 1]).diag()
     pixel_flip = calibration.image_from_camera.new_tensor(
@@ -299,7 +299,8 @@ def _mirrored_objects(objects: ObjectLabels, width: int) -> ObjectLabels:
     boxes3d = objects.boxes3d.tensor.clone()
     boxes3d[:, 1] *= -1
     boxes3d[:, 6] = torch.where(objects.has_box3d, wrap_angle(-boxes3d[:, 6]), boxes3d[:, 6])
-    # Bearings change their sign, and rotation_y becomes pi - rotation_y: so does their difference.
+    # Bearings change their sign and rotation_y becomes pi - rotation_y; so their difference does,
+    # too.
     alpha = torch.where(
         objects.alpha == NO_ALPHA, objects.alpha, wrap_angle(math.pi - objects.alpha)
     )

@@ -1,4 +1,4 @@
-"""Whether a calibration that can be read is that of sensors on one vehicle."""
+"""Plausibility checks of calibrations of sensors on a vehicle."""
 
 from pathlib import Path
 
@@ -15,12 +15,12 @@ _REMEDY = "correct it or extract the calibration archive again"
 def check_matrices(
     matrices: CalibrationMatrices, size: tuple[int, int] | None, path: Path
 ) -> list[Problem]:
-    """Doubts about an object benchmark's or a raw recording's calibration.
+    """Find implausible values in a calibration of the object benchmark or a raw recording.
 
     Args:
-        matrices: As read.
-        size: Height and width of the image, where it is known.
-        path: Where they were read.
+        matrices: Matrices as read.
+        size: Height and width of the image, if known.
+        path: File or folder of the matrices.
     """
     intrinsics, column = np.hsplit(matrices.image_from_camera, [3])
     offset_m = float(np.linalg.norm(np.linalg.solve(intrinsics, column[:, 0])))
@@ -39,7 +39,7 @@ def check_matrices(
 def check_intrinsics(
     intrinsics: Float64[np.ndarray, "3 3"], size: tuple[int, int] | None, path: Path
 ) -> list[Problem]:
-    """Doubts about focal lengths and principal point; arguments as of `check_matrices`."""
+    """Find implausible focal lengths and principal points; arguments as in `check_matrices`."""
     focal_px, principal_px = np.diag(intrinsics)[:2], intrinsics[:2, 2]
     doubts = []
     if (focal_px <= 0).any():
@@ -52,7 +52,7 @@ def check_intrinsics(
                 f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, which do not go "
                 f"with an image of {size[0]}x{size[1]} (height x width)"
             )
-        # Cameras that were cropped off centre keep it within a few image sizes.
+        # The principal point of a cropped camera stays within a few image sizes.
         if (np.abs(principal_px - width_height / 2) > 3 * width_height).any():
             doubts.append(
                 f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), far "

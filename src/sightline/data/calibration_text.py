@@ -1,8 +1,8 @@
-"""KITTI's calibration files as matrices.
+"""Reads KITTI's calibration files as matrices.
 
-Two formats hold the same: the object benchmark's one file per frame, and the raw recordings'
-files per day. Read here without PyTorch, for checks that start at once; `kitti_files` makes a
-`Calibration` of it.
+There are two formats with the same contents: one file per frame in the object benchmark, files
+per day in raw recordings. Without PyTorch, so that checks start at once; `kitti_files` converts
+the matrices to a `Calibration`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from sightline.data.plain_text import (
 from sightline.data.problem import FileError
 from sightline.geometry.rotations import rotation_fault
 
-_LIMIT = 1e9  # no focal length, baseline or mounting comes near; products stay finite
+_LIMIT = 1e9  # far above any focal length, baseline or mounting; products stay finite
 _LAST_ROW_TOLERANCE = 1e-9
 _REMEDY = "correct it or extract the calibration archive again"
 
@@ -37,11 +37,11 @@ class CalibrationMatrices:
 def read_object_matrices(path: Path | str) -> CalibrationMatrices:
     """Reads P2, R0_rect and Tr_velo_to_cam of an object benchmark's calibration file.
 
-    The other cameras and the IMU may be there or not; they are not looked at.
+    The entries of other cameras and the IMU are optional and ignored.
 
     Raises:
-        FileError: One of the three is missing, has another number of values, is not numeric or
-            singular, or a rotation is none.
+        FileError: One of the three is missing, has a wrong number of values, is not numeric or
+            singular, or is not a valid rotation.
     """
     entries = _read_entries(path)
     projection = _matrix(entries, "P2", (3, 4), path)
@@ -58,8 +58,8 @@ def read_raw_matrices(folder: Path | str) -> CalibrationMatrices:
     """Reads camera 2's part of `calib_cam_to_cam.txt` and all of `calib_velo_to_cam.txt`.
 
     Raises:
-        FileError: A file lacks P_rect_02, R_rect_00, R or T, or one of them is as
-            `read_object_matrices` refuses it.
+        FileError: A file lacks P_rect_02, R_rect_00, R or T, or one of them is invalid; see
+            `read_object_matrices`.
     """
     cameras, lidar = Path(folder, "calib_cam_to_cam.txt"), Path(folder, "calib_velo_to_cam.txt")
     entries = _read_entries(cameras)
@@ -81,7 +81,7 @@ def read_intrinsics(path: Path | str) -> Float64[np.ndarray, "3 3"]:
     """Reads the nine numbers of an `intrinsics` file of the depth benchmark, row by row.
 
     Raises:
-        FileError: They are not nine, or make no camera.
+        FileError: There are not nine numbers, or they are no valid camera.
     """
     values = parse_numbers(_read(path).split(), path, limit=_LIMIT)
     if len(values) != 9:
@@ -97,7 +97,7 @@ def read_rectified_intrinsics(path: Path | str, camera: int) -> Float64[np.ndarr
     """Reads the left 3x3 part of P_rect_0N of a `calib_cam_to_cam.txt`.
 
     Raises:
-        FileError: It is missing, has another number of values, is not numeric or singular.
+        FileError: The entry is missing, has a wrong number of values, is not numeric or singular.
     """
     name = f"P_rect_{camera:02d}"
     projection = _matrix(_read_entries(path), name, (3, 4), path)
@@ -109,7 +109,7 @@ def read_rigid_transform(path: Path | str) -> Float64[np.ndarray, "4 4"]:
     """Reads the R and T of a `calib_velo_to_cam.txt` or `calib_imu_to_velo.txt`.
 
     Raises:
-        FileError: One is missing, has another number of values or is not numeric, or R is no
+        FileError: One is missing, has a wrong number of values or is not numeric, or R is not a
             rotation.
     """
     entries = _read_entries(path)
@@ -123,9 +123,9 @@ def read_rigid_transform(path: Path | str) -> Float64[np.ndarray, "4 4"]:
 def object_calibration_text(matrices: CalibrationMatrices) -> str:
     """The text of an object benchmark's calibration file, exact to the last bit.
 
-    The camera given stands for all four (P0 to P3), the rectification is the identity and
-    Tr_velo_to_cam is the whole way to the rectified camera; Tr_imu_to_velo, which nothing here
-    uses, is the identity.
+    The given camera is written for all four (P0 to P3), the rectification is the identity and
+    Tr_velo_to_cam is the complete transform to the rectified camera. Tr_imu_to_velo is not used
+    here and is the identity.
     """
     identity = np.eye(4)
     entries = [(f"P{camera}", matrices.image_from_camera) for camera in range(4)]
@@ -162,7 +162,7 @@ def _read(path: Path | str) -> str:
 
 
 def _read_entries(path: Path | str) -> dict[str, list[str]]:
-    """The words behind each name of a file of lines `NAME: word word ...`."""
+    """Read the words of each name from a file with lines `NAME: word word ...`."""
     entries: dict[str, list[str]] = {}
     for number, line in enumerate(_read(path).split("\n"), start=1):
         name, colon, values = line.strip().partition(":")
@@ -223,7 +223,7 @@ def _rectified(
     _check_rotation(mounting[:, :3], path, names[1])
     camera_from_lidar = np.eye(4)
     camera_from_lidar[:3] = rectification @ mounting
-    # Two rotations just within the tolerance need not make one.
+    # The product of two rotations just within the tolerance may be outside.
     _check_rotation(camera_from_lidar[:3, :3], path, " times ".join(names))
     return camera_from_lidar
 

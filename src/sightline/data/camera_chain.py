@@ -1,8 +1,8 @@
-"""Other lenses and other image sensors than the one that took a picture: to train on.
+"""Augmentation with other lenses and image sensors.
 
-What a camera does to light, in its order: the lens breaks colours apart and blurs, the sensor has
-a balance of its colours and adds noise. Carlson et al. 2018, "Modeling Camera Effects to Improve
-Visual Learning from Synthetic Data", found that networks trained on rendered pictures gain by it.
+The effects of a camera in their order: chromatic aberration and blur of the lens, colour balance
+and noise of the sensor. They improve networks trained on rendered pictures: Carlson et al. 2018,
+"Modeling Camera Effects to Improve Visual Learning from Synthetic Data".
 """
 
 import math
@@ -15,25 +15,25 @@ from jaxtyping import Float32, Float64, UInt8
 
 from sightline.structures.sample import CameraLidarSample
 
-_LEAST_BLUR_PX = 0.2  # less changes nothing
+_LEAST_BLUR_PX = 0.2  # a smaller blur has no effect
 _LEVELS = 255
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraChainConfig:
-    """How far a camera may be from the one that took the picture; 0 leaves a quantity alone."""
+    """Largest differences to the original camera; 0 disables an effect."""
 
     share: float = 0.5
-    """Of the pictures that are changed at all."""
+    """Share of the pictures that are changed."""
     chromatic_px: float = 0.7
-    """Shift of red and of blue against green at the picture's edge, at most; each its own."""
+    """Largest shifts of red and of blue, drawn separately, against green at the picture's edge."""
     blur_px: float = 1.0
-    """Standard deviation of the blur, at most."""
+    """Largest standard deviation of the blur."""
     balance: float = 0.1
-    """Each colour's factor is drawn from [1 / (1 + x), 1 + x], evenly in log."""
+    """Range x of the colours' factors, drawn from [1 / (1 + x), 1 + x], uniform in log."""
     noise_levels: float = 8.0
-    """Standard deviation of the noise, at most, on the brightest pixels; it falls with the root of
-    the light, as photons are counted, down to half on black ones."""
+    """Largest standard deviation of the noise on the brightest pixels; it falls with the square
+    root of the light (photon noise), down to half on black pixels."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -48,7 +48,7 @@ class CameraChainConfig:
 def change_camera(
     sample: CameraLidarSample, rng: np.random.Generator, config: CameraChainConfig
 ) -> CameraLidarSample:
-    """The sample as another camera in the same place takes it; with no image, as it is."""
+    """Simulate another camera in the same place; a sample without an image is unchanged."""
     if sample.image is None or rng.random() >= config.share:
         return sample
     image = np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())
@@ -64,12 +64,12 @@ def change_camera(
 def split_colors(
     image: UInt8[np.ndarray, "height width 3"], red_px: float, blue_px: float
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Red and blue magnified about the middle, so that they shift by so much at the farther edge.
+    """Magnify red and blue about the centre, by the given shifts at the farther edge.
 
     Args:
-        image: RGB.
-        red_px: How far red moves outwards [px]; negative: inwards.
-        blue_px: The same of blue.
+        image: RGB image.
+        red_px: Outward shift of red [px]; negative: inwards.
+        blue_px: Outward shift of blue [px]; negative: inwards.
     """
     height, width = image.shape[:2]
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
@@ -89,13 +89,13 @@ def expose(
     noise_levels: float,
     rng: np.random.Generator,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The image times a gain for each colour, with noise that grows with the root of the light.
+    """Multiply each colour by a gain and add noise that grows with the square root of the light.
 
     Args:
-        image: RGB.
-        gains: Of red, green and blue.
+        image: RGB image.
+        gains: Gains of red, green and blue.
         noise_levels: Standard deviation on white; half of it on black.
-        rng: Where the noise comes from.
+        rng: Generator of the noise.
     """
     levels = np.arange(_LEVELS + 1, dtype=np.float32)
     light = cv2.LUT(image, (levels[:, None] * gains[None]).astype(np.float32)[None])

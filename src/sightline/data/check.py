@@ -1,4 +1,4 @@
-"""Looks a whole data set through for what would stop a job in the middle, or spoil it unseen."""
+"""Check of a whole data set for faults that would stop a job or silently spoil its results."""
 
 import os
 from collections.abc import Iterator
@@ -13,21 +13,20 @@ from sightline.data.tree_checks import Check, TreeSummary, find_trees
 
 
 def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
-    """What a folder holds, from the files' names; empty where it is no data set.
+    """Summarize a folder from its file names; empty if it is no data set.
 
-    Of a recording's first frame the cloud is read, to tell which share of it the image shows.
+    The cloud of a recording's first frame is read for the share of its points inside the image.
     """
     return tuple(tree.summary for tree in find_trees(Path(root)))
 
 
 def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[Problem]:
-    """Reads every file of a data set and tells of each fault, frame by frame in order.
+    """Reads every file of a data set and yields each fault, frame by frame in order.
 
-    Known are recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
-    folders itself), the depth completion benchmark's and a raw drive. Missing, truncated,
-    non-finite and implausible files are found, and files of one frame that do not fit each other.
-    Never stops at the first fault, and holds only a few frames in memory. An empty sweep is no
-    fault.
+    Supports recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
+    folders itself), the depth completion tree and raw drives. Finds missing, truncated, non-finite
+    and implausible files, and files of one frame that do not fit each other. Continues after
+    faults, and holds only a few frames in memory. An empty sweep is no fault.
 
     Examples:
         >>> import sightline
@@ -37,7 +36,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
 
     Args:
         root: The data set's folder.
-        num_workers: Threads that read; None: one a core.
+        num_workers: Number of reading threads; None: one per core.
 
     Raises:
         ValueError: `num_workers` is out of range.
@@ -58,9 +57,9 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
 
 
 def _run(check: Check, *, folder: Path) -> list[Problem]:
-    """What the check finds; a file that breaks a reader must not keep the others from being read.
+    """Run a check; a file that crashes a reader must not prevent the check of the others.
 
-    Readers refuse what they foresee by a `FileError`, which a check turns into a problem itself.
+    Readers raise a `FileError` for foreseen faults, which the check itself converts to a problem.
     """
     try:
         return check.run()

@@ -11,14 +11,14 @@ from sightline.data.image_file import read_png16
 
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE
-"""The farthest depth that 16 bits hold."""
+"""Largest depth in 16 bits."""
 
 
 def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
     """Reads a depth map in metres; 0 = no value. Exact: every step of 1/256 m is a float32.
 
     Raises:
-        FileError: The file is no whole PNG of one channel with 16 bits.
+        FileError: The file is no complete PNG of one channel with 16 bits.
     """
     steps = read_png16(
         path,
@@ -31,8 +31,8 @@ def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
 def write_depth_png(path: Path | str, depth_m: Float[np.ndarray, "height width"]) -> None:
     """Writes a depth map [m], 0 = no value, rounded half up to steps of 1/256 m.
 
-    A depth above 0 stays one: what would round to 0 becomes the smallest step, as in KITTI's
-    development kit. The file is written aside and renamed.
+    A depth above 0 that would round to 0 becomes the smallest step, as in KITTI's development kit.
+    The file is written atomically.
 
     Raises:
         ValueError: A depth is negative, not finite or beyond `MAX_DEPTH_M`, or there is no pixel;
@@ -42,7 +42,7 @@ def write_depth_png(path: Path | str, depth_m: Float[np.ndarray, "height width"]
         raise ValueError(f"{path} cannot be written: a depth map needs at least one pixel")
     with np.errstate(over="ignore"):  # an absurd depth becomes infinite, which is refused below
         steps = np.floor(depth_m.astype(np.float64) * STEPS_PER_METRE + 0.5)
-    # Written so that NaN, which compares false with everything, is refused.
+    # In this form NaN is refused, too: its comparisons are false.
     writable = (depth_m >= 0) & (steps <= np.iinfo(np.uint16).max)
     if not writable.all():
         row, column = np.argwhere(~writable)[0]

@@ -1,4 +1,4 @@
-"""Which files the depth completion benchmark's tree has, listed without reading them."""
+"""Lists the files of the depth completion benchmark's tree without reading them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,26 +17,26 @@ _DATE_LENGTH = len("2011_09_26")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthFrame:
-    """The files of one frame; None where there is none."""
+    """Files of one frame; None: missing."""
 
     sample_id: str
     image: Path | None
     sparse: Path | None
-    """Sparse depth map: the projected sweep."""
+    """Sparse depth map, the projected sweep."""
     truth: Path | None
     intrinsics: Path | None
-    """A file of nine numbers; or, where `camera` says of which, a `calib_cam_to_cam.txt`."""
+    """File of nine numbers; or a `calib_cam_to_cam.txt` if `camera` is given."""
     camera: Camera | None = None
 
 
 def list_drive_frames(
     root: Path, split: DriveSplit, raw_root: Path, cameras: Sequence[Camera]
 ) -> list[DepthFrame]:
-    """All frames of which `train` or `val` holds a sparse map or a ground truth, in order.
+    """List all frames of `train` or `val` with a sparse map or a ground truth, in order.
 
-    DRIVE/proj_depth/{groundtruth,velodyne_raw}/CAMERA/N.png are looked for below `root`/SPLIT and
-    below that folder in `data_depth_annotated` and `data_depth_velodyne`; images and calibration
-    in `raw_root` as DATE/DRIVE/CAMERA/data/N.png and DATE/calib_cam_to_cam.txt.
+    Searches DRIVE/proj_depth/{groundtruth,velodyne_raw}/CAMERA/N.png below `root`/SPLIT and below
+    that folder in `data_depth_annotated` and `data_depth_velodyne`; images and calibration in
+    `raw_root` as DATE/DRIVE/CAMERA/data/N.png and DATE/calib_cam_to_cam.txt.
     """
     bases = drive_bases(root, split)
     drives = sorted(
@@ -51,23 +51,23 @@ def list_drive_frames(
 
 
 def drive_bases(root: Path, split: DriveSplit) -> list[Path]:
-    """Where folders of drives may lie."""
+    """List the possible parent folders of drives."""
     return [
         root / archive / split for archive in ("", "data_depth_annotated", "data_depth_velodyne")
     ]
 
 
 def selection_folder(root: Path, split: SelectedSplit) -> Path:
-    """Where a selection lies: in `root`, in its folder depth_selection, or `root` is it."""
+    """Folder of a selection: in `root`, in its folder depth_selection, or `root` itself."""
     candidates = (root / split, root / "depth_selection" / split, root)
     return next((base for base in candidates if (base / "velodyne_raw").is_dir()), candidates[0])
 
 
 def list_selected_frames(root: Path, split: SelectedSplit) -> list[DepthFrame]:
-    """All frames of a selection, in order.
+    """List all frames of a selection, in order.
 
-    They are image/N.png, velodyne_raw/N.png, intrinsics/N.txt and, for validation,
-    groundtruth_depth/N.png, where N of the cropped selection says of which kind the file is:
+    The files are image/N.png, velodyne_raw/N.png, intrinsics/N.txt and, for validation,
+    groundtruth_depth/N.png. N of the cropped selection contains the kind of file:
     DRIVE_image_FRAME_CAMERA, DRIVE_velodyne_raw_FRAME_CAMERA, DRIVE_groundtruth_depth_FRAME_CAMERA.
     """
     folder = selection_folder(root, split)

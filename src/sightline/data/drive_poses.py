@@ -1,4 +1,4 @@
-"""Where the LiDAR was during a drive, and when."""
+"""Poses and timestamps of the LiDAR during a drive."""
 
 import math
 import re
@@ -17,7 +17,7 @@ from sightline.geometry.rotations import rotation_fault
 
 _EARTH_RADIUS_M = 6378137.0
 _OXTS_FIELDS = 30
-_TIME_DIGITS = 9  # of seconds: nanoseconds
+_TIME_DIGITS = 9  # decimals of seconds: nanoseconds
 _TIME = re.compile(r"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)(\.\d+)?", re.ASCII)
 
 
@@ -25,7 +25,7 @@ def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
     """Reads `world_from_lidar` from lines of 12 numbers: the upper 3x4 part, row by row.
 
     Raises:
-        FileError: A line holds another number of values, or no rotation.
+        FileError: A line has a wrong number of values, or no valid rotation.
     """
     poses = []
     for number, line in enumerate(read_text(path).split("\n"), start=1):
@@ -52,9 +52,9 @@ def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
 
 
 def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
-    """Reads lines such as "2011-09-26 13:02:25.964389445" as seconds since the first of them.
+    """Reads lines such as "2011-09-26 13:02:25.964389445" as seconds since the first line.
 
-    They are rounded to the nanosecond, as they are written.
+    The seconds are rounded to nanoseconds, the precision of the file.
 
     Raises:
         FileError: A line is no date with a time.
@@ -80,7 +80,7 @@ def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
 
 
 def drive_times(files: DriveFiles) -> tuple[float, ...] | None:
-    """Seconds since a raw drive's first frame, by the frames' numbers; None without a file of them.
+    """Seconds since a raw drive's first frame, by the frames' numbers; None: there is no such file.
 
     Raises:
         FileError: The file cannot be read, or has too few times.
@@ -91,7 +91,7 @@ def drive_times(files: DriveFiles) -> tuple[float, ...] | None:
     sample_ids = [frame.sample_id for frame in files.frames]
     if len(times) == len(sample_ids):
         lines = list(range(len(times)))
-    else:  # KITTI has a time for every number, also where a frame was lost
+    else:  # KITTI has a time for every number, also for lost frames
         lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
         if not 0 <= min(lines) <= max(lines) < len(times):
             raise FileError(
@@ -106,10 +106,10 @@ def drive_times(files: DriveFiles) -> tuple[float, ...] | None:
 def read_oxts_poses(
     files: Sequence[Path], imu_to_velodyne: Path | str
 ) -> Float64[np.ndarray, "num_frames 4 4"]:
-    """`world_from_lidar` from GPS and IMU readings; the world is the first frame's LiDAR frame.
+    """Compute `world_from_lidar` from GPS and IMU readings; the world is the first LiDAR frame.
 
-    Positions by the Mercator projection that keeps lengths true at the first latitude, rotations
-    as yaw after pitch after roll: Geiger et al. 2013, section 3, and the raw development kit.
+    Positions use the Mercator projection with true lengths at the first latitude, rotations are yaw
+    after pitch after roll: Geiger et al. 2013, section 3, and the raw development kit.
 
     Args:
         files: `oxts/data/N.txt` of the frames, in order.
@@ -133,7 +133,7 @@ def read_oxts_poses(
 
 
 def _parse_time(text: str) -> tuple[datetime, float]:
-    """Whole seconds and the fraction, which has nine digits: more than a datetime holds."""
+    """Split a time into whole seconds and a fraction of nine digits, too many for a datetime."""
     match = _TIME.fullmatch(text)
     if match is None:
         raise ValueError
@@ -168,7 +168,7 @@ def _mercator_from_imu(reading: Sequence[float], scale: float) -> Float64[np.nda
 
 
 def _turn(angle: float, source: int, target: int) -> Float64[np.ndarray, "3 3"]:
-    """The rotation by `angle` that takes axis `source` towards axis `target`."""
+    """Rotation matrix that turns axis `source` towards axis `target` by `angle`."""
     rotation = np.eye(3)
     rotation[source, source] = rotation[target, target] = math.cos(angle)
     rotation[target, source] = math.sin(angle)

@@ -1,4 +1,4 @@
-"""Which files a raw drive has, listed without reading them."""
+"""Lists the files of a raw drive without reading them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,35 +13,35 @@ _TIMES_FOLDERS = ("velodyne_points", "velodyne", "image_02", "")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DriveFrame:
-    """The files of one moment; None where there is none."""
+    """Files of one frame; None: missing."""
 
     sample_id: str
-    """As the files are named, e.g. "0000000005"."""
+    """Name of the files, e.g. "0000000005"."""
     image: Path | None
     points: Path | None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DriveFiles:
-    """The files of a drive."""
+    """Files of a drive."""
 
     frames: tuple[DriveFrame, ...]
-    """All moments of which there is an image or a sweep, in order."""
+    """All frames with an image or a sweep, in order."""
     image_folder: Path
     points_folder: Path
     calibration: Path | None
-    """The folder of `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`."""
+    """Folder of `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`."""
     timestamps: Path | None
-    """One line a frame, or line N for the frame numbered N."""
+    """File with one line per frame, or line N for the frame numbered N."""
     oxts: Path | None
-    """The folder of GPS and IMU readings, one file a frame."""
+    """Folder of GPS and IMU readings, one file per frame."""
 
 
 def list_drive(folder: Path) -> DriveFiles:
     """Lists a drive in the official layout, or in the flat one.
 
     Official: image_02/data/N.png, velodyne_points/data/N.bin, timestamps.txt next to each `data`,
-    oxts/data/N.txt, the calibration one folder up (that of the day). Flat: image_02/N.png,
+    oxts/data/N.txt, the calibration in the parent folder (of the day). Flat: image_02/N.png,
     velodyne/N.bin and the calibration in the folder itself.
     """
     image_folder = _first_folder(folder, _IMAGE_FOLDERS)
@@ -55,7 +55,7 @@ def list_drive(folder: Path) -> DriveFiles:
     return DriveFiles(
         frames=tuple(
             DriveFrame(sample_id=number, image=images.get(number), points=points.get(number))
-            # By length first, so that 2 stands before 10 where the names have no leading zeros.
+            # By length first: 2 comes before 10 without leading zeros, too.
             for number in sorted({*images, *points}, key=lambda name: (len(name), name))
         ),
         image_folder=image_folder,

@@ -1,4 +1,4 @@
-"""A few frames of a data set, judged as it is opened: before any work, by the rules of `check`."""
+"""Check of a few frames by the rules of `check` when a data set is opened."""
 
 import warnings
 from collections.abc import Callable, Collection, Sequence
@@ -13,22 +13,22 @@ from sightline.data.object_tree import CORRUPTED, OBJECT_SPLITS, ObjectFrame, Pa
 from sightline.data.problem import FileError, Problem
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
 
-_DRAWN: Final = 3  # frames: the first, and others spread over the rest
-_STACK: Final = 4  # from here to who opens the data set
+_DRAWN: Final = 3  # number of frames: the first, and others spread over the rest
+_STACK: Final = 4  # stack level of the caller that opens the data set
 
 Item = TypeVar("Item")
 Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
 
 
 def judge_folders(folders: Sequence[PartFolder], parts: Collection[Part]) -> None:
-    """Warn of files that nobody reads, by number and kind, and of those that another one hides.
+    """Warn of ignored files, by number and kind, and of files hidden by another one.
 
     Args:
-        folders: Of the data set.
-        parts: Those that are about to be used.
+        folders: Folders of the data set.
+        parts: Parts of the samples to use.
 
     Raises:
-        FileError: A folder of a part that is used holds files, and none of them is read.
+        FileError: A folder of a used part contains files, but all of them are ignored.
     """
     for unread in find_unread(folders):
         if unread.part not in parts:
@@ -52,19 +52,19 @@ def judge_frames(
     *,
     shared: Sequence[Problem] = (),
 ) -> None:
-    """Judge the first frame and a few others: the same ones each time, read once more.
+    """Check the first frame and a few others, always the same ones.
 
-    Files that their reader refuses are left to it: it names them when their turn comes.
+    Unreadable files are not reported here: their reader names them later.
 
     Args:
         root: The data set's folder.
-        frames: Those that are about to be used, in order.
-        examine: How `check` examines one of them.
-        parts: What is used of them; calibrations are in any case.
-        shared: Doubts about what all frames have in common.
+        frames: Frames to use, in order.
+        examine: Function of `check` that examines a frame.
+        parts: Parts of the samples to use; calibrations are always used.
+        shared: Doubts about data shared by all frames.
 
     Raises:
-        FileError: A sweep is in another unit than metres, or has reflectances outside 0 to 1.
+        FileError: A sweep is not in metres, or has reflectances outside 0 to 1.
     """
     drawn = [_with_parts(frame, parts) for frame in draw(frames)]
     findings: list[Findings] = [examine(frame) for frame in drawn]
@@ -82,14 +82,14 @@ def _warn_of_doubts(doubts: Sequence[Problem], num_looked_at: int) -> None:
 
 
 def draw(items: Sequence[Item]) -> list[Item]:
-    """The first, the last and one between: the same ones each time."""
+    """Select the first, the last and one item between, always the same ones."""
     last = len(items) - 1
     places = sorted({round(last * share / (_DRAWN - 1)) for share in range(_DRAWN)})
     return [items[place] for place in places] if items else []
 
 
 def _with_parts(frame: Frame, parts: Collection[Part]) -> Frame:
-    """The frame without the files that nobody is about to read."""
+    """Remove the files of unused parts from a frame."""
     if isinstance(frame, DepthFrame):
         return replace(frame, image=frame.image if "image" in parts else None)
     image = frame.image if "image" in parts else None
@@ -106,7 +106,7 @@ def _with_parts(frame: Frame, parts: Collection[Part]) -> Frame:
 
 
 def _grouped(problems: Sequence[Problem]) -> list[tuple[Problem, int]]:
-    """The first problem of each kind, with how many there are."""
+    """Group problems by kind: the first one of each kind and their number."""
     by_kind: dict[tuple[Path, str], list[Problem]] = {}
     for problem in problems:
         by_kind.setdefault((problem.path.parent, problem.remedy), []).append(problem)
@@ -114,9 +114,9 @@ def _grouped(problems: Sequence[Problem]) -> list[tuple[Problem, int]]:
 
 
 def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Findings]) -> None:
-    """Warn where every frame that was looked at lacks what its sensor should have seen.
+    """Warn if every checked frame lacks the data of a sensor.
 
-    Corrupted data sets lack it on purpose.
+    Corrupted data sets are exempt: they lack it on purpose.
     """
     if any((root / split / CORRUPTED).is_dir() for split in ("", *OBJECT_SPLITS)):
         return

@@ -1,4 +1,4 @@
-"""Faults of the sensors, as one type: what training draws, tables score and pages show."""
+"""Sensor faults for training, robustness tables and pages."""
 
 import math
 from abc import ABC, abstractmethod
@@ -9,53 +9,53 @@ import numpy as np
 from sightline.data.augmentation import add_outliers, drop_camera, rotate_extrinsics, thin_rings
 from sightline.structures.sample import CameraLidarSample
 
-_END_OF_NAME = 256  # no byte
+_END_OF_NAME = 256  # not a byte
 
 
 class Fault(ABC):
-    """Something wrong with a sensor, and how much of it; `str` names it in tables.
+    """Sensor fault of some severity; `str` is its name in tables.
 
     A fault is a frozen dataclass of plain numbers: `dataclasses.asdict` records it.
     """
 
     @abstractmethod
     def __str__(self) -> str:
-        """Its name."""
+        """Name of the fault."""
 
     @abstractmethod
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """The sample as the faulty sensor takes it; its truth stays as it is.
+        """Applies the fault to a sample; the truth stays unchanged.
 
         Args:
-            sample: Of sound sensors.
-            rng: Where all randomness comes from; not every fault draws.
+            sample: Sample of sound sensors.
+            rng: Generator of all random numbers; some faults draw none.
 
         Raises:
-            ValueError: The sample lacks what is faulty.
+            ValueError: The sample lacks the faulty part.
         """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TurnedLidar(Fault):
-    """A LiDAR that has turned in its mount while the calibration knows nothing of it."""
+    """LiDAR rotated in its mount without a change of the calibration."""
 
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        """Checks that the angles are angles."""
+        """Checks the angles."""
         if not all(map(math.isfinite, (self.yaw_deg, self.pitch_deg, self.roll_deg))):
             raise ValueError(f"a LiDAR turns by finite angles, got {self}")
 
     def __str__(self) -> str:
-        """The angles that are not 0."""
+        """Lists the angles that are not 0."""
         named = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg), ("roll", self.roll_deg))
         angles = [f"{name} {angle_deg:g} deg" for name, angle_deg in named if angle_deg]
         return ", ".join(angles) or "yaw 0 deg"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """See `rotate_extrinsics`."""
+        """Rotates the LiDAR; see `rotate_extrinsics`."""
         del rng
         return rotate_extrinsics(
             sample, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
@@ -64,10 +64,10 @@ class TurnedLidar(Fault):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FalseEchoes(Fault):
-    """A LiDAR some of whose returns have a wrong range."""
+    """LiDAR with a share of false ranges."""
 
     share: float
-    """Of the returns."""
+    """Share of the returns."""
 
     def __post_init__(self) -> None:
         """Checks the range."""
@@ -75,17 +75,17 @@ class FalseEchoes(Fault):
             raise ValueError(f"share must be between 0 and 1, got {self.share}")
 
     def __str__(self) -> str:
-        """The share."""
+        """Shows the share."""
         return f"{100 * self.share:g} % outliers"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """See `add_outliers`."""
+        """Adds false ranges; see `add_outliers`."""
         return add_outliers(sample, share=self.share, rng=rng)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FewerRings(Fault):
-    """A LiDAR of fewer beams: every `keep_every`th ring from ring `first` on."""
+    """LiDAR with fewer beams: every `keep_every`th ring from ring `first` on."""
 
     keep_every: int
     first: int = 0
@@ -98,36 +98,36 @@ class FewerRings(Fault):
             )
 
     def __str__(self) -> str:
-        """The share of the rings; which of them begins is not told."""
+        """Shows the share of the rings, not the first ring."""
         return f"1 ring of {self.keep_every}"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """See `thin_rings`."""
+        """Removes rings; see `thin_rings`."""
         del rng
         return thin_rings(sample, self.keep_every, self.first)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NoCamera(Fault):
-    """A camera that delivers nothing."""
+    """Camera that delivers nothing."""
 
     def __str__(self) -> str:
-        """Its name."""
+        """Name of the fault."""
         return "no camera"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """See `drop_camera`."""
+        """Removes the image; see `drop_camera`."""
         del rng
         return drop_camera(sample)
 
 
 def fault_rng(sample: CameraLidarSample, seed: int = 0, kind: str = "") -> np.random.Generator:
-    """A generator that depends on these names alone: each method meets the same faults.
+    """Create a generator that depends only on the arguments: every method gets the same faults.
 
     Args:
-        sample: Whose name counts.
-        seed: Not negative.
-        kind: Of the fault, where several kinds shall draw independently of each other.
+        sample: Sample whose name is used.
+        seed: Seed, not negative.
+        kind: Kind of fault, for independent draws of several kinds.
     """
     names = [*sample.sample_id.encode()]
     if kind:
@@ -136,7 +136,7 @@ def fault_rng(sample: CameraLidarSample, seed: int = 0, kind: str = "") -> np.ra
 
 
 def draw_turned_lidar(error_deg: float, rng: np.random.Generator) -> TurnedLidar:
-    """An error of the mount: normal, `error_deg` the deviation in yaw, half of it in the others."""
+    """Draw a normal mounting error: deviation `error_deg` in yaw, half in the others."""
     yaw_deg, pitch_deg, roll_deg = map(
         float, error_deg * np.array((1, 0.5, 0.5)) * rng.normal(size=3)
     )

@@ -1,4 +1,4 @@
-"""Whether the files of one frame can be read, hold plausible values and fit each other."""
+"""Checks of one frame: files readable, values plausible, files consistent with each other."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -30,36 +30,36 @@ from sightline.data.view import is_in_view
 from sightline.geometry.mount import MAX_RANGE_M, is_hardly_shown
 from sightline.geometry.mount_axes import axes_doubt
 
-_DARK_LEVELS = 8  # between the darkest and the brightest channel of an image that shows nothing
-_MAX_LIDAR_DEPTH_M = 120.0  # of nearly all pixels of a projected sweep
-_MIN_DEPTH_M = 1.0  # likewise
+_DARK_LEVELS = 8  # largest range of levels in an image that shows nothing
+_MAX_LIDAR_DEPTH_M = 120.0  # holds for nearly all pixels of a projected sweep
+_MIN_DEPTH_M = 1.0  # the same
 _FEWEST_COMPARED = 20  # pixels with a depth and a point
-_SCALE = 1.5  # between both, on which everybody agrees
+_SCALE = 1.5  # ratio between depth and point that counts as a wrong scale
 
 Content = TypeVar("Content")
 
 
 @dataclass(kw_only=True, slots=True)
 class Findings:
-    """Faults of one frame, by what follows from them."""
+    """Faults of one frame by severity."""
 
     unreadable: list[Problem] = field(default_factory=list)
     """Files that their reader refuses."""
     refused: list[Problem] = field(default_factory=list)
-    """Values that cannot be right, so that no answer could be."""
+    """Impossible values, which make any prediction wrong."""
     doubted: list[Problem] = field(default_factory=list)
-    """Values that are hardly right, and files that hardly belong together."""
+    """Implausible values, and files that probably do not belong together."""
     has_dark_image: bool = False
-    """True of an image of one colour."""
+    """Whether the image has a single colour."""
     has_empty_sweep: bool = False
 
     def all(self) -> list[Problem]:
-        """Every fault."""
+        """Returns all faults."""
         return [*self.unreadable, *self.refused, *self.doubted]
 
 
 def examine_object_frame(frame: ObjectFrame) -> Findings:
-    """Examine one frame of the object tree; parts that are absent are not spoken of."""
+    """Examine one frame of the object tree; absent parts are not reported."""
     found = Findings()
     size = _image_size(frame.image, found)
     depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
@@ -85,7 +85,7 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
 
 
 def examine_depth_frame(frame: DepthFrame) -> Findings:
-    """Examine one frame of the depth benchmark; parts that are absent are not spoken of."""
+    """Examine one frame of the depth benchmark; absent parts are not reported."""
     found = Findings()
     size = _image_size(frame.image, found)
     for path in (frame.sparse, frame.truth):
@@ -111,7 +111,7 @@ def examine_depth_frame(frame: DepthFrame) -> Findings:
 def examine_drive_frame(
     frame: DriveFrame, *, matrices: CalibrationMatrices | None = None
 ) -> Findings:
-    """Examine one moment of a raw drive of that calibration; absent parts are not spoken of."""
+    """Examine one frame of a raw drive with its calibration; absent parts are not reported."""
     found = Findings()
     size = _image_size(frame.image, found)
     points = _examine_sweep(frame.points, found)
@@ -122,7 +122,7 @@ def examine_drive_frame(
 
 
 def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Read an image and note whether it can be read and shows anything."""
+    """Read an image; note if it is unreadable or shows nothing."""
     image = read_or_note(read_rgb, path, found.unreadable)
     if image is not None:
         found.has_dark_image = shows_nothing(image)
@@ -130,14 +130,14 @@ def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "heig
 
 
 def shows_nothing(image: UInt8[np.ndarray, "height width 3"]) -> bool:
-    """Whether an image is of one colour, but for noise."""
+    """Whether an image has a single colour, except for noise."""
     return int(image.max()) - int(image.min()) <= _DARK_LEVELS
 
 
 def read_or_note(
     reader: Callable[[Path], Content], path: Path | None, problems: list[Problem]
 ) -> Content | None:
-    """What the reader makes of the file; where it refuses it, None and one problem more."""
+    """Read a file; if the reader refuses it, add a problem and return None."""
     if path is None:
         return None
     try:
@@ -173,7 +173,7 @@ def _check_size(
     size: tuple[int, int] | None,
     image: Path | None,
 ) -> list[Problem]:
-    """That a depth map is of another size than its image, where there is one."""
+    """Check that a depth map has the size of its image, if there is one."""
     if size is None or depth_m.shape == size:
         return []
     return [
@@ -216,7 +216,7 @@ def _check_points(points: Float32[np.ndarray, "num_points 4"], path: Path) -> li
 def _check_axes(
     points: Float32[np.ndarray, "num_points 4"], matrices: CalibrationMatrices, path: Path
 ) -> list[Problem]:
-    """Doubt about a cloud whose z axis does not point up: whatever else is odd comes of it."""
+    """Check that the z axis of a cloud points up; otherwise other checks fail as a consequence."""
     axes = axes_doubt(points, matrices.camera_from_lidar)
     return [] if axes is None else [Problem(path=path, problem=axes[0], remedy=axes[1])]
 
@@ -227,7 +227,7 @@ def _check_view(
     size: tuple[int, int] | None,
     path: Path,
 ) -> list[Problem]:
-    """Doubt about a cloud of which the image shows hardly anything."""
+    """Check that the image shows a share of the cloud."""
     if size is None or not len(points):
         return []
     image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
@@ -251,7 +251,7 @@ def check_depth_scale(
     image_from_lidar: Float64[np.ndarray, "3 4"],
     path: Path,
 ) -> list[Problem]:
-    """Doubt about a depth map that is deeper or flatter than the points that it shows."""
+    """Check that the scale of a depth map agrees with the points."""
     size = (depth_m.shape[0], depth_m.shape[1])
     shown = points[is_in_view(points, image_from_lidar, size), :3].astype(np.float64)
     places = shown @ image_from_lidar[:, :3].T + image_from_lidar[:, 3]
@@ -272,7 +272,7 @@ def _check_depth_range(depth_m: Float32[np.ndarray, "height width"], path: Path)
 
 
 def depth_range_doubt(depth_m: Float[np.ndarray, "height width"]) -> str | None:
-    """Why depths are hardly those of a LiDAR in metres, as the rest of a sentence; else None."""
+    """Reason, as the rest of a sentence, why depths are no plausible LiDAR metres; else None."""
     depths = depth_m[depth_m > 0]
     if len(depths) < _FEWEST_COMPARED:
         return None

@@ -1,25 +1,25 @@
-"""One file for each frame: label files, result files."""
+"""Folders with one file per frame: labels, results."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from sightline.data.plain_text import shortened
 
-_LOOKED_AT = 50  # folders and frames
+_LOOKED_AT = 50  # largest number of searched folders and frames
 _SUFFIX = ".txt"
 
 
 def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
-    """Finds out which frames lack their file before any is read.
+    """Checks that every frame has its file, before any is read.
 
     Args:
-        folder: Holds NAME.txt for each frame.
-        names: The frames.
-        kind: What the files are, for errors.
-        remedy: What to do where one is missing, for errors.
+        folder: Folder with NAME.txt for each frame.
+        names: Names of the frames.
+        kind: Kind of the files, for errors.
+        remedy: Remedy for a missing file, for errors.
 
     Raises:
-        ValueError: There is no such folder, or a frame has no file in it; says how many.
+        ValueError: There is no such folder, or frames have no file in it; contains their number.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder; give the one that holds the {kind} files")
@@ -34,7 +34,7 @@ def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: s
 
 
 def hold_the_same(first: Path, second: Path, names: Sequence[str]) -> bool:
-    """Whether two folders have the same file for each frame, byte by byte, or both have none."""
+    """Whether two folders have identical files for each frame, or both have none."""
     if first.resolve() == second.resolve():
         return True
     pairs = ((first / f"{name}{_SUFFIX}", second / f"{name}{_SUFFIX}") for name in names)
@@ -46,7 +46,7 @@ def _content(path: Path) -> bytes | None:
 
 
 def where_frame_files_are(folder: Path, names: Sequence[str]) -> str | None:
-    """Remedy where a folder has no file of any frame: where they are, or whose there are."""
+    """Remedy for a folder without files of the frames: their folder, or the names found."""
     entries = sorted(folder.iterdir())
     for below in [each for each in entries if each.is_dir()][:_LOOKED_AT]:
         if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_LOOKED_AT]):

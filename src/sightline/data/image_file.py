@@ -1,4 +1,4 @@
-"""Camera pictures in PNG and JPEG."""
+"""Reader and writer of camera pictures in PNG and JPEG."""
 
 from pathlib import Path
 
@@ -26,11 +26,10 @@ _REMEDY = "extract it again"
 def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
     """Reads a picture with 8 bits per channel as RGB; grey becomes three equal channels.
 
-    A note on the camera's orientation in the file is not followed: a calibration is that of the
-    pixels as they are stored.
+    The orientation tag of the file is ignored: a calibration refers to the pixels as stored.
 
     Raises:
-        FileError: The file is no whole PNG or JPEG, or has 16 bits per channel (a depth map).
+        FileError: The file is no complete PNG or JPEG, or has 16 bits per channel (a depth map).
     """
     content = read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     header = parse_image_header(content, path)
@@ -49,15 +48,15 @@ def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
 def read_png16(
     path: Path | str, *, expected: str, remedy: str
 ) -> UInt16[np.ndarray, "height width"]:
-    """Reads a map kept as a PNG of one channel with 16 bits.
+    """Reads a map from a PNG of one channel with 16 bits.
 
     Args:
         path: The file.
-        expected: What errors say should have been there.
-        remedy: What errors say to do.
+        expected: Expected contents, for errors.
+        remedy: Remedy, for errors.
 
     Raises:
-        FileError: The file is something else, cut short or damaged.
+        FileError: The file has another format, is truncated or damaged.
     """
     content = read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     header = parse_image_header(content, path)
@@ -74,22 +73,22 @@ def read_png16(
 def decode_pixels(
     content: bytes, header: ImageHeader, flags: int, source: Path | str
 ) -> UInt8[np.ndarray, "height width 3"] | UInt16[np.ndarray, "height width"]:
-    """The pixels of a whole file of the announced size: three channels, or one of 16 bits.
+    """Decode the pixels of a file: three channels, or one of 16 bits, of the header's size.
 
     Args:
-        content: The file.
-        header: What it announces.
+        content: Contents of the file.
+        header: Header of the file.
         flags: OpenCV's `IMREAD_...`.
-        source: What errors call it.
+        source: Name of the file in errors.
 
     Raises:
-        FileError: The file is cut short or damaged.
+        FileError: The file is truncated or damaged.
     """
     check_complete(content, header, source)
     shape = (*header.size, 3) if flags & cv2.IMREAD_COLOR else header.size
     try:
         pixels, damage = decode_quietly(content, flags)
-    except cv2.error:  # a side longer than OpenCV takes
+    except cv2.error:  # a side longer than OpenCV supports
         pixels, damage = None, ""
     if pixels is None or pixels.shape != shape:
         raise FileError(source, "is damaged: its pixels cannot be decoded", _REMEDY)
@@ -99,14 +98,14 @@ def decode_pixels(
 
 
 def _said(picture: object) -> str:
-    """What is no picture, for people."""
+    """Description of an invalid picture, for errors."""
     if not hasattr(picture, "dtype") or not hasattr(picture, "shape"):
         return type(picture).__name__
     return f"{picture.dtype} of shape {tuple(picture.shape)}"
 
 
 def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> None:
-    """Writes a picture, aside first and then renamed: `.png` lossless, `.jpg` of quality 95.
+    """Writes a picture atomically: `.png` lossless, `.jpg` with quality 95.
 
     Examples:
         >>> import sightline, tempfile
@@ -116,7 +115,7 @@ def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> N
         (4, 6, 3)
 
     Raises:
-        ValueError: The name ends otherwise, or the picture has no pixel or is of another type or
+        ValueError: The name has another suffix, or the picture has no pixel or another type or
             shape.
     """
     suffix = Path(path).suffix.lower()
@@ -132,7 +131,7 @@ def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> N
         )
     if image.size == 0:
         raise ValueError(f"{path} cannot be written: a picture needs at least one pixel")
-    # A level of compression for PNGs takes twice the time of OpenCV's own choice for as many bytes.
+    # An explicit compression level takes twice the time of OpenCV's default for the same size.
     parameters = [] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
     bgr = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR)
     _, encoded = cv2.imencode(suffix, bgr, parameters)

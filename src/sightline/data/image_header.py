@@ -1,4 +1,4 @@
-"""What a picture's file says about itself before a pixel is decoded."""
+"""Parser of picture headers, before any pixel is decoded."""
 
 import math
 import re
@@ -12,19 +12,19 @@ from sightline.data.plain_file import check_regular
 from sightline.data.problem import FileError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
-"""File names that a picture may end in, the preferred first."""
+"""Suffixes of picture files, the preferred one first."""
 MAX_PIXELS = 2**26
-"""Larger pictures are refused unread: a forged header must not cost gigabytes of memory."""
+"""Largest number of pixels of a picture: a forged header must not cost gigabytes of memory."""
 
 MAX_FILE_BYTES = 2**29
-"""So are longer files: what holds `MAX_PIXELS` of 16 bits in three channels is shorter."""
+"""Largest size of a file: `MAX_PIXELS` of 16 bits in three channels need less."""
 
 _MAX_HEADER_BYTES = 2**20  # a JPEG may carry a colour profile in parts of 64 kB before its size
-_MAX_PARTS = 2**17  # of a PNG, its chunks; of a JPEG, its segments
+_MAX_PARTS = 2**17  # chunks of a PNG; segments of a JPEG
 # Decoding takes time for each pixel of each scan; cameras write one, progressive encoders ten.
 _MAX_SCANNED_PIXELS = 16 * MAX_PIXELS
-# What a byte of a file can stand for at the most: deflate's matches are of 258 bytes, two bits
-# each; in a JPEG each block of 8x8 pixels takes a bit at least, that of its mean's Huffman code.
+# Largest expansion of a byte: deflate's matches of 258 bytes take two bits each; in a JPEG each
+# block of 8x8 pixels takes at least one bit, of its mean's Huffman code.
 _PNG_BYTES_PER_BYTE = 1032
 _JPEG_BLOCK_PX = 8
 _JPEG_BLOCKS_PER_BYTE = 8
@@ -33,13 +33,13 @@ _PNG_PALETTE = 3  # colour type of a palette of RGB
 _PNG_CHANNELS = {0: 1, 2: 3, _PNG_PALETTE: 3, 4: 2, 6: 4}  # by colour type
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_SCAN = b"\xff\xda"
-# Within a scan's data FF 00 is a byte, and FF D0 to D7 are marks to go on from after an error.
+# Within a scan's data FF 00 is a data byte, and FF D0 to D7 are restart markers.
 _JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-# Start-of-frame markers, which hold the size, of the kinds that cameras write: Huffman-coded,
-# baseline, extended and progressive. Others (lossless, arithmetic) are not taken.
+# Start-of-frame markers, which contain the size, of the kinds that cameras write: Huffman-coded,
+# baseline, extended and progressive. Others (lossless, arithmetic) are refused.
 _JPEG_FRAMES = frozenset({0xC0, 0xC1, 0xC2})
-# What may stand before the frame: tables, restart interval, applications' notes and comments. A
-# decoder passes over anything else in its own way, and may find another size than is seen here.
+# Segments allowed before the frame: tables, restart interval, application data and comments.
+# Decoders differ in how they skip anything else, and might find another size.
 _JPEG_TABLES = frozenset({0xC4, 0xDB, 0xDD, *range(0xE0, 0xF0), 0xFE})
 _OTHER_FORMATS = (
     (b"BM", "BMP"),
@@ -57,24 +57,24 @@ _REMEDY = "extract or convert the file again"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ImageHeader:
-    """The picture that a file announces."""
+    """Picture properties in a file's header."""
 
     file_format: Literal["png", "jpeg"]
     size: tuple[int, int]
     """Height, width [px]."""
     bits_per_channel: int
     channels: int
-    """1 grey, 2 grey and opacity, 3 colour (or a palette of colours), 4 colour and opacity."""
+    """1 grey, 2 grey and alpha, 3 colour (or a palette of colours), 4 colour and alpha."""
     bits_per_pixel: int
-    """As the file holds them: with a palette, those of the colour's number."""
+    """Bits per pixel in the file; with a palette, those of the colour index."""
 
 
 def read_image_size(path: Path | str) -> tuple[int, int]:
     """Height and width [px] of a PNG or JPEG file, from its header: the pixels stay unread.
 
     Raises:
-        FileError: The file is neither PNG nor JPEG, is cut short within the header, or too short
-            for so many pixels.
+        FileError: The file is neither PNG nor JPEG, has a truncated header, or is too short for its
+            number of pixels.
     """
     file_bytes = check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     with Path(path).open("rb") as file:
@@ -88,12 +88,12 @@ def parse_image_header(
 
     Args:
         content: The file, or its beginning.
-        source: What errors call it.
-        file_bytes: Length of the whole file, where `content` is its beginning.
+        source: Name of the file in errors.
+        file_bytes: Length of the whole file, if `content` is only its beginning.
 
     Raises:
-        FileError: `content` is no PNG or JPEG, breaks off, or announces a size of zero, of more
-            than `MAX_PIXELS` or of more pixels than can be in a file of its length.
+        FileError: `content` is no PNG or JPEG, is truncated, or has a size of zero, of more than
+            `MAX_PIXELS` or of more pixels than fit in a file of its length.
     """
     try:
         header = _parse(content)
@@ -119,7 +119,7 @@ def parse_image_header(
 
 
 def _least_bytes(header: ImageHeader) -> int:
-    """No whole file of such a picture is shorter, nor, in a JPEG, are its scans' data."""
+    """Smallest length of a complete file of this picture; in a JPEG, of its scans' data."""
     height, width = header.size
     if header.file_format == "jpeg":
         blocks = math.ceil(height / _JPEG_BLOCK_PX) * math.ceil(width / _JPEG_BLOCK_PX)
@@ -128,21 +128,21 @@ def _least_bytes(header: ImageHeader) -> int:
 
 
 def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> None:
-    """Refuses a PNG or JPEG file that is cut short, or a PNG that was altered.
+    """Refuses a truncated PNG or JPEG file, or an altered PNG.
 
-    Decoders differ in what they make of such files: some invent the missing rows. Refused as well
-    is what would keep a decoder busy for minutes.
+    Decoders handle such files differently: some invent the missing rows. Files that would take a
+    decoder minutes are refused, too.
 
     Raises:
-        FileError: The file breaks off, a checksum is wrong, or a JPEG has far too many scans or
-            too little in them.
+        FileError: The file is truncated, a checksum is wrong, or a JPEG has far too many scans or
+            too little data in them.
     """
     if header.file_format == "png":
         _check_png_chunks(content, source)
         return
-    if _JPEG_END not in content[-1024:]:  # some cameras write their own notes after the end
+    if _JPEG_END not in content[-1024:]:  # some cameras write data after the end
         raise FileError(source, "is cut short: its JPEG end mark is missing", _REMEDY)
-    # Thumbnails among the notes before the picture are counted along, which makes a few.
+    # Thumbnails in segments before the picture are counted, too, which adds a few.
     num_scans = content.count(_JPEG_SCAN)
     height, width = header.size
     if num_scans * height * width > _MAX_SCANNED_PIXELS:
@@ -163,7 +163,7 @@ def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> N
 
 
 def _scanned_bytes(content: bytes) -> int:
-    """Length of what follows the headers of a JPEG's scans; a thumbnail in a note is passed."""
+    """Length of a JPEG's scan data without headers; thumbnails in segments are skipped."""
     num_bytes, position = 0, len(_JPEG_START)
     for _ in range(_MAX_PARTS):
         marker = _JPEG_MARKER.search(content, position)
@@ -232,5 +232,5 @@ def _parse_jpeg(content: bytes) -> ImageHeader | None:
         if marker not in _JPEG_TABLES:
             return None
         (length,) = struct.unpack_from(">H", content, position + 2)
-        position += 2 + max(length, 2)  # the length counts itself
+        position += 2 + max(length, 2)  # the length includes its own bytes
     return None

@@ -1,4 +1,4 @@
-"""Maps of which object each pixel shows, as PNGs with 16 bits."""
+"""Reader and writer of instance maps as PNGs with 16 bits."""
 
 from pathlib import Path
 
@@ -11,10 +11,10 @@ from sightline.data.image_file import read_png16
 
 
 def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
-    """Reads for each pixel 1 + the row of its object in the frame's label file; 0 = none.
+    """Reads an instance map: 1 + the row of the pixel's object in the frame's label file; 0 = none.
 
     Raises:
-        FileError: The file is no whole PNG of one channel with 16 bits.
+        FileError: The file is no complete PNG of one channel with 16 bits.
     """
     owners = read_png16(
         path,
@@ -25,7 +25,7 @@ def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
 
 
 def write_instance_png(path: Path | str, instances: Int32[np.ndarray, "height width"]) -> None:
-    """Writes what `read_instance_png` reads, aside first and then renamed.
+    """Writes an instance map for `read_instance_png` atomically.
 
     Raises:
         ValueError: A number is negative or above 65535, or there is no pixel.

@@ -1,4 +1,4 @@
-"""Jobs that fill a folder: claimed by one maker, done in parallel, finished by running it again."""
+"""Resumable, parallel jobs with an output folder that is claimed by one configuration."""
 
 import json
 import os
@@ -18,59 +18,59 @@ from sightline.data.problem import escaped, memory_fault
 from sightline.data.progress import track
 
 MANIFEST_NAME: Final = "sightline.json"
-"""File in an output folder that says what made the others."""
+"""Manifest in an output folder: describes the source of the other files."""
 
 RESULT_SUFFIXES: Final = (".txt", ".png")
-"""Endings of result files."""
+"""Suffixes of result files."""
 
 _WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
-# of what commands write into folders: a file of weights, for one, is never replaced
+# suffixes of files that commands write to folders: weights, for example, are never replaced
 _MAX_MANIFEST_BYTES = 2**22
-_MOST_DIFFERENCES = 12  # settings that an error names
-_LONGEST_VALUE = 60  # characters of a setting that an error shows
+_MOST_DIFFERENCES = 12  # settings named in an error
+_LONGEST_VALUE = 60  # characters of a setting shown in an error
 
 Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JobResult:
-    """What a job did."""
+    """Result of a job."""
 
     written: int
     skipped: int
-    """Pieces whose files were there already."""
+    """Number of pieces with existing files."""
 
     def __str__(self) -> str:
-        """For people."""
+        """Formats the result for the user."""
         return f"{self.written} written, {self.skipped} there already"
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Work(Protocol):
-    """A piece of a job; picklable where workers are started afresh (macOS, Windows).
+    """Piece of a job; must be picklable on systems that spawn workers (macOS, Windows).
 
-    It writes files aside and renames them, so that a job which is stopped leaves whole ones only.
+    It writes files atomically, so that a stopped job leaves only complete ones.
     """
 
     def __str__(self) -> str:
-        """What errors call it, e.g. "frame 7"."""
+        """Name in errors, e.g. "frame 7"."""
         ...
 
     def run(self) -> None:
-        """Does it.
+        """Runs the piece.
 
         Raises:
-            ValueError: The data or the output folder is at fault.
-            OSError: Likewise.
+            ValueError: The data or the output folder is faulty.
+            OSError: The data or the output folder is faulty.
         """
         ...
 
 
 def shard(items: Sequence[Item], index: int, count: int) -> Sequence[Item]:
-    """Every `count`th item from `index` on: one of so many parts of a job.
+    """Select a shard: every `count`th item from `index` on.
 
     Raises:
-        ValueError: There is no such part.
+        ValueError: There is no such shard.
     """
     if not 0 <= index < count:
         raise ValueError(
@@ -80,16 +80,16 @@ def shard(items: Sequence[Item], index: int, count: int) -> Sequence[Item]:
 
 
 def run_job(works: Sequence[Work], workers: int, *, description: str) -> None:
-    """Does the pieces of a job, several at once.
+    """Runs the pieces of a job in parallel.
 
     Args:
         works: The pieces.
-        workers: Processes that work; 1 is this process alone.
-        description: What happens to the pieces, for the display of progress.
+        workers: Number of worker processes; 1: only this process.
+        description: Description of the job for the display of progress.
 
     Raises:
-        ValueError: There is no worker, or a piece fails: the error names it. Those before it are
-            done and stay.
+        ValueError: There is no worker, or a piece fails: the error names it. The results of earlier
+            pieces stay.
     """
     check_workers(workers)
     errors = run_pieces(_Attempt(works), len(works), workers)
@@ -99,7 +99,7 @@ def run_job(works: Sequence[Work], workers: int, *, description: str) -> None:
 
 
 def check_workers(workers: int) -> None:
-    """Refuses a job that nobody would do.
+    """Refuses an invalid number of workers.
 
     Raises:
         ValueError: There is no worker.
@@ -115,22 +115,22 @@ def claim_folder(
     results: Sequence[str],
     manifest_name: str = MANIFEST_NAME,
 ) -> None:
-    """Writes what makes the files of a folder into it, or sees that the same stands there.
+    """Writes the settings of a job to its folder, or checks that the same settings are there.
 
-    Of several jobs that claim a folder at one time, on one machine or on several, one writes the
-    manifest; those of the same settings share the folder, and give the same files. The claim of a
-    job that was stopped stands, so that what it has left is finished and not mixed with.
+    Of several jobs that claim a folder concurrently, on one machine or on several, one writes the
+    manifest; jobs with the same settings share the folder and write identical files. The claim of a
+    stopped job remains, so that its results are completed and never mixed with others.
 
     Args:
-        folder: Made where it is missing.
-        settings: All that the files' bytes depend on, but for which of them are asked for; plain
-            values, as JSON has them.
+        folder: Output folder; created if missing.
+        settings: Everything that the files' bytes depend on, except for the selection of files;
+            plain JSON values.
         results: Patterns (`Path.glob`) of the files and folders that jobs write there.
-        manifest_name: Name of the file that holds the settings.
+        manifest_name: Name of the file with the settings.
 
     Raises:
-        ValueError: Other settings stand there, or results that nobody knows the maker of; or the
-            folder cannot be written to, or holds links that lead out of it (`check_links`).
+        ValueError: The folder contains other settings or results of unknown source; or it cannot be
+            written to, or contains links that lead outside (`check_links`).
     """
     if _is_claimed(folder, settings, results=results, manifest_name=manifest_name):
         return
@@ -140,7 +140,7 @@ def claim_folder(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Claim:
-    """What `claim_folder` is given."""
+    """Arguments of `claim_folder`."""
 
     folder: Path
     settings: Mapping[str, object]
@@ -148,10 +148,10 @@ class Claim:
 
 
 def claim_folders(claims: Sequence[Claim]) -> None:
-    """Claims all folders of a job, or, where one is refused that could have been seen, none.
+    """Claims all folders of a job, or none if one of them would be refused.
 
     Raises:
-        ValueError: As `claim_folder`.
+        ValueError: See `claim_folder`.
     """
     for claim in claims:
         _is_claimed(claim.folder, claim.settings, results=claim.results)
@@ -166,12 +166,12 @@ def _is_claimed(
     results: Sequence[str],
     manifest_name: str = MANIFEST_NAME,
 ) -> bool:
-    """Whether the same settings stand there; others, and results of nobody knows whom, raise."""
+    """Whether the folder has the same settings; raises for others, and for unclaimed results."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is no folder; name another output folder")
     check_links(folder)
     path = folder / manifest_name
-    # In this order: a job has written its manifest before its first result.
+    # In this order: a job writes its manifest before its first result.
     has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
     if not path.exists():
         if has_results:
@@ -198,17 +198,17 @@ def check_outputs(
     data: Iterable[Path | None],
     results: Iterable[Path | None] = (),
 ) -> None:
-    """Refuses, before any work, outputs that would change what is read, or each other.
+    """Refuses, before any work, outputs that would change the inputs or each other.
 
     Args:
-        outputs: Files and folders by the option that names each; None: not wanted.
-        data: Data sets, folders in them or files that are only read: see `check_apart`.
-        results: Folders of result files, or such a file: a report may stand beside them, and
-            must not take the place of one.
+        outputs: Files and folders by their option; None: not requested.
+        data: Inputs: data sets, folders in them or files; see `check_apart`.
+        results: Folders of result files, or such a file: a report may be beside them, but must not
+            replace one.
 
     Raises:
         ValueError: An output is in the data, is one of the results, is named twice, or is a folder
-            in which a file lies that is read and that reports or results might replace.
+            with an input file that reports or results might replace.
     """
     taken: dict[Path, str] = {}
     places = {option: path for option, path in outputs.items() if path is not None}
@@ -244,16 +244,16 @@ def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:
 
 
 def check_apart(data: Path, outputs: Iterable[Path]) -> None:
-    """Refuses files and folders in a data set, where they would replace or become parts of it.
+    """Refuses outputs inside a data set, where they would replace or become parts of it.
 
-    Links are followed, those in the data set as well.
+    Links are followed, including those in the data set.
 
     Args:
-        data: The data set, one of its splits or of their folders; or a file that is read.
-        outputs: What is to be written.
+        data: The data set, one of its splits or of their folders; or an input file.
+        outputs: Files and folders to write.
 
     Raises:
-        ValueError: One is the data set or file, or lies in the data set.
+        ValueError: An output is the data set or file, or lies in the data set.
     """
     roots = {_root_of(data.absolute()), _root_of(data.resolve())}
     folders = {folder for root in roots for folder in (root, *(root / s for s in OBJECT_SPLITS))}
@@ -267,20 +267,20 @@ def check_apart(data: Path, outputs: Iterable[Path]) -> None:
 
 
 def _root_of(data: Path) -> Path:
-    """The data set of an object tree's split, or of a folder of one."""
+    """Root of a data set, from an object tree's split or a folder in it."""
     split = next((each for each in (data, data.parent) if each.name in OBJECT_SPLITS), None)
     return data if split is None else split.parent
 
 
 def _targets(folder: Path) -> Iterator[Path]:
-    """Where a folder and the links in it lead to."""
+    """Yield the targets of a folder and of the links in it."""
     yield folder.resolve()
     with suppress(OSError), os.scandir(folder) as entries:
         yield from (Path(entry.path).resolve() for entry in entries if entry.is_symlink())
 
 
 def _links_to(root: Path, file: Path) -> bool:
-    """True if a file of a data set is a link to this one."""
+    """Whether a file of a data set is a link to this file."""
     paths = (Path(folder, name) for folder, _, names in os.walk(root) for name in names)
     return any(path.is_symlink() and path.resolve() == file for path in paths)
 
@@ -295,7 +295,7 @@ def change_of_data(data: Path, output: Path) -> ValueError:
 
 
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:
-    """What the manifest of a folder says; None where there is none that can be read."""
+    """Reads the manifest of a folder; None: there is none, or it is unreadable."""
     try:
         told = json.loads(_manifest_text(folder / manifest_name))
     except (ValueError, RecursionError):
@@ -304,10 +304,10 @@ def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, ob
 
 
 def data_name(data: Path) -> str:
-    """What a claim calls the data that files are made from: the folder's name and its parent's.
+    """Name of the source data in a claim: the folder's name and its parent's.
 
-    So trees of one name, such as a case of two corrupted data sets, are told apart, while the same
-    data may be mounted elsewhere on another machine.
+    This distinguishes trees with equal names, such as a case of two corrupted data sets, and allows
+    the same data at different paths on other machines.
     """
     return escaped("/".join(data.resolve().parts[-2:]))
 
@@ -320,7 +320,7 @@ def _refusal(folder: Path, held: str, manifest_name: str) -> str:
 
 
 def _difference(there: str, settings: Mapping[str, object]) -> str:
-    """What the folder's files were made with that this job is not."""
+    """Describe the differences between the folder's settings and this job's."""
     before = None
     with suppress(ValueError, RecursionError):
         before = json.loads(there)
@@ -335,7 +335,7 @@ def _difference(there: str, settings: Mapping[str, object]) -> str:
 
 
 def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Iterator[str]:
-    """What differs, by name; of settings inside settings, such as a task's, those that differ."""
+    """Yield the differences by name, recursively in nested settings such as a task's."""
     for name in {**before, **now}:
         held, asked = before.get(name), now.get(name)
         if isinstance(held, dict) and isinstance(asked, dict):
@@ -352,7 +352,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """Does a piece by its number; returns the error, empty if there is none."""
+    """Runs a piece by its index; returns the error, empty: none."""
 
     works: Sequence[Work]
 

@@ -1,4 +1,4 @@
-"""KITTI's 2D boxes: the edges of an object's 3D box, as far as they lie within the image."""
+"""KITTI's 2D boxes: bounds of the edges of an object's 3D box within the image."""
 
 from typing import Final, NamedTuple
 
@@ -6,29 +6,29 @@ import numpy as np
 from jaxtyping import Float64
 
 _NEAR_M: Final = 0.1
-"""What is nearer to the image plane, or behind it, is not projected."""
+"""Smallest depth for projection [m]."""
 # Of the corners: ahead and behind along the length, to both sides, bottom and top.
 _ALONG: Final = np.array([1, 1, -1, -1, 1, 1, -1, -1]) / 2
 _ACROSS: Final = np.array([1, -1, -1, 1, 1, -1, -1, 1]) / 2
 _UP: Final = np.array([0, 0, 0, 0, 1, 1, 1, 1])
 _STARTS: Final = np.array([0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3])
 _ENDS: Final = np.array([1, 2, 3, 0, 5, 6, 7, 4, 4, 5, 6, 7])
-"""Of the edges, among the corners."""
+"""Indices of the edges' end corners."""
 
 
 class ImageBox(NamedTuple):
-    """Where a 3D box is seen."""
+    """Projection of a 3D box into the image."""
 
     box: Float64[np.ndarray, "4"]
-    """x_min, y_min, x_max, y_max [px], within the image; NaN where it shows no edge."""
+    """x_min, y_min, x_max, y_max [px] within the image; NaN: no edge is visible."""
     truncation: float
-    """Share of the box's whole outline that lies outside; 1 where a corner is behind the camera."""
+    """Share of the box's whole outline outside the image; 1 if a corner is behind the camera."""
 
 
 def box_corners(
     location: Float64[np.ndarray, "3"], size_hwl: Float64[np.ndarray, "3"], rotation_y: float
 ) -> Float64[np.ndarray, "8 3"]:
-    """The corners [m] of a labelled 3D box, which is upright in the rectified camera frame."""
+    """Corners [m] of a labelled 3D box, which is upright in the rectified camera frame."""
     height, width, length = size_hwl
     along, across = length * _ALONG, width * _ACROSS
     cos, sin = np.cos(rotation_y), np.sin(rotation_y)
@@ -44,18 +44,19 @@ def project_box(
 ) -> ImageBox:
     """Bounds of a box's edges within the image of (height, width): KITTI's 2D box.
 
-    All 7,481 label files agree, whatever hides an object: the truncation that these bounds give is
-    within 0.004 of the label's (median), and their IoU with a car's 2D label is 0.98 (median). The
-    rest are sides a hundredth of the box off, drawn with a slightly different calibration.
+    This agrees with all 7,481 label files, regardless of occlusion: the truncation of these bounds
+    is within 0.004 of the label's (median), and their IoU with a car's 2D label is 0.98 (median).
+    The remaining differences are about a hundredth of the box, from a slightly different
+    calibration.
 
     Args:
-        corners: As `box_corners` orders them; rectified camera frame [m].
-        image_from_camera: From the frame's calibration.
+        corners: Corners in the order of `box_corners`; rectified camera frame [m].
+        image_from_camera: Projection of the frame's calibration.
         image_size: Height, width [px].
     """
     height, width = image_size
     homogeneous = corners @ image_from_camera[:, :3].T + image_from_camera[:, 3]
-    # A place is within the image where all of these are positive.
+    # A point is within the image if all of these are positive.
     sides = np.array([(0, 0, 1), (1, 0, 0), (-1, 0, width - 1), (0, 1, 0), (0, -1, height - 1)])
     margins = homogeneous @ sides.T - np.array((_NEAR_M, 0, 0, 0, 0))
     start, end = margins[_STARTS], margins[_ENDS]

@@ -1,4 +1,4 @@
-"""The depth completion benchmark: sparse depth maps, images and denser ground truth."""
+"""Data set of the depth completion benchmark: sparse depth maps, images, denser ground truth."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,12 +38,13 @@ _NOMINAL_CAMERA_FROM_LIDAR = (
 class KittiDepthDataset(Dataset[CameraLidarSample]):
     """Frames of KITTI's depth completion benchmark (Uhrig et al. 2017, arXiv:1708.06500).
 
-    The benchmark gives the sweeps only projected, as sparse depth maps. A sample's `points` are
-    their pixels taken back into space, with reflectance 0, in a LiDAR frame of nominal axes in the
-    camera's own centre: `sparse_depth_map` makes the same map of them again, value for value.
-    `depth` is the ground truth; None in the test split.
+    The benchmark contains the sweeps only as projected, sparse depth maps. A sample's `points` are
+    their unprojected pixels, with reflectance 0, in a LiDAR frame with nominal axes at the camera's
+    centre: `sparse_depth_map` restores the same map exactly. `depth` is the ground truth; None in
+        the
+    test split.
 
-    `list_drive_frames` (train, val) and `list_selected_frames` (the other two) say where files lie.
+    `list_drive_frames` (train, val) and `list_selected_frames` (the other two) document the layout.
     """
 
     def __init__(
@@ -56,16 +57,16 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         load_images: bool = True,
         allow_gaps: bool = False,
     ) -> None:
-        """Looks up the files.
+        """Lists the files.
 
         Args:
-            root: The folder that the benchmark's archives were extracted to.
-            split: Which frames.
-            raw_root: The raw recordings' folder, with one folder a day; None: `root`. Images and
-                intrinsics of `train` and `val` come from there.
+            root: Folder of the benchmark's extracted archives.
+            split: Split of the frames.
+            raw_root: Folder of the raw recordings, with one folder per day; None: `root`. Source of
+                images and intrinsics of `train` and `val`.
             cameras: Left and right colour camera, for `train` and `val`; the other two splits are
-                taken as they are.
-            load_images: Whether samples hold an image.
+                used completely.
+            load_images: Whether samples contain an image.
             allow_gaps: Whether a frame may lack its image or its truth, which is then None.
 
         Raises:
@@ -94,7 +95,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
-        """The frames' names, e.g. "2011_09_26_drive_0002_sync_image_0000000005_image_02"."""
+        """Names of the frames, e.g. "2011_09_26_drive_0002_sync_image_0000000005_image_02"."""
         return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
@@ -106,8 +107,8 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
 
         Raises:
             IndexError: There is no such frame.
-            FileError: A file of it cannot be understood, or the sizes of its maps and its image
-                differ; the error names it.
+            FileError: A file is invalid, or the sizes of its maps and its image differ; the error
+                names it.
         """
         keep_opencv_to_one_thread_in_workers()
         index = sample_place(index, len(self))
@@ -139,7 +140,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
 def points_from_depth_map(
     depth_m: Float32[Tensor, "height width"], calibration: Calibration
 ) -> Float32[Tensor, "num_points 4"]:
-    """The pixels that hold a depth [m] as LiDAR-frame points with reflectance 0, row by row."""
+    """Unproject pixels with a depth [m] to LiDAR-frame points with reflectance 0, row by row."""
     rows, columns = depth_m.nonzero(as_tuple=True)
     pixels = torch.stack((columns, rows), dim=-1).double()
     points = unproject_pixels(pixels, depth_m[rows, columns].double(), calibration)
@@ -153,7 +154,7 @@ def _read_calibration(frame: DepthFrame) -> Calibration:
     else:
         intrinsics = read_rectified_intrinsics(frame.intrinsics, int(frame.camera[-2:]))
     return Calibration(
-        # The maps are relative to their own camera, so the rectified baseline has no place here.
+        # The maps are relative to their own camera, so the rectified baseline is not used.
         image_from_camera=torch.from_numpy(np.hstack((intrinsics, np.zeros((3, 1))))),
         camera_from_lidar=torch.tensor(_NOMINAL_CAMERA_FROM_LIDAR, dtype=torch.float64),
     )

@@ -1,7 +1,7 @@
-"""KITTI's files as tensors and types of the project; every reader names the file it refuses.
+"""Readers and writers of KITTI's files with tensors and types of the project.
 
-Any bytes give a value or a FileError. Files are written aside and renamed. What needs no PyTorch
-is read by the modules below this one: `velodyne`, `calibration_text`, `image_file`, `depth_png`.
+Any bytes give a value or a FileError with the file's name. Files are written atomically. The
+readers without PyTorch are in `velodyne`, `calibration_text`, `image_file`, `depth_png`.
 """
 
 from pathlib import Path
@@ -35,7 +35,7 @@ def read_points(
 
 
 def write_points(path: Path | str, points: Float32[Tensor, "num_points 4"]) -> None:
-    """Writes a sweep that `read_points` gives back bit by bit; see `write_sweep`."""
+    """Writes a sweep exactly, for `read_points`; see `write_sweep`."""
     write_sweep(path, points.numpy(force=True))
 
 
@@ -45,7 +45,7 @@ def read_image(path: Path | str) -> UInt8[Tensor, "3 height width"]:
 
 
 def write_image(path: Path | str, image: UInt8[Tensor, "3 height width"]) -> None:
-    """Writes an RGB picture as PNG or JPEG, by the name's end; see `write_rgb`."""
+    """Writes an RGB picture as PNG or JPEG, by the suffix; see `write_rgb`."""
     write_rgb(path, image.numpy(force=True).transpose(1, 2, 0))
 
 
@@ -60,7 +60,7 @@ def read_object_calibration(path: Path | str) -> Calibration:
 
 
 def write_object_calibration(path: Path | str, calibration: Calibration) -> None:
-    """Writes a calibration as the object benchmark does; see `object_calibration_text`."""
+    """Writes a calibration in the object benchmark's format; see `object_calibration_text`."""
     atomic_write_text(path, object_calibration_text(_matrices(calibration)))
 
 

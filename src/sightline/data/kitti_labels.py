@@ -1,4 +1,4 @@
-"""KITTI's label and result files: one object a line, 15 fields, and a score in results."""
+"""KITTI's label and result files: one object per line with 15 fields, and a score in results."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -31,20 +31,20 @@ FIELDS = (
     "rotation_y",
     "score",
 )
-"""What stands on a line, in its order; labels end before the score."""
+"""Fields of a line, in order; labels end before the score."""
 
 CLASS_NAMES = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc")
-"""Of objects, as labels spell them; regions that do not count are DontCare."""
+"""Class names of objects in labels; ignored regions are DontCare."""
 
 UNKNOWN = -1.0
-"""Written for a truncation or an occlusion that is unknown."""
+"""Placeholder of an unknown truncation or occlusion."""
 NO_ALPHA = -10.0
-"""Written for an observation angle that is unknown."""
+"""Placeholder of an unknown observation angle."""
 NO_SIZE, NO_LOCATION, NO_ROTATION = -1.0, -1000.0, -10.0
-"""Written for each size, each coordinate and the rotation_y of an object without a 3D part."""
+"""Placeholders of each size, each coordinate and rotation_y of an object without a 3D part."""
 
 MAX_LABEL_BYTES = 2**24
-"""No label or result file is longer: more than 100,000 objects in one frame."""
+"""Largest label or result file: more than 100,000 objects in one frame."""
 _MAX_NAME = 64  # characters of a class
 _LABEL_FIELDS = 15
 _RESULT_FIELDS = 16
@@ -68,30 +68,30 @@ class KittiObjects:
     """The objects of one label or result file, column by column, in the order of its lines.
 
     KITTI's own conventions: rectified camera frame (x right, y down, z forward), metres and
-    radians; boxes in pixels. What an object lacks has KITTI's placeholder: -1, -10 or -1000.
+    radians; boxes in pixels. Missing values have KITTI's placeholders: -1, -10 or -1000.
     """
 
     class_names: tuple[str, ...]
-    """As written, e.g. Car, Pedestrian, DontCare."""
+    """Class names as in the file, e.g. Car, Pedestrian, DontCare."""
     truncation: Float64[np.ndarray, " num_objects"]
-    """Share outside the image, 0 to 1; -1 where unknown."""
+    """Share outside the image, 0 to 1; -1: unknown."""
     occlusion: Float64[np.ndarray, " num_objects"]
     """0 visible, 1 partly, 2 largely occluded, 3 unknown; -1 in results and for DontCare."""
     alpha: Float64[np.ndarray, " num_objects"]
-    """Observation angle [rad]; -10 where unknown."""
+    """Observation angle [rad]; -10: unknown."""
     boxes2d: Float64[np.ndarray, "num_objects 4"]
     """x_min, y_min, x_max, y_max [px]."""
     dimensions_hwl: Float64[np.ndarray, "num_objects 3"]
-    """Height, width, length [m]; -1 where there is no 3D part."""
+    """Height, width, length [m]; -1: no 3D part."""
     locations: Float64[np.ndarray, "num_objects 3"]
-    """Centre of the bottom face [m]; -1000 where there is no 3D part."""
+    """Centre of the bottom face [m]; -1000: no 3D part."""
     rotation_y: Float64[np.ndarray, " num_objects"]
-    """Turn about the camera's y axis [rad], 0 faces +x; -10 where there is no 3D part."""
+    """Rotation about the camera's y axis [rad], 0 faces +x; -10: no 3D part."""
     scores: Float64[np.ndarray, " num_objects"] | None = None
-    """Confidence, any scale, higher is surer; None in labels."""
+    """Confidence on any scale, higher is more certain; None in labels."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns belong together."""
+        """Checks that the columns have equal lengths."""
         lengths = {
             "class_names": len(self.class_names),
             "truncation": len(self.truncation),
@@ -115,40 +115,41 @@ class KittiObjects:
 def read_labels(path: Path) -> KittiObjects:
     """Reads a label file (ground truth); an empty file is a frame without objects.
 
-    A line may end with a 16th field, as where results serve as ground truth: it is left out, as
-    KITTI's own evaluation does.
+    A 16th field, as in results used as ground truth, is ignored, as in KITTI's own evaluation.
 
     Raises:
-        FileError: Names the file, line and field that is missing, not a number or not finite.
+        FileError: A field is missing, not a number or not finite; contains the file, line and
+            field.
     """
     return parse_objects(_read_bytes(path, "label"), path, with_scores=False)
 
 
 def read_results(path: Path) -> KittiObjects:
-    """Reads a result file (detections with scores); an empty file is a frame without any.
+    """Reads a result file (detections with scores); an empty file is a frame without detections.
 
     Raises:
-        FileError: Names the file, line and field that is missing, not a number or not finite.
+        FileError: A field is missing, not a number or not finite; contains the file, line and
+            field.
     """
     return parse_objects(_read_bytes(path, "result"), path, with_scores=True)
 
 
 def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> KittiObjects:
-    """Parses what a label file holds, or a result file (`with_scores`).
+    """Parses the contents of a label file, or of a result file (`with_scores`).
 
-    Fields are parted by ASCII white space; lines without any are passed over. Numbers are finite
-    decimals (KITTI's C program would also take `nan`, `inf` and hexadecimals, and would lose step
-    with the lines where a field is missing: all four are errors here). The occlusion of a label
-    is a whole number; that of a result means nothing, and any number passes.
+    Fields are separated by ASCII white space; blank lines are skipped. Numbers are finite decimals
+    (KITTI's C program would also accept `nan`, `inf` and hexadecimals, and would misread all lines
+    after a missing field: all four are errors here). The occlusion of a label is a whole number; in
+    a result it has no meaning and may be any number.
 
     Args:
-        data: The bytes of the file.
-        source: Named in errors.
+        data: Bytes of the file.
+        source: Name of the file in errors.
         with_scores: Whether lines end with a score.
 
     Raises:
-        FileError: Names the source, line and field that is missing, not a number or not finite,
-            or the class whose name is absurdly long; or the file is text in UTF-16.
+        FileError: A field is missing, not a number or not finite, a class name is too long, or the
+            file is UTF-16; contains the source and line.
     """
     data = without_marks(data, source)
     num_fields = _RESULT_FIELDS if with_scores else _LABEL_FIELDS
@@ -162,7 +163,7 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
     try:
         if not complete:
             raise ValueError
-        # float takes the underscore of 1_000, the format does not; Person_sitting has one too
+        # float accepts underscores as in 1_000, the format does not; Person_sitting has one, too
         values = np.array([*map(_number if b"_" in data else float, tokens)])
         class_names = tuple([name.decode() for name in names])
     except ValueError:
@@ -180,7 +181,7 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
 def objects_from_rows(
     class_names: tuple[str, ...], rows: Float64[np.ndarray, "num_objects num_fields"]
 ) -> KittiObjects:
-    """Objects of the numbers of their lines: `FIELDS` after the class, with or without a score."""
+    """Build objects from the numbers of their lines: `FIELDS` after the class, score optional."""
     return KittiObjects(
         class_names=class_names,
         truncation=rows[:, 0],
@@ -195,20 +196,20 @@ def objects_from_rows(
 
 
 def write_objects(path: Path, objects: KittiObjects, *, decimals: int | None = 2) -> None:
-    """Writes a label file, or a result file where the objects have scores.
+    """Writes a label file, or a result file if the objects have scores.
 
-    The file appears whole or not at all. KITTI's own label files come out byte for byte.
+    The file is written atomically. KITTI's own label files are reproduced byte for byte.
 
     Args:
         path: The file.
-        objects: What to write.
-        decimals: Of all fields but the score; KITTI uses 2. None writes as many as it takes to
-            read the same numbers back. Scores are always written so: rounding them would make
-            ties, and ties change the evaluation.
+        objects: Objects to write.
+        decimals: Decimals of all fields except the score; KITTI uses 2. None: as many as needed to
+            restore the exact numbers. Scores are always exact: rounding would create ties, which
+            change the evaluation.
 
     Raises:
-        ValueError: A class name is empty, absurdly long or has white space, an occlusion is no
-            whole number, or a number is not finite: no reader would understand the file.
+        ValueError: A class name is empty, too long or has white space, an occlusion is no whole
+            number, or a number is not finite: readers would refuse the file.
     """
     columns = [objects.truncation, objects.occlusion, objects.alpha, objects.boxes2d]
     columns += [objects.dimensions_hwl, objects.locations, objects.rotation_y]
@@ -231,9 +232,9 @@ def _read_bytes(path: Path, kind: str) -> bytes:
 
 
 def _lines(data: bytes) -> Iterator[tuple[int, list[bytes]]]:
-    """Numbers the lines from 1 and parts their fields; blank ones are left out.
+    """Split lines, numbered from 1, into fields; blank lines are left out.
 
-    Bytes, not text: only ASCII white space parts fields, as in C.
+    Works on bytes, not text: only ASCII white space separates fields, as in C.
     """
     for number, line in enumerate(data.splitlines(), start=1):
         if fields := line.split():
@@ -247,7 +248,7 @@ def _number(token: bytes) -> float:
 
 
 def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileError:
-    """Says what is wrong with the first bad line, and what to do."""
+    """Error for the first invalid line, with the remedy."""
     expected = FIELDS if with_scores else FIELDS[:_LABEL_FIELDS]
     kind = "result" if with_scores else "label"
     for number, fields in _lines(data):
@@ -267,7 +268,7 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
 
 
 def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
-    """Problem and remedy of a line in the format of KITTI tracking or of YOLO; else None."""
+    """Problem and remedy for a line in the format of KITTI tracking or of YOLO; else None."""
     is_number = [_is_number(field) for field in fields]
     if len(fields) >= _LABEL_FIELDS + 2 and is_number[:3] == [True, True, False]:
         return (
@@ -292,7 +293,7 @@ def _is_number(token: bytes) -> bool:
 
 
 def _fault_of_field(name: str, token: bytes, *, with_scores: bool) -> tuple[str, str] | None:
-    """What is wrong and what to do; None where the field is sound."""
+    """Problem and remedy of a field; None: the field is valid."""
     said = f"{name} is '{shortened(token.decode(errors='replace'), 24)}'"
     if name == "class":
         return _fault_of_class(token, said)
@@ -319,7 +320,7 @@ def _fault_of_class(token: bytes, said: str) -> tuple[str, str] | None:
 def _format_line(
     class_name: str, values: list[float], decimals: int | None, *, with_scores: bool
 ) -> str:
-    """One line of the file; raises ValueError, to be completed with the place, if it cannot be."""
+    """Format a line of the file; raises ValueError, without the position, if it is impossible."""
     if class_name.encode().split() != [class_name.encode()]:
         raise ValueError(f"class is {class_name!r}, but it is one word: rename it")
     if "\0" in class_name or "\ufeff" in class_name:
@@ -343,7 +344,7 @@ def _format_line(
 
 
 def _is_written_whole(field: str, value: float, *, no_box3d: bool) -> bool:
-    """Whether KITTI's files have the number without a point: occlusions and placeholders."""
+    """Whether KITTI writes the number without a decimal point: occlusions and placeholders."""
     if field == "occlusion":
         return value % 1 == 0
     return no_box3d and _PLACEHOLDERS.get(field) == value

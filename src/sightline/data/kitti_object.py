@@ -1,4 +1,4 @@
-"""The object benchmark: single frames with image, sweep, calibration and labels."""
+"""Data set of the object benchmark: single frames with image, sweep, calibration and labels."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -33,11 +33,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
     """Frames of KITTI's object tree, in the order of their list.
 
     `root`/training or `root`/testing holds `image_2`, `velodyne` (or `velodyne_reduced`), `calib`
-    and, for training, `label_2`. Which files there are is looked up once, so a gap shows at
-    once and not in the middle of a training; their content is read frame by frame. Where the LiDAR
-    is mounted turned (the camera looks more than 5 degrees aside of its x axis) or tilted (by 4
-    degrees or more against the road in some clouds, which is warned of), samples say so by
-    `level_from_lidar`.
+    and, for training, `label_2`. The files are listed once, so that gaps are found at the start and
+    not in the middle of a training; their contents are read frame by frame. If the LiDAR is rotated
+    (the camera points more than 5 degrees away from its x axis) or tilted (by 4 degrees or more
+    against the road in some clouds, with a warning), samples have a `level_from_lidar`.
     """
 
     def __init__(
@@ -50,18 +49,19 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         parts: Collection[Part] = ("image", "points", "objects"),
         needs: Collection[Part] | None = None,
     ) -> None:
-        """Looks up the files.
+        """Lists the files.
 
         Args:
-            root: The folder with `training` and `testing`.
-            split: Testing has no labels: its samples' `objects` are None.
-            sample_list: Which frames; see `read_sample_list`. None: all that have any file.
-            velodyne: The sweeps' folder; KITTI tools keep those cut to the image's view apart.
-            parts: What samples hold. Calibrations and the sizes of images are always read; where
-                a simulation left the camera out, leave out "image": the depth maps tell the size.
-            needs: Those of the parts that no frame may lack; of the others a sample holds what
-                there is. None: all. A frame without any picture has the size of the others'; where
-                there is none at all, the principal point is taken for the centre.
+            root: Folder with `training` and `testing`.
+            split: Split of the frames. Testing has no labels: its samples' `objects` are None.
+            sample_list: List of the frames; see `read_sample_list`. None: all frames with any file.
+            velodyne: Folder of the sweeps; KITTI tools keep sweeps cropped to the image's view
+                apart.
+            parts: Parts to load. Calibrations and the sizes of images are always read; for
+                simulations without a camera leave out "image": the depth maps define the size.
+            needs: Parts that no frame may lack; other parts are optional. None: all. A frame
+                without a picture has the size of the others; if there is no picture at all, the
+                principal point is assumed to be the centre.
 
         Raises:
             ValueError: There are no frames, the list names absent ones, or a frame lacks a part.
@@ -79,7 +79,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         found = list_object_frames(folder, listed, velodyne)
         if needs is not None:
             needed = ("calibration", *(part for part in listed if part in needs))
-            # Calibrations and labels alone, of which some extract too many, are no frame.
+            # Calibrations and labels alone are no frame: some users extract too many of them.
             found = {name: frame for name, frame in found.items() if _has_sensor(frame)}
         if not found:
             folders = ", ".join(f"{split}/{part_folder(part, velodyne)}" for part in needed)
@@ -97,7 +97,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
-        """The frames' names, e.g. "000042", in order."""
+        """Names of the frames, e.g. "000042", in order."""
         return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
@@ -105,7 +105,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         return len(self.frames)
 
     def label_file(self, index: int) -> Path | None:
-        """Where the frame's labels are; None without labels, or where samples leave them out."""
+        """Path of the frame's labels; None: no labels, or they are not loaded."""
         return self.frames[index].objects
 
     def __getitem__(self, index: int) -> CameraLidarSample:
@@ -113,7 +113,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
 
         Raises:
             IndexError: There is no such frame.
-            ValueError: A file of it cannot be understood; the error names it.
+            ValueError: A file is invalid; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
         index = sample_place(index, len(self))

@@ -1,4 +1,4 @@
-"""Raw drives: consecutive moments of one recording."""
+"""Data set of a raw drive: consecutive frames of one recording."""
 
 from pathlib import Path
 
@@ -21,10 +21,10 @@ from sightline.structures.sample import CameraLidarSample
 
 
 class KittiRawDrive(Dataset[CameraLidarSample]):
-    """One drive, moment after moment at 10 Hz, in the official layout or the flat one.
+    """Frames of one drive at 10 Hz, in the official layout or the flat one.
 
-    `list_drive` says how both look. Calibration, poses and times are read once. A LiDAR that is
-    mounted turned or tilted is dealt with as `KittiObjectDataset` does.
+    `list_drive` documents both layouts. Calibration, poses and times are read once. A rotated or
+    tilted LiDAR is handled as in `KittiObjectDataset`.
     """
 
     def __init__(
@@ -34,15 +34,15 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         *,
         allow_gaps: bool = False,
     ) -> None:
-        """Looks up the files and reads the short ones.
+        """Lists the files and reads the short ones.
 
         Args:
-            folder: The drive, e.g. `2011_09_26/2011_09_26_drive_0052_sync`.
-            poses: A file of `world_from_lidar`, one line of 12 numbers for each frame (3x4, row by
-                row), in order; or "oxts", to calculate them from the drive's GPS and IMU readings.
+            folder: Folder of the drive, e.g. `2011_09_26/2011_09_26_drive_0052_sync`.
+            poses: File of `world_from_lidar`, one line of 12 numbers for each frame (3x4, row by
+                row), in order; or "oxts", to compute them from the drive's GPS and IMU readings.
             allow_gaps: Whether a frame may lack its image or its sweep, which is then None: some
-                of the published drives miss a few sweeps. Where there is no image at all, the
-                principal point is taken for the centre of the image.
+                published drives miss a few sweeps. If there is no image at all, the principal point
+                is assumed to be the centre of the image.
 
         Raises:
             ValueError: There are no frames or no calibration, frames lack a part, or the poses or
@@ -63,7 +63,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self.calibration_folder = files.calibration
         self.matrices = read_raw_matrices(files.calibration)
         self.calibration = read_raw_calibration(files.calibration)
-        """That of every frame."""
+        """Calibration of every frame."""
         self._pose = pose_of_tree(files.frames)
         warn_of_tilt(self._pose, self.folder)
         self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
@@ -76,7 +76,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
-        """The frames' numbers as the files are named, e.g. "0000000005", in order."""
+        """Names of the frames as in the file names, e.g. "0000000005", in order."""
         return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
@@ -88,8 +88,8 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
 
         Raises:
             IndexError: There is no such frame.
-            ValueError: A file of it cannot be understood, or its image is of another size than
-                the drive's first; the error names it.
+            ValueError: A file is invalid, or the size of its image differs from the drive's first;
+                the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
         index = sample_place(index, len(self))

@@ -1,4 +1,4 @@
-"""Doubts about the objects of a label file: names, sizes, places and boxes in the image."""
+"""Plausibility checks of a label file: names, sizes, locations and boxes in the image."""
 
 import difflib
 from collections import Counter
@@ -19,13 +19,13 @@ from sightline.data.plain_text import shortened
 from sightline.data.problem import Problem
 from sightline.geometry.mount import MAX_RANGE_M
 
-_OUTSIDE_SHARE = 0.1  # of the image's size, by which a box may reach over its edge
+_OUTSIDE_SHARE = 0.1  # share of the image's size by which a box may exceed it
 _MAX_ANGLE = np.pi + 0.01  # KITTI rounds to two digits
 _OCCLUSIONS = (-1, 0, 1, 2, 3)
-_MAX_SIZE_M = 60.0  # of trams
-_LONG = ("Car", "Van", "Truck", "Tram")  # length is the largest of their sizes
-_TALL = ("Pedestrian",)  # height is
-_CLEARLY = 1.15  # times as large
+_MAX_SIZE_M = 60.0  # longer than trams
+_LONG = ("Car", "Van", "Truck", "Tram")  # length is their largest size
+_TALL = ("Pedestrian",)  # height is their largest size
+_CLEARLY = 1.15  # ratio of clearly different sizes
 _REGION = "DontCare"
 
 _OTHER_NAMES: Final = {
@@ -53,7 +53,7 @@ _OTHER_NAMES: Final = {
 
 
 def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
-    """Doubts about labels; `size` is the image's height and width, where it is known."""
+    """Find implausible labels; `size` is the image's height and width, if known."""
     return [
         *_check_names(objects, path),
         *_check_units(objects, size, path),
@@ -62,7 +62,7 @@ def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Pat
 
 
 def _check_names(objects: KittiObjects, path: Path) -> list[Problem]:
-    """Problem of each class name that is none of KITTI's, which detectors leave out."""
+    """Find class names that are not KITTI's, which detectors ignore."""
     problems = []
     by_small_letters = {each.lower(): each for each in (*CLASS_NAMES, _REGION)}
     for name, count in Counter(objects.class_names).items():
@@ -96,14 +96,14 @@ def _suggested(name: str) -> str | None:
 
 
 def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
-    """Which objects have an angle beyond two pi: of radians there are none so large."""
+    """Mask of the objects with an angle beyond two pi, which cannot be in radians."""
     angles = np.stack((objects.rotation_y, objects.alpha), axis=1)
     is_given = angles != (NO_ROTATION, NO_ALPHA)
     return np.asarray((is_given & (np.abs(angles) > 2 * np.pi)).any(axis=1))
 
 
 def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
-    """Problems that most objects of a file share: another order or unit of their numbers."""
+    """Find problems of most objects of a file: another order or unit of their numbers."""
     has_box3d = (objects.locations != NO_LOCATION).any(axis=1)
     sizes = objects.dimensions_hwl
     names = np.array(objects.class_names, dtype=object)
@@ -138,7 +138,7 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
 
 
 def _order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
-    """Probable order of sizes that are not height, width, length; None where they are."""
+    """Probable order of sizes that are not height, width, length; None: they are."""
     is_long, is_tall = np.isin(names, _LONG), np.isin(names, _TALL)
     heights, widths, lengths = sizes_hwl.T
     height_first = (is_long & (heights > _CLEARLY * lengths)) | (

@@ -1,4 +1,4 @@
-"""Maps of yes and no, as PNGs with 8 bits that anybody can look at."""
+"""Reader and writer of masks as PNGs with 8 bits, visible in any viewer."""
 
 from pathlib import Path
 
@@ -13,17 +13,17 @@ _YES = 255
 
 
 def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
-    """Reads what `write_mask_png` writes: True where a pixel is lighter than middle grey.
+    """Reads a mask of `write_mask_png`: True for pixels lighter than middle grey.
 
     Raises:
-        FileError: The file is no whole picture.
+        FileError: The file is no complete picture.
     """
     mask: Bool[np.ndarray, "height width"] = read_rgb(path)[..., 0] > _YES // 2
     return mask
 
 
 def write_mask_png(path: Path | str, mask: Bool[np.ndarray, "height width"]) -> None:
-    """Writes white for True and black for False, aside first and then renamed.
+    """Writes a mask atomically: white for True, black for False.
 
     Raises:
         ValueError: There is no pixel.

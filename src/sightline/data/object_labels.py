@@ -1,4 +1,4 @@
-"""Labels between KITTI's columns and the types of the project."""
+"""Conversion of labels between KITTI's columns and the types of the project."""
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ from sightline.structures.labels import ObjectLabels
 
 
 def labels_from_kitti(objects: KittiObjects, calibration: Calibration) -> ObjectLabels:
-    """The objects of a label file with their boxes in the LiDAR frame, in float64.
+    """Convert the objects of a label file, with boxes in the LiDAR frame, in float64.
 
     An object without a 3D part (KITTI's placeholders, or a size that is not positive) gets a row
     of zeros. Scores are left out.
@@ -33,9 +33,9 @@ def labels_from_kitti(objects: KittiObjects, calibration: Calibration) -> Object
 
 
 def kitti_from_labels(labels: ObjectLabels, calibration: Calibration) -> KittiObjects:
-    """The columns of a label file: the inverse of `labels_from_kitti`.
+    """Convert labels to the columns of a label file: the inverse of `labels_from_kitti`.
 
-    An object without a 3D part gets KITTI's placeholders; rotation_y comes out in [-pi, pi).
+    An object without a 3D part gets KITTI's placeholders; rotation_y is in [-pi, pi).
     """
     boxes3d = Boxes3D(labels.boxes3d.tensor.double())
     dimensions_hwl, locations, rotation_y = kitti_from_boxes3d(
@@ -55,5 +55,5 @@ def kitti_from_labels(labels: ObjectLabels, calibration: Calibration) -> KittiOb
 
 
 def _tensor(column: np.ndarray) -> Tensor:
-    # A copy: the columns of a file are read-only, which PyTorch warns of.
+    # A copy: PyTorch warns of the read-only columns of a file.
     return torch.tensor(column)

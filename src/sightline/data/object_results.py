@@ -1,4 +1,4 @@
-"""Detections as KITTI's result files hold them, and back."""
+"""Conversion of detections to KITTI's result files and back."""
 
 import numpy as np
 import torch
@@ -25,19 +25,19 @@ from sightline.structures.predictions import Detections2D, Detections3D
 def kitti_from_detections(
     found: Detections2D | Detections3D, calibration: Calibration, image_size: tuple[int, int]
 ) -> KittiObjects:
-    """The columns of a frame's result file: what was found, as far as the image shows it.
+    """Convert detections inside the image to the columns of a frame's result file.
 
-    KITTI labels, and scores, nothing beside the image: what it does not show is left out. The rest
-    keeps its order. Truncation and occlusion are unknown (-1).
+    Detections outside the image are left out, because KITTI neither labels nor scores them. The
+    rest keeps its order. Truncation and occlusion are unknown (-1).
 
-    * Of 2D detections, boxes are cut at the image's border; there is no 3D part and no alpha.
-    * Of 3D detections, the 2D box is that of the 3D box's edges within the image
-      (`project_boxes`), and alpha is rotation_y less the bearing of the box's centre. rotation_y
-      neglects the small tilt between the sensors, as in labels.
+    * 2D detections: boxes are clipped to the image; there is no 3D part and no alpha.
+    * 3D detections: the 2D box bounds the 3D box's edges within the image (`project_boxes`), and
+      alpha is rotation_y minus the bearing of the box's centre. rotation_y neglects the small tilt
+      between the sensors, as in labels.
 
     Args:
-        found: In the LiDAR frame, or in the image.
-        calibration: Of the frame.
+        found: Detections in the LiDAR frame, or in the image.
+        calibration: Calibration of the frame.
         image_size: Height, width [px] of its image.
     """
     if isinstance(found, Detections2D):
@@ -59,7 +59,7 @@ def kitti_from_detections(
 
 
 def kitti_from_detections2d(found: Detections2D, image_size: tuple[int, int]) -> KittiObjects:
-    """`kitti_from_detections` of 2D detections, which need no calibration."""
+    """Convert 2D detections without a calibration; see `kitti_from_detections`."""
     boxes = found.boxes.to("cpu").clip(image_size)
     count = len(boxes)
     return _results(
@@ -74,7 +74,7 @@ def kitti_from_detections2d(found: Detections2D, image_size: tuple[int, int]) ->
 
 
 def detections2d_from_kitti(objects: KittiObjects) -> Detections2D:
-    """The 2D boxes of a result file, in its order."""
+    """Convert the 2D boxes of a result file, in its order."""
     return Detections2D(
         class_names=objects.class_names,
         boxes=Boxes2D(torch.tensor(objects.boxes2d)),
@@ -83,7 +83,7 @@ def detections2d_from_kitti(objects: KittiObjects) -> Detections2D:
 
 
 def detections3d_from_kitti(objects: KittiObjects, calibration: Calibration) -> Detections3D:
-    """Those objects of a result file that have a 3D part, in its order, in the LiDAR frame."""
+    """Convert the objects with a 3D part of a result file to the LiDAR frame, in its order."""
     labels = labels_from_kitti(objects, calibration)
     kept = labels.has_box3d.nonzero()[:, 0]
     return Detections3D(

@@ -1,4 +1,4 @@
-"""Which files an object data set has: KITTI's folder tree, listed without reading them."""
+"""Lists the files of KITTI's object tree without reading them."""
 
 import difflib
 from collections.abc import Collection, Sequence
@@ -14,7 +14,7 @@ CORRUPTED: Final = "corruption"
 """The folder, in a split, of what was done to each frame of it; sound trees have none."""
 Velodyne = Literal["velodyne", "velodyne_reduced"]
 Part = Literal["image", "points", "calibration", "objects", "depth"]
-"""`depth` is no part of KITTI's own tree: simulated ones have dense true depth, as 16-bit PNGs."""
+"""Part of a sample. Only simulated trees have `depth`: dense true depth as 16-bit PNGs."""
 
 PART_SUFFIXES: Final[dict[Part, tuple[str, ...]]] = {
     "image": IMAGE_SUFFIXES,
@@ -23,14 +23,14 @@ PART_SUFFIXES: Final[dict[Part, tuple[str, ...]]] = {
     "objects": (".txt",),
     "depth": (".png",),
 }
-"""How the files of each part end, in lower case; other endings are not read."""
-_COMPARED = 10_000  # of so many frames the names are compared with one that was misspelt
-_NAMED = 5  # so many frames an error lists by name
+"""Suffixes of each part's files, in lower case; other files are ignored."""
+_COMPARED = 10_000  # largest number of frames compared with a misspelt name
+_NAMED = 5  # frames listed in an error
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectFrame:
-    """The files of one frame; None where there is none."""
+    """Files of one frame; None: missing."""
 
     sample_id: str
     image: Path | None = None
@@ -41,7 +41,7 @@ class ObjectFrame:
 
 
 def part_folder(part: Part, velodyne: Velodyne = "velodyne") -> str:
-    """The name of a part's folder: KITTI's, where KITTI has the part."""
+    """Name of a part's folder; KITTI's name if KITTI has the part."""
     if part == "points":
         return velodyne
     names = {"image": "image_2", "calibration": "calib", "objects": "label_2", "depth": "depth"}
@@ -49,7 +49,7 @@ def part_folder(part: Part, velodyne: Velodyne = "velodyne") -> str:
 
 
 def find_velodyne(folder: Path) -> Velodyne:
-    """The sweeps' folder of a split: `velodyne`, unless `velodyne_reduced` alone holds sweeps."""
+    """Folder of a split's sweeps: `velodyne`, unless only `velodyne_reduced` contains sweeps."""
     if _has_sweeps(folder / "velodyne") or not _has_sweeps(folder / "velodyne_reduced"):
         return "velodyne"
     return "velodyne_reduced"
@@ -65,9 +65,9 @@ def _has_sweeps(folder: Path) -> bool:
 def list_object_frames(
     folder: Path, parts: Collection[Part], velodyne: Velodyne = "velodyne"
 ) -> dict[str, ObjectFrame]:
-    """All frames of which `folder` (e.g. `training`) holds any of the parts, by name, sorted.
+    """List all frames of `folder` (e.g. `training`) with any of the parts, sorted by name.
 
-    Files that do not end as KITTI's do (in any case), and hidden ones, are not looked at.
+    Hidden files and files without KITTI's suffixes (in any case) are ignored.
     """
     files = {
         part: list_files(folder / part_folder(part, velodyne), PART_SUFFIXES[part])
@@ -87,14 +87,14 @@ def list_object_frames(
 
 
 def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
-    """The files of a folder that end in one of the suffixes, in any case, by stem, sorted.
+    """List the files of a folder with one of the suffixes, in any case, sorted by stem.
 
-    Of two with the same stem the one with the earlier suffix counts, small letters first; a folder
-    that is not there is empty; hidden files are left out.
+    Of two files with the same stem the earlier suffix wins, lower case first. A missing folder is
+    empty. Hidden files are left out.
 
     Args:
-        folder: Where they lie.
-        suffixes: In lower case, with their dots.
+        folder: Folder of the files.
+        suffixes: Suffixes in lower case, with their dots.
     """
     if not folder.is_dir():
         return {}
@@ -108,14 +108,14 @@ def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
 
 
 def describe_absent(frame_ids: Sequence[str]) -> str:
-    """The first few of the frames, and how many more there are."""
+    """List the first few frames, and the number of the others."""
     named = ", ".join(map(shortened, frame_ids[:_NAMED]))
     more = len(frame_ids) - _NAMED
     return f"{named} and {more} more" if more > 0 else named
 
 
 def suggest_frames(frame_id: str, known: Sequence[str]) -> str:
-    """What somebody may have meant who asked for a frame that is not there."""
+    """Suggest names similar to that of a missing frame."""
     number = int(frame_id) if frame_id.isascii() and frame_id.isdecimal() else None
     same = [
         each

@@ -1,4 +1,4 @@
-"""Opens a data set by what its folder looks like."""
+"""Opens data sets; recognises their type by the folder's contents."""
 
 from collections.abc import Collection, Sequence
 from functools import partial
@@ -55,11 +55,11 @@ _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class SampleDataset(Protocol):
-    """A data set whose samples have names."""
+    """Data set with named samples."""
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
-        """The names of the samples, in order; each occurs once."""
+        """Names of the samples, in order; each occurs once."""
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -69,7 +69,7 @@ class SampleDataset(Protocol):
 
 
 class NamedSubset(Dataset[CameraLidarSample]):
-    """Some samples of a data set, by name, in the order of the names."""
+    """Subset of a data set by names, in their order."""
 
     def __init__(self, dataset: SampleDataset, sample_ids: Sequence[str]) -> None:
         """Looks up the names.
@@ -109,11 +109,11 @@ def open_dataset(
     parts: Collection[Part] | None = None,
     needs: Collection[Part] | None = None,
 ) -> SampleDataset:
-    """Opens a recording, KITTI's object tree, its depth tree or a raw drive, whichever `path` is.
+    """Opens a recording, KITTI's object tree, depth tree or raw drive, depending on `path`.
 
-    A tree of several splits gives `training`, or the depth tree's cropped selection, `val`,
-    anonymous test frames or `train`, the first that is there; name the split's own folder for
-    another.
+    From a tree of several splits it opens `training`, or in a depth tree the first existing one of
+    the cropped selection, `val`, anonymous test frames and `train`; give the folder of another
+    split to open it.
 
     Examples:
         >>> import sightline
@@ -124,20 +124,20 @@ def open_dataset(
 
     Args:
         path: Folder of the recording, the tree, one of its splits, or the drive.
-        sample_list: Which samples; see `read_sample_list`. None: all.
+        sample_list: List of the samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
-        parts: What samples hold; images may be there all the same. None: image, points and objects,
-            as far as they are there.
-        needs: Those of the parts that no frame may lack. None: all that are named.
+        parts: Parts to load; images may be loaded additionally. None: image, points and objects, if
+            they exist.
+        needs: Parts that no frame may lack. None: all named parts.
 
-    The first frame and two more are judged by the rules of `sightline check`: what is doubtful is
-    a warning, as are files of other formats beside those that are read.
+    The first frame and two more are checked by the rules of `sightline check`: doubtful values, and
+    ignored files of other formats, give a warning.
 
     Raises:
         TypeError: `path` is no path, or the parts are no names.
-        ValueError: `path` is none of these, or lacks files; there are no such parts; a folder that
-            is used holds files of other formats alone; a sweep is not in metres, or has
-            reflectances outside 0 to 1.
+        ValueError: `path` is no data set, or lacks files; there are no such parts; a used folder
+            contains only files of other formats; a sweep is not in metres, or has reflectances
+            outside 0 to 1.
     """
     path = plain_path("path", path, "the folder of a data set; give its name")
     if velodyne is not None:
@@ -202,7 +202,7 @@ def _open_object_tree(
 
 
 def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
-    """Judge some frames by the rules of `check`, before any work on them."""
+    """Check some frames by the rules of `check`, before any work on them."""
     misnamed = unprintable_names(path, dataset.sample_ids)
     if misnamed is not None:
         raise FileError(misnamed.path, misnamed.problem, misnamed.remedy)
@@ -223,7 +223,7 @@ def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
 
 
 def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
-    """Whether a data set of `open_dataset` has a file of a part of a sample; none is read."""
+    """Whether a data set of `open_dataset` has a file for a part of a sample; reads none."""
     if isinstance(dataset, NamedSubset):
         return has_file(dataset.dataset, dataset.positions[index], part)
     assert isinstance(
@@ -235,7 +235,7 @@ def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:
-    """Where an object tree's sweeps were found, for records; of other data the default's name."""
+    """Name of an object tree's folder of sweeps, for records; the default for other data."""
     return dataset.velodyne if isinstance(dataset, KittiObjectDataset) else "velodyne"
 
 
@@ -245,7 +245,7 @@ def _no_data_set(path: Path) -> FileError:
 
 
 def _by_its_name(path: Path) -> Path:
-    """The same folder under the name that tells a split, where `path` is "." or a link to it."""
+    """Resolve a path that does not show the name of the split, such as "." or a link."""
     known = (*OBJECT_SPLITS, *_DRIVE_SPLITS)
     resolved = path.resolve()
     return resolved if path.name not in known and resolved.name in known else path

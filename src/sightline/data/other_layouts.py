@@ -1,4 +1,4 @@
-"""Folders that are no data set as they stand, with the likely cause and what to do."""
+"""Problems of folders that are no data set, with the likely cause and the remedy."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,8 +28,8 @@ _MARKS: Final = (
     {"calib.txt", "velodyne"},
     {"calib.txt", "image_2"},
 )
-"""Names that stand together in the folders of data sets."""
-_LOOKED_AT = 200  # folders below
+"""Names that occur together in the folders of data sets."""
+_LOOKED_AT = 200  # largest number of searched subfolders
 _EXPECTED: Final = (
     "a recording (calibration.yaml, images, points), or of KITTI's an object tree "
     "(training/image_2, ..), a depth completion tree (val_selection_cropped/velodyne_raw, "
@@ -38,7 +38,7 @@ _EXPECTED: Final = (
 
 
 def refuse_other_layouts(path: Path) -> None:
-    """Refuse folders that look like a known layout but hold their files in another.
+    """Refuse folders that look like a known layout but have another.
 
     Raises:
         FileError: It is a sequence of KITTI odometry or tracking.
@@ -49,7 +49,7 @@ def refuse_other_layouts(path: Path) -> None:
 
 
 def no_data_set(path: Path) -> Problem:
-    """Problem of a path that is no data set: what it is instead, or what was expected."""
+    """Problem of a path that is no data set: its actual type, or the expected one."""
     causes = (_no_folder, _odometry, _tracking, _uncalibrated, _source, _unread, _apart, _below)
     for cause in causes:
         problem = cause(path)
@@ -113,7 +113,7 @@ def _uncalibrated(path: Path) -> Problem | None:
 
 
 def _source(path: Path) -> Problem | None:
-    """Problem of data that an import makes a recording of."""
+    """Problem of data that must be imported as a recording."""
     if any(each.is_dir() for each in path.glob("v1.0-*")):
         return _to_import(path, "is a data set of nuScenes")
     bags = [each for each in _entries(path) if each.suffix.lower() in _BAGS]
@@ -127,7 +127,7 @@ def _to_import(path: Path, problem: str) -> Problem:
 
 
 def _unread(path: Path) -> Problem | None:
-    """Problem of sensors' folders whose files are all of other formats."""
+    """Problem of sensors' folders with only files of other formats."""
     places = [*recording_folders(path), *drive_folders(path)]
     for folder in (path, *(path / split for split in OBJECT_SPLITS)):
         places += object_folders(folder)
@@ -136,7 +136,7 @@ def _unread(path: Path) -> Problem | None:
 
 
 def _apart(path: Path) -> Problem | None:
-    """Problem of KITTI's archives that were unpacked into a folder each."""
+    """Problem of KITTI's archives unpacked into separate folders."""
     parts = [
         each
         for each in _entries(path)
@@ -154,7 +154,7 @@ def _apart(path: Path) -> Problem | None:
 
 
 def _below(path: Path) -> Problem | None:
-    """Problem of a folder above those that hold data sets."""
+    """Problem of a parent folder of data sets."""
     found = []
     for folder in _folders_below(path):
         names = {each.name for each in _entries(folder)}
@@ -173,7 +173,7 @@ def _below(path: Path) -> Problem | None:
 
 
 def _folders_below(path: Path) -> Iterator[Path]:
-    """Folders below, the nearer ones first, up to three down."""
+    """Subfolders, up to three levels down, nearer ones first."""
     level = [path]
     for _ in range(3):
         level = sorted(

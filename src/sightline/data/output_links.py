@@ -1,4 +1,4 @@
-"""Links in a folder that is written to, which would lead what is written out of it."""
+"""Check for links that lead out of an output folder."""
 
 import os
 from collections.abc import Iterator
@@ -7,17 +7,17 @@ from pathlib import Path
 
 
 def check_links(folder: Path, *, files: bool = False) -> None:
-    """Refuse a folder to write into that holds a link to a folder outside, or to nothing.
+    """Refuse an output folder with a broken link or a link to a folder outside.
 
-    The folder itself may be a link, and links may lead to other places in it. A link to a file is
-    harmless where files are written by `atomic_path`, which puts the file in the link's place.
+    The folder itself may be a link, and links may lead to other places inside it. A link to a file
+    is harmless for files written by `atomic_path`, which replaces the link.
 
     Args:
-        folder: Need not be there.
-        files: Whether links to files are refused, too: for files of libraries, which follow them.
+        folder: Output folder; may be missing.
+        files: Whether to refuse links to files, too: for libraries, which follow them.
 
     Raises:
-        ValueError: It holds such a link.
+        ValueError: The folder contains such a link.
     """
     inside = os.path.realpath(folder)
     for link in _links(folder):

@@ -1,4 +1,4 @@
-"""A pool of processes for jobs of many independent pieces."""
+"""Pool of processes for jobs of many independent pieces."""
 
 import contextlib
 import multiprocessing
@@ -18,14 +18,14 @@ from typing import Any, Final, NamedTuple
 from threadpoolctl import threadpool_limits
 
 Piece = Callable[[int], str]
-"""Does piece N of a job; returns the error, empty if there is none."""
+"""Function that runs piece N of a job; returns the error, empty: none."""
 
 one_blas_thread = partial(threadpool_limits, limits=1, user_api="blas")
-"""Keeps numpy's matrix products to one thread, for good or as a context: the matrices here are too
-small to share, and waiting helpers take the cores from the other workers."""
+"""Limits numpy's matrix products to one thread, permanently or as a context: the matrices here are
+too small for several, and waiting threads occupy the cores of other workers."""
 
 _PATIENCE_S: Final = 5.0
-"""What workers may take for the pieces that they are at when the job is stopped."""
+"""Time for workers to finish their current pieces when the job is stopped."""
 _LONGEST_PIECE_S: Final = 3600.0
 """Time without any result after which workers count as hanging."""
 _LOOK_EVERY_S: Final = 5.0
@@ -36,9 +36,9 @@ _HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
 def holding_signals() -> Iterator[None]:
     """Delay Ctrl-C, SIGTERM and SIGALRM until the block ends, for the start of processes.
 
-    Python drops an exception that a signal's handler raises within `os.fork`, where libraries have
-    hooks: the job would run on. A child starts with handlers that do nothing; see
-    `ignore_interrupts`. Outside the main thread, which alone gets signals, this does nothing.
+    Python drops exceptions of signal handlers within hooks of `os.fork`, which libraries have: the
+    job would continue. A child starts with handlers that do nothing; see `ignore_interrupts`.
+    Outside the main thread, the only one that gets signals, this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -63,27 +63,28 @@ def holding_signals() -> Iterator[None]:
 
 
 def ignore_interrupts() -> None:
-    """Leave Ctrl-C, which a terminal sends to every process, to the parent of this worker."""
+    """Ignore Ctrl-C in a worker: a terminal sends it to every process; the parent handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGALRM):
         signal.signal(number, signal.SIG_DFL)
 
 
 def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
-    """Does pieces 0 to `count` - 1 of a job and gives what each returns, in order.
+    """Runs pieces 0 to `count` - 1 of a job and yields their return values, in order.
 
-    A piece returns its error instead of raising it: what it raises comes back from a worker as a
-    RuntimeError that holds a traceback. It writes a file aside and renames it, so that a job which
-    is stopped, by Ctrl-C for one, leaves whole files only.
+    A piece returns its error instead of raising it: an exception in a worker becomes a RuntimeError
+    with a traceback. Pieces write files atomically, so that a job stopped by Ctrl-C, for example,
+    leaves only complete files.
 
     Args:
-        piece: Picklable where workers are started afresh (macOS, Windows).
+        piece: Function of a piece; must be picklable on systems that spawn workers (macOS,
+            Windows).
         count: Number of pieces.
-        workers: Processes that work; 1 is this process alone.
+        workers: Number of worker processes; 1: only this process.
 
     Raises:
-        ChildProcessError: A worker was ended from outside, for want of memory for one, none
-            could be started, or for an hour none has given a result.
+        ChildProcessError: A worker was ended from outside, such as for lack of memory, none could
+            be started, or there was no result for an hour.
     """
     if workers == 1:
         with one_blas_thread():
@@ -98,19 +99,19 @@ def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
 
 
 class _Outcome(NamedTuple):
-    """What comes back from a worker."""
+    """Result of a worker."""
 
     result: str
     fault: str
-    """Traceback, where the piece raised an error."""
+    """Traceback, if the piece raised an error."""
 
 
 class _Pool:
-    """Workers, each of which does a piece at a time.
+    """Pool of workers that run one piece at a time.
 
-    Not `concurrent.futures`, whose workers answer Ctrl-C with a traceback each and outlive a
-    parent that is killed, and not PyTorch's `DataLoader`: PyTorch alone takes half a gigabyte of a
-    worker, and not every job needs it.
+    Not `concurrent.futures`: its workers print a traceback each after Ctrl-C and outlive a killed
+    parent. Not PyTorch's `DataLoader`: PyTorch needs half a gigabyte per worker, and many jobs do
+    not need it.
     """
 
     def __init__(self, piece: Piece) -> None:
@@ -138,7 +139,7 @@ class _Pool:
         self._processes[ours] = process
 
     def run(self, count: int) -> Iterator[str]:
-        """Does the pieces and gives what they return, in order."""
+        """Runs the pieces and yields their return values, in order."""
         waiting = iter(range(count))
         done: dict[int, str] = {}
         for channel in self._processes:
@@ -152,8 +153,8 @@ class _Pool:
             yield done.pop(position)
 
     def _ready(self) -> set[object]:
-        """The channels of workers that have a result or have ended."""
-        # Counted in short waits: a job that the user suspends does not age meanwhile.
+        """Channels of workers that have a result or have ended."""
+        # Counted in short waits, so that the time of a suspended job does not count.
         for _ in range(int(_LONGEST_PIECE_S / _LOOK_EVERY_S)):
             ready: set[object] = set(wait(self._doing, timeout=_LOOK_EVERY_S))
             if ready:
@@ -165,15 +166,15 @@ class _Pool:
         )
 
     def close(self) -> None:
-        """Lets every worker finish its piece and ends it, by force where it does not."""
+        """Lets every worker finish its piece and ends it, by force if necessary."""
         for channel in self._processes:
             with contextlib.suppress(OSError):  # it has ended already
                 channel.send(None)
-        deadline_s = time.monotonic() + _PATIENCE_S  # one for all, however many are slow
+        deadline_s = time.monotonic() + _PATIENCE_S  # one deadline for all workers
         processes = list(self._processes.values())
         for process in processes:
             process.join(max(deadline_s - time.monotonic(), 0))
-        for process in processes:  # all before the first is waited for: they end side by side
+        for process in processes:  # signals all before waiting: they end in parallel
             process.terminate()
         deadline_s = time.monotonic() + _LOOK_EVERY_S
         for process in processes:
@@ -186,7 +187,7 @@ class _Pool:
         position = next(waiting, None)
         if position is not None:
             self._doing[channel] = position
-            with contextlib.suppress(OSError):  # it has ended, as is seen when it is asked
+            with contextlib.suppress(OSError):  # it has ended, which is detected later
                 channel.send(position)
 
     def _take_back(self, channel: Connection) -> str:
@@ -202,15 +203,15 @@ class _Pool:
 
 
 def _work(piece: Piece, channel: Connection) -> None:
-    """Does the pieces whose numbers come through the channel, until None comes or nobody is left.
+    """Run the pieces whose numbers come through the channel, until None or the end of the parent.
 
-    The parent ends its workers between two pieces. The workers are the parallelism: threads on top
-    would make all of them wait for each other.
+    The parent ends its workers between two pieces. Work is parallel over workers: additional
+    threads would make them wait for each other.
     """
-    import cv2  # here: the command line checks outputs by this package, and starts without it
+    import cv2  # here, because the command line imports this module and must start fast
 
     ignore_interrupts()
-    with contextlib.suppress(EOFError, OSError):  # the parent tells the user
+    with contextlib.suppress(EOFError, OSError):  # the parent informs the user
         cv2.setNumThreads(0)
         one_blas_thread()
         if "torch" in sys.modules:

@@ -1,7 +1,7 @@
-"""Where things are in the image, in numpy: what makes a frame must do without PyTorch.
+"""Projection into the image in numpy, for the creation of frames without PyTorch.
 
-PyTorch alone would take half a gigabyte of each worker process. The tests hold these functions
-against their namesakes in `sightline.geometry`.
+PyTorch alone needs half a gigabyte per worker process. Tests compare these functions with the
+functions of the same name in `sightline.geometry`.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from sightline.data.view import is_in_view
 def resized_and_cropped(
     calibration: CalibrationMatrices, scale: float, x_min: int, y_min: int
 ) -> CalibrationMatrices:
-    """The calibration of the resized image, cut so that its pixel (x_min, y_min) becomes (0, 0)."""
+    """Adapt a calibration to a resized image, cropped so that (x_min, y_min) becomes (0, 0)."""
     middle = (scale - 1) / 2  # pixels are squares around their centres
     resize = np.array([[scale, 0.0, middle], [0.0, scale, middle], [0.0, 0.0, 1.0]])
     crop = np.array([[1.0, 0.0, -x_min], [0.0, 1.0, -y_min], [0.0, 0.0, 1.0]])
@@ -25,7 +25,7 @@ def resized_and_cropped(
 
 
 def image_from_lidar(calibration: CalibrationMatrices) -> Float64[np.ndarray, "3 4"]:
-    """Pixels from LiDAR metres, homogeneous."""
+    """Homogeneous matrix from LiDAR metres to pixels."""
     projection: Float64[np.ndarray, "3 4"] = (
         calibration.image_from_camera @ calibration.camera_from_lidar
     )
@@ -35,7 +35,7 @@ def image_from_lidar(calibration: CalibrationMatrices) -> Float64[np.ndarray, "3
 def project_points(
     points: Float32[np.ndarray, "num_points 4"], calibration: CalibrationMatrices
 ) -> tuple[Float64[np.ndarray, "num_points 2"], Float64[np.ndarray, " num_points"]]:
-    """Pixels (x, y; NaN where not in front of the camera) and depths of a sweep [m]."""
+    """Project a sweep to pixels (x, y; NaN behind the camera) and depths [m]."""
     projection = image_from_lidar(calibration)
     homogeneous = points[:, :3].astype(np.float64) @ projection[:, :3].T + projection[:, 3]
     depths = homogeneous[:, 2]
@@ -46,10 +46,10 @@ def project_points(
 def in_image(
     pixels: Float[np.ndarray, "num_points 2"], image_size: tuple[int, int]
 ) -> Bool[np.ndarray, " num_points"]:
-    """Which places (x, y) lie on a pixel of an image of (height, width)."""
+    """Mask of the positions (x, y) inside an image of (height, width)."""
     height, width = image_size
     x, y = pixels.T
-    # Written so that NaN, which compares false with everything, is outside.
+    # In this form NaN is outside: its comparisons are false.
     inside: Bool[np.ndarray, " num_points"] = (x >= -0.5) & (x < width - 0.5)
     inside &= (y >= -0.5) & (y < height - 0.5)
     return inside
@@ -60,7 +60,7 @@ def seen_by_camera(
     calibration: CalibrationMatrices,
     image_size: tuple[int, int],
 ) -> Float32[np.ndarray, "num_seen 4"]:
-    """KITTI's "reduced" sweep: the points of a sweep that `is_in_view` keeps."""
+    """Crop a sweep to KITTI's "reduced" sweep: the points in `is_in_view`."""
     seen: Float32[np.ndarray, "num_seen 4"] = points[
         is_in_view(points, image_from_lidar(calibration), image_size)
     ]
@@ -72,7 +72,7 @@ def unproject_pixels(
     depths: Float64[np.ndarray, " num_points"],
     calibration: CalibrationMatrices,
 ) -> Float64[np.ndarray, "num_points 3"]:
-    """LiDAR-frame points [m] of pixels with depth [m]."""
+    """Unproject pixels with depths [m] to points in the LiDAR frame [m]."""
     scaled = np.column_stack((pixels, np.ones(len(pixels)))) * depths[:, None]
     offset = calibration.image_from_camera[:, 3]
     in_camera = np.linalg.solve(calibration.image_from_camera[:, :3], (scaled - offset).T).T
@@ -87,7 +87,7 @@ def sparse_depth_map(
     calibration: CalibrationMatrices,
     image_size: tuple[int, int],
 ) -> Float32[np.ndarray, "height width"]:
-    """A sweep as a depth map [m] of (height, width): the nearest point of each pixel, 0 = none."""
+    """Project a sweep to a depth map [m] of (height, width): nearest point per pixel, 0 = none."""
     pixels, depths = project_points(points, calibration)
     kept = in_image(pixels, image_size)
     columns, rows = np.floor(pixels[kept] + 0.5).astype(np.int64).T
@@ -98,7 +98,7 @@ def sparse_depth_map(
 
 
 def wrap_angle(angle: Float64[np.ndarray, " num_angles"]) -> Float64[np.ndarray, " num_angles"]:
-    """The same direction as `angle` [rad], in [-pi, pi)."""
+    """Wrap an angle [rad] to [-pi, pi)."""
     wrapped = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
-    # The sum rounds: an angle just below -pi would come out as +pi, which is not in the range.
+    # Rounding of the sum: an angle just below -pi would become +pi, which is outside the range.
     return np.where(wrapped >= np.pi, -np.pi, wrapped)

@@ -1,4 +1,4 @@
-"""Whole files, read so that nothing in a folder can take all memory or wait for ever."""
+"""Reader of whole files that cannot exhaust the memory or wait for ever."""
 
 import os
 import select
@@ -8,30 +8,30 @@ from typing import Final
 
 from sightline.data.problem import FileError
 
-_GROWN_BYTES = 2**16  # more than its length a file may hold: the system's own say 0
+_GROWN_BYTES = 2**16  # allowed excess over the reported length: system files report 0
 _PATIENCE_S: Final = 60.0
 _BLOCK_BYTES: Final = 2**16
 
 
 def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
-    """The bytes of a regular file; arguments and errors as of `check_regular`."""
+    """Read the bytes of a regular file; arguments and errors as in `check_regular`."""
     size = check_regular(path, max_bytes=max_bytes, remedy=remedy)
     try:
         with Path(path).open("rb") as file:
-            return file.read(min(size + _GROWN_BYTES, max_bytes))  # so much is allotted first
+            return file.read(min(size + _GROWN_BYTES, max_bytes))  # allocated at once
     except OSError as error:
         raise _unreadable(path, error, remedy) from error
 
 
 def read_pipe(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
-    """Read what a pipe holds until its writers have closed it, as `<(sort names.txt)` in a shell.
+    """Read a pipe until its writers close it, such as `<(sort names.txt)` in a shell.
 
     Raises:
-        FileError: It cannot be read, holds more bytes, or nothing comes for a minute.
+        FileError: The pipe cannot be read, contains more bytes, or has no data for a minute.
     """
     content = b""
     try:
-        # Else a named pipe that nobody writes to would be waited for without an end.
+        # Otherwise a named pipe without a writer would block for ever.
         pipe = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         try:
             while len(content) <= max_bytes:
@@ -49,16 +49,16 @@ def read_pipe(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
 
 
 def check_regular(path: Path | str, *, max_bytes: int, remedy: str) -> int:
-    """The length of a file that can be read to its end.
+    """Check that a file can be read to its end; returns its length.
 
     Args:
         path: The file; links are followed.
-        max_bytes: More than any sound file of its kind holds.
-        remedy: What errors say to do.
+        max_bytes: Limit above the size of any valid file of its kind.
+        remedy: Remedy for errors.
 
     Raises:
         FileError: There is no such file, it cannot be read, is larger, or is no regular file:
-            reading from a pipe would wait for ever, from some devices without an end.
+            reading from a pipe may block for ever, and some devices have no end.
     """
     try:
         status = Path(path).stat()

@@ -1,4 +1,4 @@
-"""Text files of numbers, read so that any bytes give a value or a clear word."""
+"""Reader of text files with numbers; any bytes give a value or a clear error."""
 
 import math
 from collections.abc import Sequence
@@ -9,11 +9,11 @@ from sightline.data.problem import FileError
 
 _MAX_BYTES = 2**26
 MAX_CALIBRATION_BYTES = 2**20
-"""Largest calibration file that is read: hundreds of times KITTI's."""
+"""Largest size of a calibration file: hundreds of times KITTI's."""
 REMEDY = "correct it or extract the file again"
 
 _MARK = b"\xef\xbb\xbf"
-"""Byte order mark of UTF-8, which editors of Windows put in front of a text."""
+"""Byte order mark of UTF-8, which Windows editors write at the start of a text."""
 _WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -21,17 +21,17 @@ def read_text(path: Path | str, *, max_bytes: int = _MAX_BYTES) -> str:
     """Read a file in UTF-8, with or without byte order marks; every line ends in a line feed.
 
     Raises:
-        FileError: It cannot be read, is not UTF-8, or larger than any calibration, pose or split
-            file.
+        FileError: The file cannot be read, is not UTF-8, or is larger than any calibration, pose or
+            split file.
     """
     return _decoded(path, read_bytes(path, max_bytes=max_bytes, remedy=REMEDY))
 
 
 def read_piped_text(path: Path | str) -> str:
-    """Read the text of a pipe in the same way.
+    """Read the text of a pipe; see `read_text`.
 
     Raises:
-        FileError: As `read_text`, or nothing comes.
+        FileError: See `read_text`; or the pipe has no data.
     """
     return _decoded(path, read_pipe(path, max_bytes=_MAX_BYTES, remedy="name a file"))
 
@@ -46,10 +46,10 @@ def _decoded(path: Path | str, content: bytes) -> str:
 
 
 def without_marks(content: bytes, path: Path | str) -> bytes:
-    """Remove the byte order marks of UTF-8 text, which stay inside where files were joined.
+    """Remove the byte order marks of UTF-8 text, also inside joined files.
 
     Raises:
-        FileError: The text is UTF-16 or UTF-32, or holds NUL bytes as no text does.
+        FileError: The text is UTF-16 or UTF-32, or contains NUL bytes.
     """
     if content.startswith(_WIDE_MARKS):
         raise FileError(path, "is text in UTF-16, expected UTF-8", "save it as plain text in UTF-8")
@@ -63,13 +63,13 @@ def without_marks(content: bytes, path: Path | str) -> bytes:
 def parse_numbers(
     words: Sequence[str], path: Path | str, place: str = "", *, limit: float = 1e12
 ) -> list[float]:
-    """The words as finite numbers of plausible size.
+    """Parse words as finite numbers of plausible size.
 
     Args:
-        words: One number each, in plain or exponent notation.
-        path: The file that they are of, for errors.
-        place: The line or name in it, for errors.
-        limit: The largest magnitude that is believed.
+        words: Numbers in plain or exponent notation.
+        path: File of the words, for errors.
+        place: Line or name in the file, for errors.
+        limit: Largest plausible magnitude.
 
     Raises:
         FileError: A word is no number, not finite or beyond the limit.
@@ -77,7 +77,7 @@ def parse_numbers(
     numbers = []
     for position, word in enumerate(words, start=1):
         try:
-            # float() takes "1_000" and other alphabets' digits, which are no numbers in a file.
+            # float() accepts "1_000" and digits of other alphabets, which are invalid in a file.
             number = float(word) if word.isascii() and "_" not in word else math.nan
         except ValueError:
             number = math.nan
@@ -93,6 +93,6 @@ def parse_numbers(
 
 
 def shortened(text: str, max_length: int = 64) -> str:
-    """Text from a file as an error may show it: one line, without control characters."""
+    """Shorten text from a file for an error: one line, without control characters."""
     shown = text if len(text) <= max_length else f"{text[:max_length]}..."
     return shown if shown.isprintable() else ascii(shown)[1:-1]

@@ -1,4 +1,4 @@
-"""YAML and JSON files of a few plain values, read within bounds of time and memory."""
+"""Reader of small YAML and JSON files of plain values with limits on time and memory."""
 
 import re
 from collections.abc import Hashable, Iterator
@@ -11,26 +11,26 @@ from sightline.data.plain_text import read_text, shortened
 from sightline.data.problem import FileError
 
 _MAX_BYTES: Final = 2**17
-"""Largest file that is read: a matrix by hand takes some hundred bytes."""
+"""Largest size of a file: a handwritten matrix takes some hundred bytes."""
 _MAX_DEPTH: Final = 12
 """Deepest nesting of lists and mappings."""
 
 
 _MAX_VALUES: Final = 2**16
-"""Largest number of values, each alias counted as all that it stands for."""
+"""Largest number of values, with aliases expanded."""
 
 
 class _RefusedError(ValueError):
-    """A form of YAML that a file of plain values does not need."""
+    """Feature of YAML that files of plain values do not need."""
 
 
 class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]
-    """YAML without merges, entries that stand twice, deep nesting and aliases that multiply."""
+    """Loader of YAML without merges, duplicate keys, deep nesting and multiplying aliases."""
 
     depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
-        """Read one value with all that it holds."""
+        """Read a value with its contents."""
         is_alias = self.check_event(yaml.AliasEvent)
         line = self.peek_event().start_mark.line + 1
         self.depth += 1
@@ -58,10 +58,10 @@ _NUMBERS: Final = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _PLAIN_NUMBER: Final = re.compile(
     r"[-+]?(0|[1-9][0-9]*|[0-9]*\.[0-9]*|\.(inf|Inf|INF)|[0-9]+(?=[eE]))([eE][-+]?[0-9]+)?|\.(nan|NaN|NAN)"
 )
-"""YAML's other forms are of base 2, 8 (0700) and 16, or have digits in groups (7_00)."""
+"""Decimal numbers; YAML's other forms have base 2, 8 (0700) or 16, or grouped digits (7_00)."""
 _EXPONENT: Final = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
-"""Numbers of JSON that are text in YAML 1.1, which wants a point and a sign with an exponent."""
-# YAML 1.1 has numbers of base 60 (1:30:00), which take time that grows with their length squared.
+"""JSON numbers that are text in YAML 1.1, where an exponent requires a point and a sign."""
+# YAML 1.1 has numbers of base 60 (1:30:00); parsing takes quadratic time.
 _PlainLoader.yaml_implicit_resolvers = {
     first: [
         (tag, re.compile(f"(?!.*:)(?:{form.pattern})", form.flags) if tag in _NUMBERS else form)
@@ -95,16 +95,16 @@ def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> 
 
     Args:
         path: The file.
-        remedy: What errors say to do.
-        max_bytes: Largest file that is read.
+        remedy: Remedy for errors.
+        max_bytes: Largest size of the file.
 
     Raises:
-        FileError: It cannot be read, is neither, larger than any such file, or has merges, names
-            that stand twice, deep nesting or aliases that multiply.
+        FileError: The file cannot be read, is neither YAML nor JSON, is too large, or has merges,
+            duplicate keys, deep nesting or multiplying aliases.
     """
     text = read_text(path, max_bytes=max_bytes)
     try:
-        # Tabs may part JSON's words, YAML takes none in front of a line.
+        # JSON allows tabs between words, YAML allows none at the start of a line.
         said: object = yaml.load(text.expandtabs(), Loader=_PlainLoader)  # noqa: S506 - a safe one
     except _RefusedError as error:
         raise FileError(path, str(error), remedy) from error

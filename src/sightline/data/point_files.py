@@ -1,4 +1,4 @@
-"""Point clouds of recordings that are not KITTI's: .npy, .pcd, .ply and KITTI's own .bin."""
+"""Reader of point clouds of recordings: .npy, .pcd, .ply and KITTI's .bin."""
 
 import io
 import math
@@ -33,38 +33,39 @@ from sightline.geometry.cloud_checks import (
 )
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
-"""Endings of the files that `read_cloud` reads; capitals count as well."""
+"""Suffixes of the files for `read_cloud`, in any case."""
 
 
 def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarray, "num_points 4"]:
     """Read x, y, z [m] (LiDAR frame) and reflectance [0, 1].
 
-    `.bin`: float32 x, y, z, intensity as KITTI has it. `.npy`: rows of three numbers or more, the
-    fourth of which is the intensity, or a structured array with the names of a PCD's fields.
-    `.pcd`, and vertices of a `.ply`: with fields x, y, z and perhaps intensity (`columns_of`).
-    Without one, reflectance is 0, with a warning. Points come in the order of the file; where a
-    field names their rings (`RING_NAMES`), ring by ring as in KITTI's files (`in_kitti_order`).
+    `.bin`: float32 x, y, z, intensity as in KITTI. `.npy`: rows of at least three numbers, the
+    fourth is the intensity, or a structured array with the field names of a PCD file. `.pcd`, and
+    vertices of a `.ply`: fields x, y, z and optionally intensity (`columns_of`). Without an
+    intensity, reflectance is 0, with a warning. Points keep the order of the file; if a field
+    contains their rings (`RING_NAMES`), they are sorted by ring as in KITTI's files
+    (`in_kitti_order`).
 
-    Points whose x, y, z are not finite or all zero, which drivers write where no echo came back,
-    are left out, with a warning where they are most of the cloud; an intensity that is not finite
-    becomes 0, with a warning. What is brighter than max_intensity, as retroreflectors are, gets 1.
+    Points without an echo (x, y, z not finite or all zero) are left out, with a warning if they are
+    most of the cloud. Non-finite intensities become 0, with a warning. Intensities above
+    max_intensity, such as of retroreflectors, become 1.
 
     Args:
         path: The file.
-        max_intensity: What stands for a reflectance of 1.
+        max_intensity: Intensity of a reflectance of 1.
 
     Raises:
-        FileError: The file cannot be read or is cut short, lacks a coordinate, is not in metres, or
-            an intensity is negative, or more than one in a hundred above max_intensity.
+        FileError: The file cannot be read or is truncated, lacks a coordinate, is not in metres, or
+            an intensity is negative, or more than one in a hundred is above max_intensity.
     """
     return checked_cloud(cloud_rows(path), max_intensity, path)
 
 
 def cloud_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
-    """Read x, y, z and intensity (else 0) as the file has them, of points without an echo, too.
+    """Read x, y, z and intensity (0 if missing) unchanged, including points without an echo.
 
     Raises:
-        FileError: The file cannot be read or is cut short, or lacks a coordinate.
+        FileError: The file cannot be read or is truncated, or lacks a coordinate.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".bin":
@@ -81,12 +82,12 @@ def checked_cloud(
     *,
     are_losses_told: bool = True,
 ) -> Float32[np.ndarray, "num_echoes 4"]:
-    """Points that an echo made, with reflectances in [0, 1]; warns of losses beyond the usual.
+    """Select points with an echo, with reflectances in [0, 1]; warns of unusual losses.
 
-    It warns of a max_intensity that all intensities stay far below, too.
+    Also warns if all intensities are far below max_intensity.
 
     Raises:
-        FileError: Points are not in metres, or intensities are not on this scale (`cloud_fault`);
+        FileError: Points are not in metres, or intensities do not fit the scale (`cloud_fault`);
             names `source`, a file or a topic.
     """
     if are_losses_told:
@@ -102,15 +103,15 @@ def checked_cloud(
 
 
 def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "num_points 4"]:
-    """Read x, y, z and intensity (else 0) from a structured array, by the names of its fields.
+    """Read x, y, z and intensity (0 if missing) from a structured array by its field names.
 
-    The intensity is the first of `INTENSITY_NAMES` that is there, holds one number a point and not
-    zeros alone; where there is a choice or none, a warning says so. Where there is a field of ring
+    The intensity is the first existing field of `INTENSITY_NAMES` with one number per point and not
+    only zeros; a warning is given if there are several or none. If there is a field of ring
     numbers, points are sorted by it.
 
     Raises:
-        FileError: It lacks a coordinate, or a field holds something else than one number a point;
-            names `source`.
+        FileError: A coordinate is missing, or a field does not have one number per point; names
+            `source`.
     """
     names = fields.dtype.names or ()
     warn_of_repeated(names)
@@ -139,7 +140,7 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
 def _values(
     fields: np.ndarray, name: str, source: Path | str
 ) -> Float32[np.ndarray, " num_points"]:
-    """One number a point, infinite where float32 cannot hold it: such points are left out."""
+    """Read one number per point; infinite if beyond float32: such points are left out."""
     if not _is_number_a_point(fields, name):
         kind = str(fields.dtype[name])[:40]
         problem = f"has the field {name} of {kind}, expected one number a point"
@@ -149,7 +150,7 @@ def _values(
 
 
 def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
-    """The first of some fields that tells brightness, in a list; none of none."""
+    """Select the first field with usable intensities, in a list; empty: there is none."""
     if not names and fields.size:
         there = ", ".join(fields.dtype.names or ())[:200]
         warnings.warn(  # without the cloud's name: said once, of all that have these fields
@@ -189,15 +190,15 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
         )
     warn_of_columns(rows.shape[1], len(rows))
     points = np.zeros((len(rows), 4), np.float32)
-    with np.errstate(over="ignore"):  # becomes infinite, and is left out
+    with np.errstate(over="ignore"):  # overflow becomes infinite, and is left out
         points[:, : min(rows.shape[1], 4)] = rows[:, :4]
     return points
 
 
 def _npy_array(content: bytes, path: Path | str) -> np.ndarray:
-    """The array of a .npy file, a view of its bytes: its header alone can allot no memory.
+    """Read the array of a .npy file as a view of its bytes, so that its header allocates nothing.
 
-    Not by `np.load`, which takes archives of arrays, too.
+    Not with `np.load`, which also accepts archives of arrays.
     """
     file = io.BytesIO(content)
     try:

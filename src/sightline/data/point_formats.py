@@ -1,4 +1,4 @@
-"""Readers of PCD and PLY files, which allot no more memory than the file's size warrants."""
+"""Readers of PCD and PLY files with memory limited by the file's size."""
 
 import io
 import re
@@ -27,7 +27,7 @@ from sightline.data.point_rows import (
 from sightline.data.problem import FileError
 
 _NO_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position, then rotation as w, x, y, z
-_LZF_GAIN = 100  # more than the format can pack: 264 bytes in three
+_LZF_GAIN = 100  # above the format's largest ratio: 264 bytes in three
 _PCD_KINDS = {
     **{("F", size): f"<f{size}" for size in (2, 4, 8)},
     **{("I", size): f"<i{size}" for size in (1, 2, 4, 8)},
@@ -49,12 +49,12 @@ _PLY_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": "
 def read_pcd(path: Path | str) -> np.ndarray:
     """Read the points of a PCD file as a structured array.
 
-    Taken is what PCL takes: versions .5 to .7, header lines in any order, without COUNT, POINTS,
-    HEIGHT or VIEWPOINT (of the oldest files without SIZE and TYPE), fields of COUNT 0 and gaps
-    named `_`.
+    Accepts the same files as PCL: versions .5 to .7, header lines in any order, without COUNT,
+    POINTS, HEIGHT or VIEWPOINT (the oldest files also without SIZE and TYPE), fields of COUNT 0 and
+    gaps named `_`.
 
     Raises:
-        FileError: The file cannot be read, is cut short, or its header makes no sense.
+        FileError: The file cannot be read, is truncated, or has an invalid header.
     """
     content = read_bytes(path, max_bytes=MAX_BYTES, remedy=REMEDY)
     header, start = _pcd_header(content, path)
@@ -81,7 +81,7 @@ def read_pcd(path: Path | str) -> np.ndarray:
 
 
 def _pcd_header(content: bytes, path: Path | str) -> tuple[dict[str, list[str]], int]:
-    """Words of each header line by its keyword, and where the points start."""
+    """Parse the words of each header line by keyword, and the offset of the points."""
     header: dict[str, list[str]] = {}
     start = len(b"\xef\xbb\xbf") if content.startswith(b"\xef\xbb\xbf") else 0
     line_end = b"\r" if has_bare_returns(content) else b"\n"
@@ -99,10 +99,10 @@ def _pcd_header(content: bytes, path: Path | str) -> tuple[dict[str, list[str]],
 
 
 def _check_viewpoint(header: dict[str, list[str]], path: Path | str) -> None:
-    """Warns of a VIEWPOINT, which is not applied: by PCL's convention points are the sensor's own.
+    """Warns of a VIEWPOINT, which is not applied: in PCL, points are in the sensor's frame.
 
     Raises:
-        FileError: It is no pose.
+        FileError: The VIEWPOINT is no pose.
     """
     words = header.get("VIEWPOINT")
     if not words:
@@ -148,7 +148,7 @@ def _pcd_fields(header: dict[str, list[str]], path: Path | str) -> list[Field]:
 
 
 def _pcd_size(header: dict[str, list[str]], path: Path | str) -> int:
-    """Number of points that a header announces."""
+    """Number of points in the header."""
     if header.get("POINTS"):
         return _whole_number(header["POINTS"][0], "POINTS", path)
     if not header.get("WIDTH"):
@@ -169,7 +169,7 @@ def read_ply(path: Path | str) -> np.ndarray:
     """Read the vertices of a PLY file, ASCII or binary, as a structured array.
 
     Raises:
-        FileError: The file cannot be read, is cut short, or its vertices are no list of numbers.
+        FileError: The file cannot be read, is truncated, or its vertices are no list of numbers.
     """
     content = read_bytes(path, max_bytes=MAX_BYTES, remedy=REMEDY)
     order, elements, start = _ply_header(content, path)
@@ -200,7 +200,7 @@ def read_ply(path: Path | str) -> np.ndarray:
 
 
 def _element_bytes(element: tuple[str, int, list[Field]]) -> int:
-    """Size of an element without lists, or without rows, in a binary file."""
+    """Size in a binary file of an element without lists, or without rows."""
     _, count, fields = element
     return count * sum(field.num_bytes for field in fields) if count else 0
 
@@ -208,7 +208,7 @@ def _element_bytes(element: tuple[str, int, list[Field]]) -> int:
 def _ply_header(
     content: bytes, path: Path | str
 ) -> tuple[str, list[tuple[str, int, list[Field]]], int]:
-    """Byte order (= in ASCII), each element's name, number and fields, and where they start."""
+    """Parse byte order (= in ASCII), each element's name, number and fields, and their offset."""
     line_end = rb"\r" if has_bare_returns(content) else rb"\r?\n"
     last_line = rb"(?:^|[\r\n])end_header[ \t]*" + line_end
     end = re.search(last_line, content[:MAX_HEADER])
@@ -238,7 +238,7 @@ def _ply_header(
 def _compressed_points(
     body: bytes, fields: Sequence[Field], num_points: int, path: Path | str
 ) -> np.ndarray:
-    """Points that lie field by field in a block packed by LZF."""
+    """Read points stored field by field in an LZF-compressed block."""
     if not num_points:
         return no_points(fields)
     if len(body) < 8:

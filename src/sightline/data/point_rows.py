@@ -1,6 +1,6 @@
 """Rows of numbers in PCD and PLY files, and the names of their fields.
 
-No more memory is allotted than the file's size warrants.
+Memory is limited by the file's size.
 """
 
 import io
@@ -16,7 +16,7 @@ import numpy as np
 from sightline.data.problem import FileError
 
 MAX_BYTES: Final = 2**28
-"""Largest file, and largest unpacked cloud: 4 million points of 64 bytes."""
+"""Largest file, and largest decompressed cloud: 4 million points of 64 bytes."""
 
 REMEDY: Final = "export the cloud again, with fields x, y, z [m] and intensity"
 """Remedy in errors about clouds."""
@@ -25,14 +25,14 @@ INTENSITY_NAMES: Final = (
     *("reflectivity", "reflectance", "remission", "remissions", "refl", "ref"),
     *("intensity", "intensities", "i", "amplitude", "signal", "brightness"),
 )
-"""Names of the field that says how bright an echo is, calibrated ones first.
+"""Names of fields with the brightness of echoes, calibrated ones first.
 
 Ouster's and Hesai's drivers write `reflectivity` (0 to 255, corrected for range) beside `intensity`
 (photon counts).
 """
 
 RING_NAMES: Final = ("ring", "ring_id", "laser_id", "channel", "beam", "line")
-"""Names of the field that says which laser an echo is of."""
+"""Names of fields with the laser's number."""
 
 MAX_HEADER: Final = 2**16
 """Longest header [bytes]."""
@@ -42,27 +42,27 @@ _MICROSOFT_NAN = re.compile(rb"[-+]?(?:nan\(\w*\)|1\.#\w+)", re.IGNORECASE)
 
 
 class Field(NamedTuple):
-    """A field of each point, as a header announces it."""
+    """Field of each point, as defined in a header."""
 
     name: str
     kind: str
-    """Of its numbers, as NumPy writes types."""
+    """NumPy type of its numbers."""
     length: int = 1
-    """Numbers a point."""
+    """Numbers per point."""
 
     @property
     def num_bytes(self) -> int:
-        """Size in a binary file [bytes a point]."""
+        """Size in a binary file [bytes per point]."""
         return self.length * np.dtype(self.kind).itemsize
 
 
 def plain_name(name: str) -> str:
-    """A field's name in lower case, without the beginning that CloudCompare gives to its own."""
+    """Name of a field in lower case, without CloudCompare's prefix."""
     return name.lower().removeprefix("scalar_")
 
 
 def warn_of_repeated(names: Iterable[str]) -> None:
-    """Warn of fields that the same name, in capitals or not, is given to, where they are used."""
+    """Warn of used fields with the same name, ignoring case."""
     tally = Counter(plain_name(name) for name in names)
     repeated = [name for name, count in tally.items() if count > 1 and name in _USED_NAMES]
     if repeated:
@@ -74,13 +74,13 @@ def warn_of_repeated(names: Iterable[str]) -> None:
 
 
 def has_bare_returns(content: bytes) -> bool:
-    """Tell headers whose lines end in a carriage return alone, by the first."""
+    """Whether the lines of a header end in a single carriage return, by the first line."""
     first = re.search(rb"\r\n|\n|\r", content[:MAX_HEADER])
     return first is not None and first.group() == b"\r"
 
 
 def row_type(fields: Sequence[Field]) -> np.dtype[np.void]:
-    """Rows of these fields without gaps; of several of one name the first."""
+    """Row type of the fields without gaps; of fields with equal names only the first."""
     layout: dict[str, tuple[object, int]] = {}
     offset = 0
     for field in fields:
@@ -101,7 +101,7 @@ def row_type(fields: Sequence[Field]) -> np.dtype[np.void]:
 def binary_points(
     body: bytes, fields: Sequence[Field], num_points: int, path: Path | str
 ) -> np.ndarray:
-    """Points that lie one after the other."""
+    """Read points stored row by row."""
     row_bytes = sum(field.num_bytes for field in fields)
     if not num_points or not row_bytes:
         return no_points(fields)
@@ -118,15 +118,15 @@ def ascii_points(
     skipped: int = 0,
     following: int = 0,
 ) -> np.ndarray:
-    """Points that are written out, a line each, by the fields that are needed.
+    """Read the required fields of points stored as text, one per line.
 
     Args:
-        body: What comes after the header.
-        fields: Of each point.
-        num_points: How many there are.
+        body: Contents after the header.
+        fields: Fields of each point.
+        num_points: Number of points.
         path: The file, for errors.
-        skipped: Lines before the points.
-        following: Lines of other things after them.
+        skipped: Number of lines before the points.
+        following: Number of lines of other elements after the points.
     """
     if b"(" in body or b"#" in body:
         body = _MICROSOFT_NAN.sub(b"nan", body)
@@ -146,7 +146,7 @@ def ascii_points(
             needed.setdefault(field.name, column)
         column += field.length
     if not needed:
-        return no_points(fields)  # whose names are refused
+        return no_points(fields)  # its field names are refused later
     rows = _checked_rows(lines, expected, num_points, path)
     try:
         values = np.loadtxt(rows, usecols=list(needed.values()), ndmin=2)
@@ -168,7 +168,7 @@ def ascii_points(
 def _checked_rows(
     lines: Iterable[str], expected: int, num_points: int, path: Path | str
 ) -> Iterator[str]:
-    """The lines of so many points, without what is empty or a remark.
+    """Yield the lines of the points, without blank lines and comments.
 
     Raises:
         FileError: A line has another number of values than expected.
@@ -196,15 +196,15 @@ def _values_of(line: str) -> list[str]:
 
 
 def no_points(fields: Sequence[Field]) -> np.ndarray:
-    """Rows of an empty cloud."""
+    """Return an array of an empty cloud."""
     return np.zeros(0, [(name, "f4") for name in dict.fromkeys(field.name for field in fields)])
 
 
 def check_length(num_found: int, num_points: int, path: Path | str) -> None:
-    """Refuses a file that holds fewer points than its header announces.
+    """Refuses a file with fewer points than its header states.
 
     Raises:
-        FileError: It is cut short.
+        FileError: The file is truncated.
     """
     if num_found < num_points:
         problem = f"holds {num_found} of the {num_points} points that it announces"
@@ -212,7 +212,7 @@ def check_length(num_found: int, num_points: int, path: Path | str) -> None:
 
 
 def warn_of_rest(num_more: int, num_points: int, path: Path | str) -> None:
-    """Warns of points beyond those that the header announces, which are left out."""
+    """Warns of points beyond the header's number, which are left out."""
     if num_more > 0:
         warnings.warn(
             f"{path}: holds {num_more} points more than the {num_points} that it announces: they "

@@ -1,4 +1,4 @@
-"""What is wrong with a file, said so that it can be put right."""
+"""Problems of files, each with a remedy."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,9 +6,9 @@ from typing import Literal
 
 
 def escaped(text: str) -> str:
-    """Show what no screen shows as an escape: control characters, line ends, foreign bytes.
+    """Escape invisible characters: control characters, line ends, invalid bytes.
 
-    Marks that turn the order of letters count among them.
+    Marks that change the direction of text are escaped, too.
     """
     if text.isprintable():
         return text
@@ -16,22 +16,22 @@ def escaped(text: str) -> str:
 
 
 def plain_line(text: str) -> str:
-    """Turn any text into one line that a terminal, a log and a page can show."""
+    """Turn any text into one line for terminals, logs and pages."""
     return escaped(" ".join(text.split()))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Problem:
-    """One fault of a data set; `str` gives it as one line."""
+    """Fault of a data set; `str` formats it as one line."""
 
     path: Path
     problem: str
-    """What is wrong, after the path: "holds 17 bytes, expected .."."""
+    """Description of the fault, after the path: "holds 17 bytes, expected .."."""
     remedy: str
-    """What to do."""
+    """Remedy."""
 
     def __str__(self) -> str:
-        """The file, what is wrong with it and what to do, in characters that any screen shows."""
+        """Formats file, fault and remedy in printable characters."""
         return plain_line(f"{self.path}: {self.problem}; {self.remedy}")
 
 
@@ -41,20 +41,20 @@ def install_command(extra: Literal["export", "pretrained", "ros", "viz"]) -> str
 
 
 class FileError(ValueError):
-    """A file cannot be used, for the reason and with the remedy that its fields hold."""
+    """Error for an unusable file, with the reason and the remedy as fields."""
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
-        """Says what is wrong with which file, and what to do; as `Problem`'s fields."""
-        super().__init__(path, problem, remedy)  # all three: so it survives pickling
+        """Stores file, fault and remedy; see `Problem`."""
+        super().__init__(path, problem, remedy)  # all three, for pickling
 
     @property
     def problem(self) -> Problem:
-        """The same as a line of a longer report."""
+        """Converts the error to a problem of a report."""
         path, problem, remedy = self.args
         return Problem(path=Path(path), problem=problem, remedy=remedy)
 
     def __str__(self) -> str:
-        """The problem's line."""
+        """Formats the problem's line."""
         return str(self.problem)
 
 
@@ -73,7 +73,7 @@ _OUT_OF_MEMORY = (
 
 
 def memory_fault(error: BaseException) -> str | None:
-    """Say in one line that memory ran out, where that is what an error means; else None.
+    """One-line message for an error caused by lack of memory; else None.
 
     Libraries raise errors of many types for it.
     """

@@ -1,4 +1,4 @@
-"""How long a job has still to go."""
+"""Display of a job's progress and remaining time."""
 
 import sys
 import time
@@ -25,7 +25,7 @@ Item = TypeVar("Item")
 
 
 class _RateColumn(ProgressColumn):
-    """Items per second."""
+    """Column of items per second."""
 
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
@@ -33,7 +33,7 @@ class _RateColumn(ProgressColumn):
 
 
 def progress_bars(console: Console) -> Progress:
-    """Bars with counts, rates and the time left, which go away at the end."""
+    """Create bars with counts, rates and the remaining time, which disappear at the end."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -47,7 +47,7 @@ def progress_bars(console: Console) -> Progress:
 
 @contextmanager
 def waiting(description: str) -> Iterator[None]:
-    """Shows what a step that takes a while does, on stderr, where that is a terminal."""
+    """Shows the description of a slow step on stderr, if it is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield
@@ -59,16 +59,16 @@ def waiting(description: str) -> Iterator[None]:
 def track(
     iterable: Iterable[Item], *, description: str, total: int | None = None
 ) -> Iterator[Item]:
-    """Gives the items on and shows how many are done, their rate and the time left.
+    """Yields the items and shows their number, rate and the remaining time.
 
-    The display stands on stderr and goes away at the end, so that what remains is the result.
-    Where stderr is no terminal, a file or a pipe, a line comes now and then of a job that takes
-    longer than ten seconds. Streams: items are drawn one at a time.
+    The display is on stderr and disappears at the end, so that only the result remains. If stderr
+    is no terminal, jobs of more than ten seconds print a line from time to time. Items are read one
+    at a time.
 
     Args:
-        iterable: What is worked through.
-        description: What happens to the items, e.g. "scoring".
-        total: Their number, where `iterable` does not know it.
+        iterable: Items of the job.
+        description: Description of the job, e.g. "scoring".
+        total: Number of items, if `iterable` has no length.
     """
     console = Console(stderr=True)
     if total is None and isinstance(iterable, Sized):
@@ -84,7 +84,7 @@ def track(
 
 
 def _with_lines(iterable: Iterable[Item], description: str, total: int | None) -> Iterator[Item]:
-    """Gives the items on and says now and then, in a line on stderr, how many are done."""
+    """Yields the items and prints their number on stderr from time to time."""
     lines = ProgressLines(first_s=_FIRST_LINE_S)
     for done, item in enumerate(iterable):
         lines.show(description, done, total)
@@ -92,16 +92,16 @@ def _with_lines(iterable: Iterable[Item], description: str, total: int | None) -
 
 
 class ProgressLines:
-    """Lines on stderr about jobs, by name: first after a while, then now and again."""
+    """Progress lines of named jobs on stderr: the first after a delay, then from time to time."""
 
     def __init__(self, *, first_s: float = 0.0) -> None:
-        """Takes how long nothing is said of a job."""
+        """Stores the delay of a job's first line."""
         self._first_s = first_s
         self._begun: dict[str, tuple[float, int]] = {}
         self._next: dict[str, float] = {}
 
     def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
-        """Says how many pieces of a job are done, where it is time; None: nobody knows of all."""
+        """Prints the number of finished pieces of a job if it is time; total None: unknown."""
         now = time.monotonic()
         is_new = name not in self._begun
         begun_s, first = self._begun.setdefault(name, (now, done))
@@ -117,13 +117,13 @@ class ProgressLines:
         self.say(", ".join(parts))
 
     def end(self, name: str) -> None:
-        """Forgets a job that is done."""
+        """Forgets a finished job."""
         self._begun.pop(name, None)
         self._next.pop(name, None)
 
     def say(self, text: str) -> None:
-        """A line."""
+        """Prints a line."""
         print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Leaves the lines where they are."""
+        """Does nothing: the lines remain."""

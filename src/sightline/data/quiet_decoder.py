@@ -1,4 +1,4 @@
-"""Decoding of pictures without the lines that libpng and libjpeg print, which name no file."""
+"""Decoder of pictures that suppresses the messages of libpng and libjpeg, which name no file."""
 
 import contextlib
 import ctypes
@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 
 _NAMES: Final = {"linux": "stderr", "darwin": "__stderrp"}
-"""C's variable that points to its standard error, by platform."""
+"""Name of C's variable of standard error, by platform."""
 _MAX_BYTES: Final = 2**16
 _DAMAGE: Final = re.compile(
     r"libpng error: (?P<png>.*)|Corrupt JPEG data: (?P<jpeg>(?!.*extraneous bytes).*)"
     r"|(?P<end>Premature end of JPEG file)"
 )
-"""Lines that tell of lost pixels; others tell of profiles and of bytes that stand too much."""
+"""Messages about lost pixels; others are about profiles and extraneous bytes."""
 _OF_CODECS: Final = re.compile(rb"libpng |Corrupt JPEG|Premature end of JPEG|Warning: unknown JFIF")
 
 
@@ -33,16 +33,16 @@ def decode_quietly(content: bytes, flags: int) -> tuple[np.ndarray | None, str]:
         flags: OpenCV's `IMREAD_...`.
 
     Returns:
-        The pixels, None where there are none, and the first damage that the decoder told of; empty
-        where it told of none, or nothing can be caught on this platform.
+        The pixels, None if there are none, and the decoder's first message about damage; empty:
+        there is none, or messages cannot be caught on this platform.
 
     Raises:
-        cv2.error: OpenCV refuses the picture, for its sides for one.
+        cv2.error: OpenCV refuses the picture, for example for its size.
     """
     buffer = np.frombuffer(content, np.uint8)
     with _STDERR.caught() as said:
         pixels = cv2.imdecode(buffer, flags)
-    if said:  # perhaps of what another thread decoded meanwhile
+    if said:  # may come from a picture of another thread
         with _STDERR.caught(alone=True) as said:
             pixels = cv2.imdecode(buffer, flags)
     damage = _DAMAGE.search("".join(said))
@@ -50,9 +50,10 @@ def decode_quietly(content: bytes, flags: int) -> tuple[np.ndarray | None, str]:
 
 
 class _CaughtStderr:
-    """C's standard error, led into a file while pictures are decoded.
+    """Redirection of C's standard error to a file while pictures are decoded.
 
-    Python's own, and the descriptor 2 of both, stay as they are, so that no other line is lost.
+    Python's standard error, and descriptor 2 of both, stay unchanged, so that no other line is
+    lost.
     """
 
     def __init__(self) -> None:
@@ -65,10 +66,10 @@ class _CaughtStderr:
 
     @contextlib.contextmanager
     def caught(self, *, alone: bool = False) -> Iterator[list[str]]:
-        """Catch what is printed; it stands in the list afterwards.
+        """Catch printed lines; the list contains them afterwards.
 
         Args:
-            alone: Whether no other thread may be inside, so that all is of this one's making.
+            alone: Whether to exclude other threads, so that all lines come from this one.
         """
         with self._turn:
             self._turn.wait_for(lambda: not self._is_alone and not (alone and self._num_inside))
@@ -129,13 +130,13 @@ class _CaughtStderr:
             heard = os.pread(self._file.fileno(), size, 0)
             os.ftruncate(self._file.fileno(), 0)
             lines = heard.splitlines(keepends=True)
-            # Of several threads at once the ends of lines come after both.
+            # With several threads, the line ends come after both texts.
             others = [line for line in lines if line.strip() and not _OF_CODECS.match(line)]
-            with contextlib.suppress(OSError):  # where nobody listens
+            with contextlib.suppress(OSError):  # nobody reads standard error
                 os.write(2, b"".join(others))
 
     def forget(self) -> None:
-        """Begin anew in a process that was forked, perhaps while others were inside."""
+        """Reset the state in a forked process; other threads may have been inside at the fork."""
         if self._num_inside:
             variable = _c_stderr()
             if variable is not None and self._ours is not None:
@@ -148,7 +149,7 @@ class _CaughtStderr:
 
 @functools.cache
 def _c_stderr() -> ctypes.c_void_p | None:
-    """C's variable; None where it is not to be had."""
+    """C's variable of standard error; None: not available."""
     name = _NAMES.get(sys.platform)
     if name is None:
         return None

@@ -1,4 +1,4 @@
-"""Recordings of your own: images and clouds in folders, and how they fit."""
+"""Data set of a recording: images and clouds in folders, with their calibration."""
 
 import warnings
 from collections.abc import Collection, Sequence
@@ -54,14 +54,14 @@ _REMEDY = "see docs/recordings.md for the layout"
 
 
 class RecordingDataset(Dataset[CameraLidarSample]):
-    """The frames of a recording, by name; `list_recording` says which files it has.
+    """Frames of a recording, by name; `list_recording` documents its files.
 
-    Sizes of images and numbers of beams may differ from frame to frame. Images of a lens that
-    distorts are straightened as they are read. Clouds stay in the LiDAR's own frame; where it is
-    mounted turned (the camera looks more than 5 degrees aside of its x axis) or tilted (by 3
-    degrees or more against the road in some clouds), samples say so by `level_from_lidar`. Warns
-    once, with the likely cause, where the LiDAR can hardly sit as the calibration says, where it is
-    found to be tilted, and where its height above the road has to be assumed.
+    Image sizes and numbers of beams may differ between frames. Images of a distorting lens are
+    undistorted when they are read. Clouds stay in the LiDAR's own frame; if it is rotated (the
+    camera points more than 5 degrees away from its x axis) or tilted (by 3 degrees or more against
+    the road in some clouds), samples have a `level_from_lidar`. Warns once, with the likely cause,
+    if the mounting in the calibration is implausible, if a tilt is found, and if the height above
+    the road has to be assumed.
     """
 
     def __init__(
@@ -72,13 +72,13 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         parts: Collection[Part] = ("image", "points", "objects"),
         needs: Collection[Part] | None = None,
     ) -> None:
-        """Looks up the files.
+        """Lists the files.
 
         Args:
-            folder: The recording.
-            sample_list: Which frames; see `read_sample_list`. None: all.
-            parts: What samples hold.
-            needs: Those of the parts that no frame may lack. None: all.
+            folder: Folder of the recording.
+            sample_list: List of the frames; see `read_sample_list`. None: all.
+            parts: Parts to load.
+            needs: Parts that no frame may lack. None: all.
 
         Raises:
             ValueError: There are no frames, the list names absent ones, or a frame lacks a part or
@@ -124,7 +124,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
-        """The frames' names, as the files have them, in order."""
+        """Names of the frames as in the file names, in order."""
         return tuple(frame.sample_id for frame in self.frames)
 
     def __len__(self) -> int:
@@ -132,14 +132,14 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         return len(self.frames)
 
     def label_file(self, index: int) -> Path | None:
-        """Where the frame's labels are; None without labels, or where samples leave them out."""
+        """Path of the frame's labels; None: no labels, or they are not loaded."""
         return self.frames[index].objects if "objects" in self.parts else None
 
     def examine(self, frame: ObjectFrame) -> Findings:
-        """Examine labels and depth of a frame; its calibration is judged when it is opened.
+        """Examine labels and depth of a frame; its calibration is checked when it is opened.
 
         Raises:
-            FileError: The calibration's lens folds the picture.
+            FileError: The lens of the calibration folds the picture.
         """
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         reference = self._reference_images[frame.calibration]
@@ -160,7 +160,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 
         Raises:
             IndexError: There is no such frame.
-            ValueError: A file of it cannot be understood; the error names it.
+            ValueError: A file is invalid; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
         index = sample_place(index, len(self))
@@ -203,7 +203,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             raise FileError(self.folder, str(error), _REMEDY) from error
 
     def _rig(self, path: Path) -> "_Rig":
-        """Reads a calibration; one file for all frames once."""
+        """Reads a calibration; a file for all frames is read once."""
         if self._last_rig is None or self._last_rig[0] != path:
             said = read_recording_calibration(path)
             tilt = self._pose.tilt if said.lidar_tilt is None else said.lidar_tilt
@@ -215,7 +215,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 
     @cached_property
     def _pose(self) -> LidarPose:
-        """How the LiDAR is mounted, by the road and what the first calibration says."""
+        """Pose of the LiDAR, from the road and the first calibration."""
         first = first_whole(self._all_frames)
         path = None if first is None else first.calibration
         return pose_of_recording(
@@ -279,16 +279,16 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Rig:
-    """A camera and a LiDAR as they are mounted."""
+    """Mounted camera and LiDAR."""
 
     said: RecordingCalibration
     calibration: Calibration
     level_from_lidar: Float64[Tensor, "4 4"] | None
-    """See `CameraLidarSample`."""
+    """Rotation to the level frame; see `CameraLidarSample`."""
 
     @classmethod
     def of(cls, said: RecordingCalibration, tilt: Tilt | None) -> "_Rig":
-        """The rig of a calibration file and the tilt of its LiDAR."""
+        """Creates the rig of a calibration file with the tilt of its LiDAR."""
         calibration = Calibration(
             image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
             camera_from_lidar=torch.from_numpy(said.matrices.camera_from_lidar),
@@ -306,7 +306,7 @@ def _straight_image(path: Path, said: RecordingCalibration) -> UInt8[Tensor, "3 
         camera_matrix = said.matrices.image_from_camera[:, :3]
         try:
             image = undistort(image, camera_matrix, said.lens.coefficients, model=said.lens.model)
-        except ValueError as error:  # of a lens that does not go with pictures of this size
+        except ValueError as error:  # the lens does not fit pictures of this size
             problem, _, remedy = f"cannot be straightened: {error}".partition("; ")
             raise FileError(path, problem, remedy or _REMEDY) from error
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))

@@ -1,4 +1,4 @@
-"""The calibration file of a recording: YAML or JSON, written by hand or by an import."""
+"""Calibration file of a recording: YAML or JSON, written by hand or by an import."""
 
 import math
 from collections.abc import Mapping
@@ -35,13 +35,13 @@ _KEYS: Final = (
 )
 _LIMIT = 1e9
 _MIN_FOCAL_PX = 1.0
-_MAX_STRETCH = math.log(10)  # of a pixel, between its two sides
+_MAX_STRETCH = math.log(10)  # largest aspect ratio of a pixel
 _REMEDY = "see docs/recordings.md for an example"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Lens:
-    """A lens that distorts, and is to be made good for when a picture is read."""
+    """Distorting lens, whose pictures are undistorted when they are read."""
 
     model: LensModel
     coefficients: tuple[float, ...]
@@ -49,26 +49,26 @@ class Lens:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RecordingCalibration:
-    """What the file says."""
+    """Contents of the calibration file."""
 
     matrices: CalibrationMatrices
     image_size: tuple[int, int] | None = None
-    """Height, width [px]; needed only where there are no images."""
+    """Height, width [px]; needed only without images."""
     lens: Lens | None = None
-    """None: the pictures are straight."""
+    """Lens; None: the pictures are not distorted."""
     max_intensity: float = 1.0
-    """What stands for a reflectance of 1 in the clouds."""
+    """Intensity of a reflectance of 1 in the clouds."""
     lidar_height_m: float | None = None
-    """Height of the LiDAR above the road [m]; None: to be found in the clouds."""
+    """Height of the LiDAR above the road [m]; None: estimated from the clouds."""
     lidar_tilt: Tilt | None = None
-    """Tilt of the LiDAR against the road; None: to be found in the clouds."""
+    """Tilt of the LiDAR against the road; None: estimated from the clouds."""
 
 
 def read_recording_calibration(path: Path | str) -> RecordingCalibration:
-    """Reads a calibration file; JSON is YAML, so that both are read alike.
+    """Reads a calibration file in YAML or JSON, which is a subset of YAML.
 
     Raises:
-        FileError: It is no such file, lacks a matrix, or what it says makes no sense.
+        FileError: The file is no calibration, lacks a matrix, or contains invalid values.
     """
     said = read_yaml(path, _REMEDY)
     if not isinstance(said, dict):
@@ -98,15 +98,15 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
 def require_usable(
     calibration: RecordingCalibration, image_size: tuple[int, int] | None = None
 ) -> None:
-    """Judge a calibration, read or about to be written, by the rules that every reader has.
+    """Check a calibration, read or about to be written, by the rules of all readers.
 
     Args:
-        calibration: Of a recording.
-        image_size: Height, width [px] of its images. None: what the calibration says, if anything.
+        calibration: Calibration of a recording.
+        image_size: Height, width [px] of its images. None: the calibration's size, if given.
 
     Raises:
-        ValueError: A matrix or number cannot be what it is called, or the lens folds the picture;
-            the rest of a sentence about its source.
+        ValueError: A matrix or number is invalid, or the lens folds the picture; the message
+            continues a sentence about the source.
     """
     camera = calibration.matrices.image_from_camera
     checked_matrices(camera, calibration.matrices.camera_from_lidar)
@@ -125,10 +125,10 @@ def require_usable(
 
 
 def recording_calibration_text(calibration: RecordingCalibration) -> str:
-    """The file's text, exact to the last bit.
+    """Write the text of a calibration file, exact to the last bit.
 
     Raises:
-        ValueError: No reader would take it; see `require_usable`.
+        ValueError: Readers would refuse it; see `require_usable`.
     """
     require_usable(calibration)
     camera = calibration.matrices.image_from_camera
@@ -152,7 +152,7 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
     if calibration.lidar_tilt is not None:
         tilt = calibration.lidar_tilt
         said["lidar_tilt_deg"] = {"roll": tilt.roll_deg, "pitch": tilt.pitch_deg}
-    # A line a row, as one writes a matrix by hand.
+    # One line per row, as in a handwritten matrix.
     text: str = yaml.safe_dump(said, default_flow_style=None, sort_keys=False)
     return text
 
@@ -160,14 +160,14 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
 def checked_matrices(
     camera: Float64[np.ndarray, "3 columns"], rigid: Float64[np.ndarray, "rows 4"]
 ) -> CalibrationMatrices:
-    """The matrices of a recording, as a file of it may hold them.
+    """Check and convert the matrices of a recording's calibration file.
 
     Args:
         camera: camera_matrix, 3x3 or 3x4 [px].
         rigid: camera_from_lidar, 4x4 or 3x4 [m].
 
     Raises:
-        ValueError: One cannot be what it is called; the rest of a sentence about their source.
+        ValueError: A matrix is invalid; the message continues a sentence about the source.
     """
     for name, matrix in (("camera_matrix", camera), ("camera_from_lidar", rigid)):
         if not (np.abs(matrix) < _LIMIT).all():  # NaN compares false
@@ -251,7 +251,7 @@ def _image_size(said: object) -> tuple[int, int] | None:
 
 
 def _lens(said: object) -> Lens | None:
-    """None where the lens is straight, or the pictures have been straightened."""
+    """Parse the lens; None: it has no distortion, or the pictures are already undistorted."""
     if said is None:
         return None
     if not isinstance(said, dict) or not {"coefficients"} <= set(said) <= {

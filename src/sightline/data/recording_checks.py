@@ -1,4 +1,4 @@
-"""Whether a recording's files can be read, hold plausible values and fit each other."""
+"""Checks of a recording: files readable, values plausible, files consistent with each other."""
 
 import math
 from collections.abc import Sequence
@@ -42,35 +42,35 @@ _REMEDY = (
     "correct the calibration file, or clouds and calibration together where both are of another "
     "convention; docs/recordings.md says how"
 )
-_TELL_HEIGHT = 5  # clouds, spread over a recording
+_TELL_HEIGHT = 5  # clouds for the height, spread over a recording
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RecordingView:
-    """How a frame's cloud and image fit."""
+    """Agreement of a frame's cloud and image."""
 
     sample_id: str
     share: float
-    """Of the points, 0 to 1, that the image shows."""
+    """Share of the points inside the image, 0 to 1."""
     size: tuple[int, int]
     """Height, width [px] of the image."""
     doubt: Problem | None
-    """What is implausible about it, with the likely cause."""
+    """Implausibility with the likely cause."""
 
     def __str__(self) -> str:
-        """The share in one clause."""
+        """Formats the share in one clause."""
         share = f"{100 * self.share:.1f} % of the points of frame {self.sample_id}"
         return f"{share} fall into the image"
 
 
 def first_whole(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
-    """The first frame that has a cloud and a calibration, one with an image before others."""
+    """Find the first frame with a cloud and a calibration, preferably with an image."""
     with_points = [each for each in frames if each.points and each.calibration]
     return next((each for each in with_points if each.image), next(iter(with_points), None))
 
 
 def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
-    """How a frame's parts fit; None where it lacks one, has no point, or cannot be read."""
+    """Agreement of a frame's parts; None: it lacks a part, has no point, or is unreadable."""
     if frame is None or frame.points is None or frame.calibration is None:
         return None
     try:
@@ -78,7 +78,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
         size = said.image_size if frame.image is None else read_image_size(frame.image)
         points = read_cloud(frame.points, said.max_intensity)
     except FileError:
-        return None  # whoever reads the frame is told
+        return None  # the reader of the frame reports it
     if size is None or not len(points):
         return None
     matrices = said.matrices
@@ -107,7 +107,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
 
 
 def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
-    """How a recording's parts fit, and how high its LiDAR sits, in a clause each."""
+    """Describe the agreement of a recording's parts and its LiDAR's height, in a clause each."""
     first = first_whole(frames)
     view = view_of_recording(first)
     said = (
@@ -134,12 +134,12 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
 def describe_mount(
     matrices: CalibrationMatrices, tilt: Tilt | None, source: str = "by the road that it sees"
 ) -> tuple[str, ...]:
-    """How a LiDAR is turned and tilted, in a clause each; none of one that is neither.
+    """Describe a LiDAR's rotation and tilt, in a clause each; empty: none.
 
     Args:
-        matrices: Its calibration.
-        tilt: None: it is level.
-        source: What tells the tilt.
+        matrices: Calibration of the LiDAR.
+        tilt: Tilt of the LiDAR; None: level.
+        source: Source of the tilt.
     """
     level = np.eye(4) if tilt is None else tilt.level_from_lidar
     turn = describe_turn(turn_ahead(matrices.camera_from_lidar @ level.T)[1])
@@ -149,7 +149,7 @@ def describe_mount(
 
 
 def describe_turn(angle_deg: float, subject: str = "detectors see clouds") -> tuple[str, ...]:
-    """That clouds are turned, in a clause; none where they are not, by 0 degrees."""
+    """Describe the rotation of clouds in a clause; empty: 0 degrees."""
     if not angle_deg:
         return ()
     return (
@@ -161,11 +161,11 @@ def describe_turn(angle_deg: float, subject: str = "detectors see clouds") -> tu
 def pose_of_recording(
     frames: Sequence[ObjectFrame], said: RecordingCalibration | None = None
 ) -> LidarPose:
-    """How the LiDAR is mounted over the road, by some clouds of a recording.
+    """Estimate the LiDAR's pose over the road from some clouds of a recording.
 
     Args:
-        frames: All of the recording, so that any selection of frames gets the same.
-        said: A calibration, whose tilt is taken where it has one.
+        frames: All frames of the recording, so that any selection has the same pose.
+        said: Calibration; its tilt is used if given.
     """
     return lidar_pose(_some_clouds(frames), None if said is None else said.lidar_tilt)
 
@@ -173,10 +173,10 @@ def pose_of_recording(
 def mount_doubts_of_recording(
     frames: Sequence[ObjectFrame], said: RecordingCalibration
 ) -> tuple[str, ...]:
-    """Differences between the mount that a calibration gives and the road in some clouds.
+    """Describe differences between a calibration's mounting and the road in some clouds.
 
     Args:
-        frames: All of the recording.
+        frames: All frames of the recording.
         said: The calibration.
     """
     if said.lidar_tilt is None and said.lidar_height_m is None:
@@ -185,15 +185,15 @@ def mount_doubts_of_recording(
 
 
 def has_points(frames: Sequence[ObjectFrame]) -> bool:
-    """Whether some clouds of a recording can be read and hold points.
+    """Whether some clouds of a recording are readable and contain points.
 
-    Where they cannot, or hold none, that is what there is to say, and not how little they show.
+    If not, this is the problem to report, instead of a small share of visible points.
     """
     return any(len(cloud) for cloud in _some_clouds(frames))
 
 
 def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
-    """Points without an echo in some clouds, in a clause; none where there are none."""
+    """Describe the points without an echo in some clouds, in a clause; empty: none."""
     read = [read_or_note(cloud_rows, frame.points, []) for frame in _some_frames(frames)]
     clouds = [cloud for cloud in read if cloud is not None and len(cloud)]
     if not clouds:
@@ -217,7 +217,7 @@ def _some_clouds(
 
 
 def _some_frames(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
-    """Frames with a cloud and a calibration, spread over all."""
+    """Select frames with a cloud and a calibration, spread over all."""
     seen = [frame for frame in frames if frame.points and frame.calibration]
     step = max(len(seen) // _TELL_HEIGHT, 1)
     return seen[::step][:_TELL_HEIGHT]
@@ -230,11 +230,11 @@ def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
         said = read_recording_calibration(frame.calibration)
         return read_cloud(frame.points, said.max_intensity)
     except FileError:
-        return np.zeros((0, 4), np.float32)  # whoever reads the frame is told
+        return np.zeros((0, 4), np.float32)  # the reader of the frame reports it
 
 
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:
-    """Checks a calibration file against the first image that it is for, where there is one."""
+    """Checks a calibration file, also against its first image, if there is one."""
     problems: list[Problem] = []
     said = read_or_note(read_recording_calibration, path, problems)
     if said is None:
@@ -251,7 +251,7 @@ def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]
 
 
 def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
-    """What is implausible about a calibration alone, or against the size of its images."""
+    """Find implausible values of a calibration, also with the size of its images."""
     level = np.eye(4) if said.lidar_tilt is None else said.lidar_tilt.level_from_lidar
     doubt = mount_doubt(said.matrices.camera_from_lidar @ level.T)
     if doubt is not None:
@@ -261,18 +261,18 @@ def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | No
 
 
 def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Findings:
-    """Examine one frame; parts that are absent, and its calibration, are not spoken of.
+    """Examine one frame; absent parts and its calibration are not reported.
 
     Args:
-        frame: Of the recording.
-        reference: The first image of the same calibration; see `reference_images`.
+        frame: Frame of the recording.
+        reference: First image of the same calibration; see `reference_images`.
     """
     found = Findings()
     said = read_or_note(read_recording_calibration, frame.calibration, [])
     image = examine_image(frame.image, found)
     depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
     points = read_or_note(
-        # without a calibration nobody knows which intensities are too high
+        # without a calibration, the limit of intensities is unknown
         partial(read_cloud, max_intensity=math.inf if said is None else said.max_intensity),
         frame.points,
         found.unreadable,
@@ -286,18 +286,18 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         found.doubted += check_objects(objects, size, frame.objects)
     if said is None:
         return found
-    # Depth is of the image's size, and stands for it where there is none.
+    # Depth has the image's size, and replaces a missing image.
     pictures = ((frame.image, size), (frame.depth, None if depth_m is None else depth_m.shape))
     for path, shape in pictures:
         misfit = size_misfit(path, shape, said, reference) if path and shape else None
         if misfit is not None:
-            found.doubted.insert(0, misfit)  # boxes beyond the image may come of it
+            found.doubted.insert(0, misfit)  # may be the cause of boxes beyond the image
             return found
     if found.all():
         return found
     view = view_of_recording(frame)
     if view is not None and view.doubt is not None:
-        # A calibration's own faults are told of once for all frames.
+        # A calibration's own faults are reported once for all frames.
         if view.doubt.path == frame.points or _doubt(said, view.size) is None:
             found.doubted.append(view.doubt)
     elif depth_m is not None and frame.depth is not None and points is not None:
@@ -321,10 +321,10 @@ def _doubt_label_fit(
 
 
 def _check_emptied(path: Path) -> list[Problem]:
-    """Doubt about a cloud of which nothing is left, though its file has rows."""
+    """Check for a cloud without points, although its file has rows."""
     num_rows = len(cloud_rows(path))
     if not num_rows:
-        return []  # a sweep of zero points is a sweep
+        return []  # a sweep of zero points is valid
     return [
         Problem(
             path=path,
@@ -337,17 +337,17 @@ def _check_emptied(path: Path) -> list[Problem]:
 def size_misfit(
     image: Path, size: tuple[int, int], said: RecordingCalibration, reference: Path | None
 ) -> Problem | None:
-    """That an image is not of the size for which its calibration holds; None where it is.
+    """Problem of an image whose size does not fit its calibration; None: it fits.
 
     Args:
-        image: Where it was read.
-        size: Its height and width [px].
-        said: Its calibration.
-        reference: The first image of the same calibration.
+        image: Path of the image.
+        size: Height and width of the image [px].
+        said: Calibration of the image.
+        reference: First image of the same calibration.
     """
     expected, source = said.image_size, "the calibration says"
     if expected is None and reference is not None:
-        # Whoever reads the reference is told where it is damaged.
+        # Damage of the reference is reported by its reader.
         expected = read_or_note(read_image_size, reference, [])
         source = f"{reference.name}, of the same calibration"
     if expected is None or expected == size:
@@ -365,7 +365,7 @@ def size_misfit(
 
 
 def reference_images(frames: Sequence[ObjectFrame]) -> dict[Path, Path | None]:
-    """The first image of each calibration file, else the first depth map; None where none is."""
+    """Find the first image of each calibration file, else the first depth map; None: neither."""
     first: dict[Path, Path | None] = {}
     for part in ("image", "depth"):
         for frame in frames:

@@ -1,4 +1,4 @@
-"""Times of a recording's frames: the file times.txt, and how it fits the frames."""
+"""Times of a recording's frames: reader and checks of times.txt."""
 
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
@@ -15,11 +15,11 @@ _FORM: Final = "write lines like `000001 0.1`"
 
 
 def read_times(path: Path) -> dict[str, Decimal]:
-    """Reads the lines "NAME SECONDS" of a times.txt, exactly: a float of epoch seconds is not.
+    """Reads the lines "NAME SECONDS" of a times.txt exactly; floats of epoch seconds are inexact.
 
     Raises:
-        FileError: A line is no name and time, holds a character that no screen shows (other marks
-            for the end of a line among them), or names a frame a second time.
+        FileError: A line is no name and time, contains an invisible character (including other line
+            ends), or repeats the name of a frame.
     """
     times: dict[str, Decimal] = {}
     lines: dict[str, int] = {}
@@ -43,18 +43,18 @@ def read_times(path: Path) -> dict[str, Decimal]:
 
 
 def check_times(path: Path, frames: Sequence[str]) -> list[Problem]:
-    """Everything that is wrong with a times.txt: its own fault, else how it fits the frames."""
+    """Find all problems of a times.txt: its own fault, else differences to the frames."""
     problems: list[Problem] = []
     times = read_or_note(read_times, path, problems)
     return problems if times is None else times_doubts(path, times, frames)
 
 
 def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]) -> list[Problem]:
-    """Differences between times and frames, and times that do not rise from frame to frame.
+    """Find differences between times and frames, and times that do not increase.
 
     Args:
         path: The file.
-        times: What it says.
+        times: Times of the file.
         frames: Names of all frames of the recording, in order.
     """
     known = set(frames)

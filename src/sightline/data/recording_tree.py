@@ -1,4 +1,4 @@
-"""Which files a recording of your own has, listed without reading them."""
+"""Lists the files of a recording without reading them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sightline.data.problem import Problem
 
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
 CALIBRATIONS: Final = "calibration"
-"""The folder of one file a frame, and the stem of the one file for all."""
+"""Name of the folder with one file per frame, and stem of the single file for all frames."""
 TIMES_NAME: Final = "times.txt"
 
 CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
@@ -20,30 +20,30 @@ CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RecordingFiles:
-    """The files of a recording."""
+    """Files of a recording."""
 
     folder: Path
     frames: tuple[ObjectFrame, ...]
-    """All that have an image or a cloud, by name; each with the calibration that holds for it."""
+    """Frames with an image or a cloud, sorted by name; each with its calibration."""
     times: Path | None
 
 
 def is_recording(folder: Path) -> bool:
-    """Whether a folder has a recording's calibration beside its images or clouds."""
+    """Whether a folder has images or clouds and a recording's calibration."""
     return _has_sensor(folder) and bool(
         _common_calibration(folder) or list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
     )
 
 
 def lacks_calibration(folder: Path) -> bool:
-    """Whether a folder would be a recording if it had a calibration."""
+    """Whether a folder is a recording except for a missing calibration."""
     return _has_sensor(folder) and not is_recording(folder)
 
 
 def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
-    """That no image of a recording's frames has a cloud of its name; None where one has.
+    """Problem of a recording in which no image has a cloud of the same name; else None.
 
-    Of frames of one sensor alone nothing is said.
+    Recordings of a single sensor are no problem.
     """
     images = [frame.sample_id for frame in frames if frame.image]
     clouds = [frame.sample_id for frame in frames if frame.points]
@@ -58,11 +58,11 @@ def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
 
 
 def list_recording(folder: Path) -> RecordingFiles:
-    """Lists a recording: images/NAME.jpg, points/NAME.pcd and calibration.yaml, and what else is.
+    """Lists a recording: images/NAME.jpg, points/NAME.pcd, calibration.yaml and optional files.
 
-    Pictures end in .png, .jpg or .jpeg, clouds in .bin, .npy or .pcd, in any case. A calibration
-    is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for each; labels
-    (KITTI's), depth (16-bit PNGs) and times.txt may be there.
+    Pictures have the suffix .png, .jpg or .jpeg, clouds .bin, .npy or .pcd, in any case. A
+    calibration is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for
+    each. Labels (KITTI's), depth (16-bit PNGs) and times.txt are optional.
     """
     images = list_files(folder / IMAGES, IMAGE_SUFFIXES)
     clouds = list_files(folder / POINTS, CLOUD_SUFFIXES)

@@ -1,4 +1,4 @@
-"""Rings of a spinning LiDAR by the elevations of its points, in whatever order these come."""
+"""Rings of a spinning LiDAR from the elevations of its points, in any order."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -8,23 +8,23 @@ from jaxtyping import Float, Float64, Int64
 from scipy.ndimage import gaussian_filter1d
 
 FEWEST_RINGS: Final = 8
-"""Fewer rings than that are no sweep of a LiDAR that the package knows."""
+"""Smallest number of rings of a supported LiDAR."""
 MOST_RINGS: Final = 135
-"""Most rings: those of 128 lasers, some of which begin twice, straight ahead."""
+"""Largest number of rings: 128 lasers, some of which begin twice, straight ahead."""
 
 _BIN_DEG = 0.01
-_BLURS_DEG = (0.32, 0.16, 0.08, 0.04, 0.02, 0.01)  # the widest first, which joins what is close
-_VALLEY = 0.2  # of the density in the lower of two rings, at most, between them
-_BETWEEN = 0.25  # of the way from one ring to the next, from where on a point is doubtful
+_BLURS_DEG = (0.32, 0.16, 0.08, 0.04, 0.02, 0.01)  # the widest first, which joins close rings
+_VALLEY = 0.2  # largest density between two rings, as a share of the lower ring's
+_BETWEEN = 0.25  # share of the ring spacing beyond which a point is doubtful
 _DOUBTFUL_SHARE = 0.02
 
-_HEIGHTS_M = tuple(np.arange(-0.1, 0.31, 0.01))  # of where lasers start, above the origin
+_HEIGHTS_M = tuple(np.arange(-0.1, 0.31, 0.01))  # tried heights of the lasers above the origin
 # The HDL-64E has two blocks of 32 lasers. KITTI's start 0.20 and 0.12 m above the origin, and the
 # plane between the lowest of one and the highest of the other 0.165 m above it.
 _UPPER_HEIGHTS_M = tuple(np.arange(0.165, 0.24, 0.005))
 _LOWER_HEIGHTS_M = tuple(np.arange(0.085, 0.18, 0.005))
 _BORDER_M, _BORDER_DEG = 0.165, -8.87
-_ENOUGH = 20_000  # points to tell a height by
+_ENOUGH = 20_000  # points for the estimate of a height
 
 
 def rings_by_elevation(
@@ -32,16 +32,16 @@ def rings_by_elevation(
 ) -> Int64[np.ndarray, " num_points"]:
     """Number the rings of a sweep in any order from the top, by the elevations of its points.
 
-    Elevations crowd together where a laser looks. That needs a frame whose z axis is the one that
-    the lasers turn about, and lasers that start at its origin, all at one height above it, or in
-    two blocks as those of the HDL-64E. Rings without a return have no number.
+    Elevations cluster at those of the lasers. This requires that the z axis is the lasers' axis of
+    rotation, and that the lasers start at its origin, at one common height above it, or in two
+    blocks as in the HDL-64E. Rings without a return have no number.
 
     Args:
-        points: Of the sweep, x, y, z first [m], LiDAR frame.
+        points: Points of the sweep, x, y, z first [m], LiDAR frame.
         most_doubtful: Share of the points that may lie between two rings.
 
     Raises:
-        ValueError: Elevations do not part into 8 to 135 rings.
+        ValueError: Elevations do not separate into 8 to 135 rings.
     """
     best = min((_parted(elevation) for elevation in _laser_elevations(points)), key=_doubt)
     if best.doubtful > most_doubtful:
@@ -57,7 +57,7 @@ def rings_by_elevation(
 
 
 class _Parted(NamedTuple):
-    """Elevations of points, those of the rings that they part into, and what lies between."""
+    """Elevations of points and of their rings, and the share of points between rings."""
 
     elevation_deg: Float64[np.ndarray, " num_points"]
     rings_deg: Float64[np.ndarray, " num_rings"]
@@ -69,7 +69,7 @@ def _doubt(parted: _Parted) -> float:
 
 
 def _parted(elevation_deg: Float64[np.ndarray, " num_points"]) -> _Parted:
-    """Rings by the widest blur that parts elevations well, else by the one that does best."""
+    """Separate rings with the widest blur that separates them well, else with the best one."""
     best = _Parted(elevation_deg, np.zeros(0), 1.0)
     for blur_deg in _BLURS_DEG:
         rings_deg = _crowds(elevation_deg, blur_deg)
@@ -85,7 +85,7 @@ def _parted(elevation_deg: Float64[np.ndarray, " num_points"]) -> _Parted:
 def elevations_deg(
     points: Float[np.ndarray, "num_points fields"], height_m: float = 0.0
 ) -> Float64[np.ndarray, " num_points"]:
-    """Elevations of points [degrees], seen from so high above the LiDAR's origin."""
+    """Elevations of points [degrees] from a height above the LiDAR's origin."""
     x, y, z = points[:, :3].astype(np.float64).T
     seen: Float64[np.ndarray, " num_points"] = np.degrees(np.arctan2(z - height_m, np.hypot(x, y)))
     return seen
@@ -94,7 +94,7 @@ def elevations_deg(
 def _laser_elevations(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Iterator[Float64[np.ndarray, " num_points"]]:
-    """Elevations as lasers may see them: from the origin, from above it, from two blocks."""
+    """Yield elevations for possible laser positions: at the origin, above it, in two blocks."""
     yield elevations_deg(points)
     yield elevations_deg(points, _sharpest_m(points, _HEIGHTS_M))
     is_upper = elevations_deg(points, _BORDER_M) > _BORDER_DEG
@@ -106,7 +106,7 @@ def _laser_elevations(
 def _sharpest_m(
     points: Float[np.ndarray, "num_points fields"], heights_m: Sequence[float]
 ) -> float:
-    """The height from which the elevations of points crowd most."""
+    """Find the height from which the elevations of points cluster best."""
     drawn = np.random.default_rng(0).permutation(len(points))[:_ENOUGH]
 
     def sharpness(height_m: float) -> float:
@@ -120,7 +120,7 @@ def _sharpest_m(
 def _crowds(
     elevation_deg: Float64[np.ndarray, " num_points"], blur_deg: float
 ) -> Float64[np.ndarray, " num_rings"]:
-    """Elevations about which points crowd, rising, parted by valleys of their density."""
+    """Find elevations of clusters, ascending, separated by valleys of the density."""
     lowest = elevation_deg.min(initial=0.0) - 1
     bins = ((elevation_deg - lowest) / _BIN_DEG).astype(np.int64)
     density = gaussian_filter1d(
@@ -148,7 +148,7 @@ def _crowds(
 def _share_between(
     elevation_deg: Float64[np.ndarray, " num_points"], rings_deg: Float64[np.ndarray, " num_rings"]
 ) -> float:
-    """Share of points that lie between two rings rather than on one of them."""
+    """Share of points between two rings instead of on one of them."""
     first, last = 2 * rings_deg[0] - rings_deg[1], 2 * rings_deg[-1] - rings_deg[-2]
     rungs = np.array([first, *rings_deg, last])
     above = np.searchsorted(rungs, elevation_deg).clip(1, len(rungs) - 1)

@@ -1,4 +1,4 @@
-"""Rings of a spinning LiDAR, by the order of the points as in KITTI's files, or by elevation."""
+"""Rings of a spinning LiDAR, from KITTI's order of the points or from elevations."""
 
 import itertools
 from collections.abc import Iterator
@@ -19,17 +19,17 @@ NUM_RINGS = 64
 
 _SENSORS = (16, 32, 64, 128)  # lasers
 _SPARE = 1.06  # a ring that begins twice, straight ahead, is counted twice
-_WIDEST_STEP_DEG = 0.7  # between two rings of 64; those of 32 lie 1.3 apart or so
-_SEAM_DEG = 30.0  # inside a ring the azimuth never falls back so far
+_WIDEST_STEP_DEG = 0.7  # largest spacing of 64 rings; that of 32 rings is about 1.3
+_SEAM_DEG = 30.0  # inside a ring the azimuth never decreases by so much
 _TOP_DOWN_SLACK_DEG = 8.0  # a ring on a near object seems higher: lasers sit above the origin
 
-_FEWEST_POINTS = 100  # below which no order can be told
-_SCATTERED = 0.004  # of the spread of elevations: KITTI's neighbours differ by up to 0.0006
-_NAMED_SHARE = 0.5  # of the variance of elevations, that ring numbers of a tilted LiDAR explain
-_AHEAD_DEG = 5.0  # from straight ahead, that whole sweeps in KITTI's order mostly begin
-_STUB_POINTS = 3  # at a seam, where azimuths go to and fro
-_KEPT = 0.5  # of the step from ring to ring, that KITTI's order has to show beside another one
-_IN_ORDER = 0.9  # correlation of numbers and elevations where numbers go up or down
+_FEWEST_POINTS = 100  # with fewer points the order is unknown
+_SCATTERED = 0.004  # share of the spread of elevations: KITTI's neighbours differ by up to 0.0006
+_NAMED_SHARE = 0.5  # share of elevations' variance that a tilted LiDAR's ring numbers explain
+_AHEAD_DEG = 5.0  # largest usual start azimuth of whole sweeps in KITTI's order
+_STUB_POINTS = 3  # at a seam, where azimuths alternate
+_KEPT = 0.5  # share of another order's step between rings that KITTI's order must reach
+_IN_ORDER = 0.9  # correlation of ordered numbers with elevations
 
 
 def ring_numbers(
@@ -37,18 +37,19 @@ def ring_numbers(
 ) -> Int64[np.ndarray, " num_points"]:
     """Numbers the rings of a sweep (x, y, z first [m], LiDAR frame) in KITTI's order, from the top.
 
-    KITTI's files hold one ring after the other, the highest first, each from straight ahead
-    counter-clockwise. A whole sweep therefore passes straight ahead once less than it has rings: 63
-    times in KITTI. Of a sweep cut to what the camera sees a ring leaves two parts: ahead to the
-    left edge, right edge to ahead. There the azimuth jumps back, from the left edge to the right
-    one, and there the number goes up.
+    KITTI's files contain one ring after the other, the highest first, each counter-clockwise from
+    straight ahead. So the azimuth of a whole sweep passes straight ahead one time less than it has
+    rings: 63 times in KITTI. In a sweep cropped to the camera's view, a ring has two parts: ahead
+        to
+    the left edge, right edge to ahead. The azimuth jumps back from the left edge to the right one,
+    and the number increases there.
 
-    So a cut sweep is numbered as the held-out-rings tables are, not by laser: a number holds one
-    laser's returns right of straight ahead and the next laser's left of it. It starts at 0 (the
-    top laser is in the camera's view of every KITTI frame), and a point's number is its laser's on
-    the left and one more on the right, as long as the lasers above have returns near both edges.
-    Where all lasers are in view the last one's right half has a number of its own. For numbers by
-    laser, number the whole sweep first and cut then.
+    So a cropped sweep is numbered as in the held-out-rings tables, not by laser: a number contains
+    one laser's returns right of straight ahead and the next laser's left of it. Numbers start at 0
+    (the top laser is in the camera's view of every KITTI frame). A point's number is its laser's on
+    the left and one more on the right, if the lasers above have returns near both edges. If all
+    lasers are in view, the last one's right half has its own number. For numbers by laser, number
+    the whole sweep first and crop it afterwards.
 
     Raises:
         ValueError: The points are not in KITTI's order.
@@ -68,11 +69,10 @@ def ring_numbers(
 
 
 def count_beams(points: Float[np.ndarray, "num_points fields"]) -> int:
-    """How many lasers the sensor of a sweep in KITTI's order has: 16, 32, 64 or 128.
+    """Number of lasers of the sensor of a sweep in KITTI's order: 16, 32, 64 or 128.
 
-    A whole sweep tells by its rings, of which some may have no return at all: those that look into
-    the sky. Of a sweep cut to the camera's view the rings say nothing, and it is taken for
-    KITTI's; `check_spacing` tells whether it can be.
+    It is estimated from the rings of a whole sweep; rings into the sky may have no return. A sweep
+    cropped to the camera's view is assumed to be KITTI's; `check_spacing` checks this.
     """
     if not is_whole_turn(points):
         return NUM_RINGS
@@ -80,9 +80,9 @@ def count_beams(points: Float[np.ndarray, "num_points fields"]) -> int:
 
 
 def comes_by_firing(points: Float[np.ndarray, "num_points fields"]) -> bool:
-    """Tell sweeps whose points come in the order of the lasers' firing, or in none.
+    """Whether the points of a sweep are in firing order or unordered, not ring by ring.
 
-    Where rings come one after the other, neighbours are nearly of one elevation.
+    In a sweep ordered by ring, neighbouring points have almost the same elevation.
     """
     if len(points) < _FEWEST_POINTS:
         return False
@@ -94,13 +94,13 @@ def comes_by_firing(points: Float[np.ndarray, "num_points fields"]) -> bool:
 def rings_of_any_order(
     points: Float[np.ndarray, "num_points fields"],
 ) -> tuple[Int64[np.ndarray, " num_points"], bool]:
-    """Number the rings of a sweep from the top; True beside them where its points lie ring by ring.
+    """Number the rings of a sweep from the top; also returns whether points are ordered by ring.
 
-    Sweeps in KITTI's order are numbered as `ring_numbers` does. Others that lie ring by ring, from
-    another side on or clockwise, are numbered by their order, too, all others by elevation.
+    Sweeps in KITTI's order are numbered by `ring_numbers`. Other sweeps ordered by ring, with
+    another start or clockwise, are also numbered by their order, all others by elevation.
 
     Raises:
-        ValueError: Neither order nor elevation shows rings.
+        ValueError: Rings are found neither by order nor by elevation.
     """
     try:
         if comes_by_firing(points):
@@ -116,13 +116,13 @@ def rings_of_any_order(
     try:
         return rings_by_elevation(points), False
     except ValueError:
-        return ring_numbers(points), True  # tells what is wrong with their order
+        return ring_numbers(points), True  # raises the error about their order
 
 
 def _rings_by_order(
     points: Float[np.ndarray, "num_points fields"],
 ) -> tuple[Int64[np.ndarray, " num_points"] | None, bool]:
-    """Rings of a sweep that lies ring by ring, else None; True beside them in KITTI's order."""
+    """Rings of a sweep ordered by ring, else None; also whether it is in KITTI's order."""
     kittis = _ring_numbers_or_none(points)
     if kittis is not None and _begins_as_kittis(points, kittis):
         return kittis, True
@@ -150,7 +150,7 @@ def _begins_as_kittis(
 def _other_orders(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Iterator[Float[np.ndarray, "num_points fields"]]:
-    """The sweep, turned and mirrored so that one in another order by ring is in KITTI's."""
+    """Yield rotated and mirrored sweeps, which convert other orders by ring to KITTI's."""
     begin_deg = float(_azimuth_deg(points)[0])
     seams_deg = (0.0, 90.0, 180.0, 270.0, begin_deg) if is_whole_turn(points) else (0.0,)
     for mirror in (1, -1):
@@ -173,7 +173,7 @@ def _ring_numbers_or_none(
 
 
 def _without_stubs(rings: Int64[np.ndarray, " num_points"]) -> Int64[np.ndarray, " num_points"]:
-    """The same numbers where the few points before a seam are none of their own."""
+    """Renumber rings so that the few points before a seam have no own number."""
     counts = np.bincount(rings)
     numbers: Int64[np.ndarray, " num_rings"] = np.cumsum(counts > _STUB_POINTS) - 1
     return np.asarray(numbers.clip(min=0)[rings], dtype=np.int64)
@@ -182,7 +182,7 @@ def _without_stubs(rings: Int64[np.ndarray, " num_points"]) -> Int64[np.ndarray,
 def _step_down_deg(
     points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> float:
-    """Elevation that is lost from the end of a ring to the begin of the next: the median."""
+    """Median decrease of elevation from the end of a ring to the start of the next."""
     is_step = np.diff(rings) > 0
     return float(np.median(-np.diff(elevations_deg(points))[is_step])) if is_step.any() else 0.0
 
@@ -190,13 +190,13 @@ def _step_down_deg(
 def in_kitti_order(
     points: Float32[np.ndarray, "num_points 4"], rings: Shaped[np.ndarray, " num_points"]
 ) -> Float32[np.ndarray, "num_points 4"]:
-    """Sort a sweep by the ring numbers that its driver gave, as KITTI's files are.
+    """Sort a sweep by its driver's ring numbers into KITTI's order.
 
-    The highest ring comes first, each from straight ahead counter-clockwise. Numbers that do not
-    go by elevation are no rings, and change nothing.
+    The highest ring comes first, each counter-clockwise from straight ahead. Numbers that are not
+    related to elevation are no rings; then nothing changes.
 
     Args:
-        points: Of the sweep, finite or not.
+        points: Points of the sweep, finite or not.
         rings: Number of each point's laser, from the top or from the bottom or in any order.
     """
     if not holds_rings(rings, points, least_share=_NAMED_SHARE):
@@ -206,7 +206,7 @@ def in_kitti_order(
     elevation = elevations_deg(made_points)
     heights_deg = np.array([np.median(elevation[which == n]) for n in range(len(numbers))])
     # Near points of an HDL-64E may swap the medians of neighbours; numbers in order do not.
-    with np.errstate(invalid="ignore", divide="ignore"):  # not a number of heights all alike
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN for equal heights
         trend = float(np.corrcoef(numbers.astype(np.float64), heights_deg)[0, 1])
     from_top = -trend * which if abs(trend) > _IN_ORDER else -heights_deg[which]
     order = np.lexsort((_from_ahead_deg(made_points), from_top))
@@ -216,10 +216,10 @@ def in_kitti_order(
 def turned_in_order(
     points: Float32[np.ndarray, "num_points 4"], turned: Float32[np.ndarray, "num_points 4"]
 ) -> Float32[np.ndarray, "num_points 4"]:
-    """Sort a sweep that was turned about z into KITTI's order, if it was in that before.
+    """Sort a sweep rotated about z into KITTI's order, if it was in this order before.
 
     Args:
-        points: Before the turn.
+        points: Points before the rotation.
         turned: The same points after it.
     """
     if comes_by_firing(points) or not len(points) or not is_whole_turn(points):
@@ -231,21 +231,21 @@ def turned_in_order(
 
 
 def sensor_of(num_rings: int) -> int:
-    """Beams of the sensor that shows so many rings in whole sweeps: 16, 32, 64 or 128."""
+    """Number of beams of a sensor by its rings in whole sweeps: 16, 32, 64 or 128."""
     return next((count for count in _SENSORS if num_rings <= _SPARE * count), _SENSORS[-1])
 
 
 def check_spacing(
     points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> None:
-    """Refuses a part of a sweep whose rings lie too far apart for a sensor of 64 beams.
+    """Refuses a part of a sweep whose ring spacing is too large for a sensor of 64 beams.
 
     Args:
-        points: In KITTI's order; rings may have been left out.
-        rings: Their numbers.
+        points: Points in KITTI's order; rings may be left out.
+        rings: Ring numbers of the points.
 
     Raises:
-        ValueError: They are those of another sensor.
+        ValueError: The rings are those of another sensor.
     """
     numbers = np.unique(rings)
     elevations = _medians_deg(points, rings)
@@ -259,14 +259,14 @@ def check_spacing(
 
 
 def is_whole_turn(points: Float[np.ndarray, "num_points fields"]) -> bool:
-    """Tell whole sweeps, which have points behind the LiDAR, from those cut to the image."""
+    """Whether a sweep has points behind the LiDAR, so that it is not cropped to the image."""
     return bool((points[:, 0] < 0).any())
 
 
 def _count_starts(
     points: Float[np.ndarray, "num_points fields"], *, is_whole: bool
 ) -> Int64[np.ndarray, " num_points"]:
-    """For each point how often the azimuth has started again."""
+    """Number of restarts of the azimuth before each point."""
     from_ahead = _from_ahead_deg(points) if is_whole else _azimuth_deg(points)
     starts = np.diff(from_ahead, prepend=from_ahead[:1]) < (-180 if is_whole else -_SEAM_DEG)
     return np.cumsum(starts, dtype=np.int64)
@@ -275,7 +275,7 @@ def _count_starts(
 def _from_ahead_deg(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Float64[np.ndarray, " num_points"]:
-    """Azimuths from 0, straight ahead, counter-clockwise to 360."""
+    """Azimuths [deg] from 0, straight ahead, counter-clockwise to 360."""
     return _azimuth_deg(points) % 360
 
 
@@ -291,7 +291,7 @@ def _azimuth_deg(
 def _medians_deg(
     points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> Float64[np.ndarray, " num_rings"]:
-    """The median elevation of each ring that has points."""
+    """Median elevation [deg] of each ring with points."""
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
     ends = np.searchsorted(rings, [*np.unique(rings), np.iinfo(np.int64).max])
     medians = [np.median(elevation[start:end]) for start, end in itertools.pairwise(ends)]

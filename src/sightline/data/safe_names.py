@@ -1,7 +1,7 @@
-"""Names that come out of data, checked before they become part of a path.
+"""Checks of names from data before they become part of a path.
 
-A scene's name, a table's `filename` or a line of a list may hold `../`, an absolute path or control
-characters; none of them may lead out of the folder that is read or written.
+A scene's name, a table's `filename` or a line of a list may contain `../`, an absolute path or
+control characters; none of them may lead out of the input or output folder.
 """
 
 import os
@@ -13,7 +13,7 @@ from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError, Problem
 
 MAX_NAME_BYTES: Final = 200
-"""Longest name in UTF-8: file systems allow 255, of which endings and numbers need some."""
+"""Longest name in UTF-8: file systems allow 255, and suffixes and numbers are added."""
 
 _MAX_PART_BYTES: Final = 255
 _REMEDY: Final = "get the data from a source that you trust"
@@ -22,17 +22,17 @@ _REMEDY: Final = "get the data from a source that you trust"
 def checked_name(
     name: object, source: Path | str, place: str, *, max_bytes: int = MAX_NAME_BYTES
 ) -> str:
-    """Check a name that is to be one file's or folder's, and return it.
+    """Check the name of a file or folder, and return it.
 
     Args:
-        name: As the data hold it.
-        source: The file that holds it, for errors.
-        place: Its place in the file, for errors: "row 3: the name".
-        max_bytes: Longest name.
+        name: Name in the data.
+        source: File with the name, for errors.
+        place: Position in the file, for errors: "row 3: the name".
+        max_bytes: Length limit.
 
     Raises:
-        FileError: It is no text, empty or too long, holds a separator or a control character,
-            begins with a dot or a space, or ends with a space.
+        FileError: The name is no text, empty or too long, contains a separator or a control
+            character, begins with a dot or a space, or ends with a space.
     """
     fault = _name_fault(name, max_bytes)
     if fault is None:
@@ -43,7 +43,7 @@ def checked_name(
 
 
 def unprintable_names(folder: Path, names: Iterable[str]) -> Problem | None:
-    """The problem of frames whose names no output could have; None where all are text."""
+    """Problem of frames with names that are impossible for outputs; None: all are text."""
     found = [name for name in names if not name.isprintable()]
     if not found:
         return None
@@ -54,20 +54,20 @@ def unprintable_names(folder: Path, names: Iterable[str]) -> Problem | None:
 
 
 def path_below(root: Path, relative: object, source: Path | str, place: str) -> Path:
-    """Resolve a path that data give within a folder.
+    """Resolve a relative path from data within a folder.
 
-    Folders on the way may be links, which whoever keeps data on several disks has set. A file that
-    is itself a link must lead into the data set or into the folder in which it lies.
+    Parent folders may be links, for data on several disks. A file that is itself a link must lead
+    into the data set or into its own folder.
 
     Args:
         root: The data set's folder.
-        relative: The path as the data hold it, with `/` between its parts.
-        source: The file that holds it, for errors.
-        place: Its place in the file, for errors: "row 3: the filename".
+        relative: Path in the data, with `/` between its parts.
+        source: File with the path, for errors.
+        place: Position in the file, for errors: "row 3: the filename".
 
     Raises:
-        FileError: It is no text or absolute, a part of it is no plain name (`..` for one), or it is
-            a link that leads out of the data set.
+        FileError: The path is no text or absolute, a part of it is no plain name (such as `..`), or
+            it is a link that leads out of the data set.
     """
     path = root.joinpath(*relative_parts(relative, source, place))
     if path.is_symlink():
@@ -76,7 +76,7 @@ def path_below(root: Path, relative: object, source: Path | str, place: str) -> 
 
 
 def relative_parts(relative: object, source: Path | str, place: str) -> list[str]:
-    """Check a path that data give, and return its parts; arguments and errors as `path_below`."""
+    """Check a path from data, and return its parts; arguments and errors as in `path_below`."""
     parts = relative.split("/") if isinstance(relative, str) else [""]
     if any(_name_fault(part, _MAX_PART_BYTES) is not None or _is_drive(part) for part in parts):
         raise FileError(
@@ -99,14 +99,14 @@ def _check_link(path: Path, root: Path, source: Path | str, place: str) -> None:
 
 
 def _name_fault(name: object, max_bytes: int) -> str | None:
-    """Return what forbids a name, as the rest of a sentence; None where nothing does."""
+    """Return the fault of a name, as the rest of a sentence; None: the name is valid."""
     if not isinstance(name, str):
         return "is no text"
     if not name:
         return "is empty"
     if "/" in name or "\\" in name:
         return "holds a separator"
-    if not name.isprintable():  # nor can lone surrogates be, which no file system takes
+    if not name.isprintable():  # also false for lone surrogates, which no file system accepts
         return "holds a control character"
     if name[0] in ". " or name[-1] == " ":
         return "begins with a dot or a space, or ends with a space"
@@ -116,5 +116,5 @@ def _name_fault(name: object, max_bytes: int) -> str | None:
 
 
 def _is_drive(part: str) -> bool:
-    """Return whether a part is a disk's letter, such as C:."""
+    """Return whether a part is a drive letter, such as C:."""
     return len(part) > 1 and part[1] == ":" and part[0].isalpha()

@@ -1,4 +1,4 @@
-"""Lists of samples: which frames of a data set are meant."""
+"""Lists of samples that select frames of a data set."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -12,19 +12,18 @@ _PACKAGED = Path(__file__).with_name("sample_lists")
 
 
 def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) -> tuple[str, ...]:
-    """The frames of a list, in its order.
+    """Read the frames of a list, in its order.
 
     Args:
-        sample_list: The frames themselves; or the name of a list that comes with the package
+        sample_list: The frames themselves; or the name, without ".txt", of a list in the package
             ("kitti-object-train": 3712 frames, "kitti-object-val": 3769, as commonly published) or
-            that stands in `root`/ImageSets, without ".txt"; or the path of a file or a pipe of one
-            frame a line.
+            in `root`/ImageSets; or the path of a file or a pipe with one frame per line.
         root: The data set's folder.
 
     Raises:
-        TypeError: It is nothing of this.
-        ValueError: There is no such list, it is empty, it names a frame twice, or something that
-            cannot be a file's name.
+        TypeError: The list has another type.
+        ValueError: There is no such list, it is empty, names a frame twice, or contains an invalid
+            file name.
     """
     if isinstance(sample_list, str | Path):
         path = _find(sample_list, Path(root))

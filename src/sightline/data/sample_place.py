@@ -1,4 +1,4 @@
-"""Places of samples in data sets."""
+"""Indices of samples in data sets."""
 
 from contextlib import suppress
 from operator import index
@@ -9,15 +9,15 @@ from sightline.geometry.arguments import shown
 
 
 def sample_place(place: object, length: int) -> int:
-    """The place of a sample, from 0 on, by a whole number of any type; negative from the end.
+    """Normalise the index of a sample, of any integer type; negative from the end.
 
     Args:
-        place: What a data set was asked for.
-        length: Of the data set.
+        place: The requested index.
+        length: Length of the data set.
 
     Raises:
-        IndexError: It has no such sample.
-        TypeError: It is no whole number.
+        IndexError: There is no such sample.
+        TypeError: The index is no whole number.
     """
     if not isinstance(place, bool | np.bool_):
         with suppress(TypeError):

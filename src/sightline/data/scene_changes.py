@@ -1,7 +1,7 @@
-"""Samples whose whole scene is resized, turned or scaled, labels included: to train on.
+"""Augmentation of whole scenes, including labels: resize, rotate, scale.
 
-Each function gives a new sample in which image, sweep, depth, calibration, pose and labels fit
-together as before; with `augmentation.mirror` and `augmentation.crop` they are what detectors vary.
+Each function returns a new sample with consistent image, sweep, depth, calibration, pose and
+labels; with `augmentation.mirror` and `augmentation.crop` they are the augmentation of detectors.
 """
 
 import math
@@ -20,10 +20,10 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSample:
-    """The sample of a camera with more or fewer pixels in the same view.
+    """Resize the image, with the same view.
 
-    Image pixels are averaged or, where they become more, interpolated (bicubic); depths are as
-    `resize_map` has them. The sweep and 3D labels stay.
+    Pixels are averaged or, for a larger image, interpolated (bicubic); for depths see `resize_map`.
+    The sweep and 3D labels stay.
 
     Raises:
         ValueError: There would be no pixel.
@@ -55,21 +55,21 @@ def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSam
 def resize_map(
     depth_m: Float32[Tensor, "old_height old_width"], height: int, width: int
 ) -> Float32[Tensor, "height width"]:
-    """A depth map of more or fewer pixels: each takes the nearest of the old ones.
+    """Resize a depth map by nearest-neighbour sampling.
 
-    A mean of a depth and a missing one, or of two surfaces, would be no depth.
+    The mean of a depth and a missing one, or of two surfaces, would be no valid depth.
     """
-    nearest = cv2.INTER_NEAREST_EXACT  # by the pixels' centres, as the calibration has it
+    nearest = cv2.INTER_NEAREST_EXACT  # by the pixels' centres, as in the calibration
     resized = cv2.resize(depth_m.cpu().numpy(), (width, height), interpolation=nearest)
     return torch.from_numpy(resized)
 
 
 def turn_scene(sample: CameraLidarSample, yaw_deg: float) -> CameraLidarSample:
-    """The sample in a LiDAR frame in which all that is around has turned, counter-clockwise.
+    """Rotate the scene counter-clockwise about the LiDAR's z axis.
 
-    Sweep and 3D boxes turn about the z axis and the calibration with them, so that every point
-    falls on the same pixel as before, at the same depth; what the camera sees stays. KITTI's
-    rotation_y takes a camera that looks along x: do not write the labels of a turned scene.
+    Sweep, 3D boxes and calibration rotate together, so that every point projects to the same pixel
+    at the same depth; the image stays. KITTI's rotation_y assumes a camera that looks along x: do
+    not write the labels of a rotated scene.
     """
     turn = torch.eye(4, dtype=torch.float64)
     cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
@@ -92,10 +92,9 @@ def turn_scene(sample: CameraLidarSample, yaw_deg: float) -> CameraLidarSample:
 
 
 def scale_scene(sample: CameraLidarSample, factor: float) -> CameraLidarSample:
-    """The sample of a world `factor` times as large, sensors' distances and the drive included.
+    """Scale the world by `factor`, including the sensors' distances and the drive.
 
-    Every point falls on the same pixel as before, `factor` times as far away; what the camera sees
-    stays.
+    Every point projects to the same pixel, at `factor` times the depth; the image stays.
 
     Raises:
         ValueError: The factor is not positive or not finite.

@@ -1,4 +1,4 @@
-"""A network's settings as plain values, the way weights and checkpoints hold them."""
+"""Network settings as plain values for weights and checkpoints."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,15 +10,15 @@ import jsonargparse
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class NetworkConfig(Protocol):
-    """A dataclass: every field has a default, and holds what JSON can hold, or tuples."""
+    """Dataclass of settings: every field has a default, and contains JSON values or tuples."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
 
 IN_USE_ALONE: Final = {"in_use_alone": True}
-"""Metadata of a field that a network's weights do not depend on: what is made of its answers."""
+"""Metadata of a field for postprocessing, which does not affect a network's weights."""
 IN_TRAINING_ALONE: Final = {"in_training_alone": True}
-"""Metadata of a field that adds modules which only a training runs: weights may lack them."""
+"""Metadata of a field that adds modules only for training: weights may lack them."""
 
 _TRIED: Final = (
     "Does not validate against any of the Union subtypes",
@@ -40,20 +40,20 @@ _PLAIN_NAMES: Final = {
     "tuple": "a list, such as [a, b]",
 }
 
-ConfigT = TypeVar("ConfigT")  # a `NetworkConfig`; no bound, which beartype cannot ask classes for
+ConfigT = TypeVar("ConfigT")  # a `NetworkConfig`; without a bound, as beartype cannot check classes
 
 
 def plain_settings(settings: NetworkConfig) -> dict[str, object]:
-    """The settings as JSON gives them."""
+    """Convert settings to plain JSON values."""
     plain: dict[str, object] = json.loads(json.dumps(asdict(settings)))
     return plain
 
 
 def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
-    """The settings that plain values stand for; what they are too old to name has its default.
+    """Parse settings from plain values; newer fields missing in old values have their defaults.
 
     Raises:
-        ValueError: They are none of this kind; in one sentence.
+        ValueError: The values are invalid for this class; in one sentence.
     """
     parser = jsonargparse.ArgumentParser(exit_on_error=False)
     parser.add_argument("--settings", type=kind)
@@ -66,7 +66,7 @@ def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
 
 
 def told_by_parser(message: str) -> str:
-    """What jsonargparse found wrong, without which types it tried before it gave up."""
+    """Shorten jsonargparse's message: the fault, without the list of tried types."""
     lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
     has_value = any("Got value: " in line for line in lines)
     said = " ".join(
@@ -83,7 +83,7 @@ def told_by_parser(message: str) -> str:
 def _differences(
     given: Mapping[str, object], wanted: Mapping[str, object], within: str = ""
 ) -> Iterator[str]:
-    """Each value that differs, by its path: of parts that both have only what differs in them."""
+    """Yield each differing value by its path, recursively in parts that both have."""
     for name in sorted(given.keys() | wanted.keys()):
         one, other = given.get(name), wanted.get(name)
         if one == other:
@@ -97,19 +97,19 @@ def _differences(
 def differing_settings(
     plain: Mapping[str, object], ours: NetworkConfig, *, in_training: bool = True
 ) -> str:
-    """How settings from a file differ from ours, for people; empty if they do not.
+    """Describe the differences between a file's settings and ours for the user; empty: none.
 
     Fields marked `IN_USE_ALONE` may differ.
 
     Args:
-        plain: From the file.
-        ours: Those of the network.
+        plain: Settings of the file.
+        ours: Settings of the network.
         in_training: Whether fields marked `IN_TRAINING_ALONE` are compared, too.
     """
     wanted = plain_settings(ours)
     try:
         given = plain_settings(parse_settings(type(ours), plain))
-    except ValueError:  # of another network, or a newer one
+    except ValueError:  # settings of another network, or of a newer version
         given = plain_settings(type(ours)()) | dict(plain)
     marks = ["in_use_alone"] if in_training else ["in_use_alone", "in_training_alone"]
     for settings in (wanted, given):
@@ -118,7 +118,7 @@ def differing_settings(
 
 
 def _remove_marked(plain: dict[str, Any], config: NetworkConfig, marks: Sequence[str]) -> None:
-    """Removes the fields with one of the marks, also those of configs within the config."""
+    """Removes the fields with one of the marks, also in nested configs."""
     for each in fields(config):
         value = getattr(config, each.name)
         if any(each.metadata.get(mark) for mark in marks):

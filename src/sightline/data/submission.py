@@ -1,4 +1,4 @@
-"""The archive that KITTI's object benchmark takes: a result file for each frame."""
+"""Archive for KITTI's object benchmark: a result file for each frame."""
 
 import re
 from pathlib import Path
@@ -17,30 +17,30 @@ from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
 
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the first that a zip file can hold
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of a zip file
 _PLAIN_FILE = 0o100644 << 16
 _UNIX = 3
-_CLASSES = {name.lower() for name in (*CLASS_NAMES, "DontCare")}  # the benchmark minds no case
+_CLASSES = {name.lower() for name in (*CLASS_NAMES, "DontCare")}  # the benchmark ignores case
 _REMEDY = "write an empty file where nothing was found, or name a list of the frames that count"
 
 
 def write_submission(results: Path, out: Path, *, sample_list: str | Path | None = None) -> int:
-    """Checks all result files and packs them; returns how many frames there are.
+    """Checks all result files and packs them; returns the number of frames.
 
     The archive has NNNNNN.txt of each frame at its root, in order, without dates, so that the same
-    results give the same bytes. It appears whole or not at all.
+    results give the same bytes. It is written atomically.
 
     Args:
-        results: Folder with one result file a frame, 16 fields a line; an empty one where nothing
-            was found. Other files in it are left out.
+        results: Folder with one result file per frame, 16 fields per line; empty without
+            detections. Other files in it are left out.
         out: The archive, .zip.
-        sample_list: The frames, as `read_sample_list` takes them; its root is the folder that
-            `results` is in. None: those that have a file.
+        sample_list: List of the frames for `read_sample_list`; its root is the parent folder of
+            `results`. None: all frames with a file.
 
     Raises:
-        ValueError: `out` is no .zip, or a frame has no file, a name that is not six digits, or a
-            file that cannot be read as results, has a class that is none of KITTI's or a box that
-            ends before it begins; says which and where.
+        ValueError: `out` is no .zip, or a frame has no file, a name that is not six digits, or an
+            invalid result file, such as with an unknown class or a box whose end is before its
+            start; contains the position.
     """
     if out.suffix.lower() != ".zip":
         raise ValueError(f"{out} does not end in .zip, which the benchmark asks for; rename it")
@@ -80,7 +80,7 @@ def _checked(path: Path) -> bytes:
 
 
 def _check_objects(path: Path, objects: KittiObjects) -> None:
-    """Refuses what can be read, but that the benchmark would count as false or not at all."""
+    """Refuses valid values that the benchmark would count as false or ignore."""
     for number, name in enumerate(objects.class_names, start=1):
         if name.lower() not in _CLASSES:
             raise FileError(

@@ -1,7 +1,7 @@
-"""Sweeps changed as the ground and the sensor vary, with their 3D labels: to train detectors on.
+"""Augmentation of sweeps and their 3D labels for detectors: ground, noise, sizes of objects.
 
-Each function gives a new sample in which points and 3D boxes fit together as before. What the
-camera sees stays as it is, and so does the calibration: images no longer fit a bent scene.
+Each function returns a new sample with consistent points and 3D boxes. Image and calibration stay
+unchanged: images no longer fit a bent scene.
 """
 
 import math
@@ -21,19 +21,19 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GroundShape:
-    """How much higher the ground lies than it did, by the place: a tilted and arched sheet."""
+    """Change of the ground's height by position: a tilted and curved surface."""
 
     height_m: float = 0.0
-    """Everywhere: another mount of the sensor."""
+    """Constant rise [m], like another mounting height of the sensor."""
     slope_x: float = 0.0
-    """By each metre ahead [m]."""
+    """Rise per metre ahead [m]."""
     slope_y: float = 0.0
-    """By each metre to the left [m]."""
+    """Rise per metre to the left [m]."""
     curvature_per_m: float = 0.0
-    """By the square of the metres ahead: the foot of a hill, or its top."""
+    """Rise by the square of the metres ahead: the foot of a hill, or its top."""
 
     def __post_init__(self) -> None:
-        """Checks that the numbers are numbers."""
+        """Checks that the numbers are finite."""
         values = (self.height_m, self.slope_x, self.slope_y, self.curvature_per_m)
         if not all(map(math.isfinite, values)):
             raise ValueError(f"the ground's shape needs finite numbers, got {self}")
@@ -41,18 +41,18 @@ class GroundShape:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GroundShapeConfig:
-    """How far the ground's shape is changed: deviations of normal draws."""
+    """Standard deviations of normally distributed changes of the ground's shape."""
 
     mean_height_m: float = 0.05
-    """The only mean that is not 0."""
+    """Mean of the height; the other means are 0."""
     height_m: float = 0.08
-    """Of the height."""
+    """Standard deviation of the height."""
     slope_x: float = 0.008
-    """Of the slope ahead."""
+    """Standard deviation of the slope ahead."""
     slope_y: float = 0.012
-    """Of the slope to the left."""
+    """Standard deviation of the slope to the left."""
     curvature_per_m: float = 8e-5
-    """Of the curvature."""
+    """Standard deviation of the curvature."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -65,7 +65,7 @@ class GroundShapeConfig:
 
 
 def draw_ground_shape(config: GroundShapeConfig, rng: np.random.Generator) -> GroundShape:
-    """A shape with all four numbers drawn."""
+    """Draw a random shape of the ground."""
     height, slope_x, slope_y, curvature = map(float, rng.normal(size=4))
     return GroundShape(
         height_m=config.mean_height_m + config.height_m * height,
@@ -76,10 +76,10 @@ def draw_ground_shape(config: GroundShapeConfig, rng: np.random.Generator) -> Gr
 
 
 def bend_ground(sample: CameraLidarSample, shape: GroundShape) -> CameraLidarSample:
-    """The sample of a scene that stands on other ground.
+    """Change the shape of the ground.
 
-    Points rise by what the shape says of their place, boxes by what it says of their centre's; they
-    stay upright, as KITTI's do on slopes. Rows of zeros, for objects without a 3D part, stay.
+    Points rise by the shape at their position, boxes by the shape at their centre; boxes stay
+    upright, like KITTI's on slopes. Rows of zeros, for objects without a 3D part, stay.
     """
     points, objects = sample.points, sample.objects
     if points is not None:
@@ -104,10 +104,10 @@ def _rise_m(
 def add_range_noise(
     sample: CameraLidarSample, deviation_m: float, rng: np.random.Generator
 ) -> CameraLidarSample:
-    """The sample of a LiDAR that measures ranges less exactly: normal errors along the rays.
+    """Add normally distributed range errors along the rays.
 
-    Points stay on their rays, so ring numbers and azimuths stay; a point at the sensor stays there,
-    and none is moved beyond it. Labels stay.
+    Points stay on their rays, so ring numbers and azimuths stay. A point at the sensor stays, and
+    no point moves beyond it. Labels stay.
 
     Raises:
         ValueError: The sample has no sweep, or the deviation is negative or not finite.
@@ -126,16 +126,17 @@ def add_range_noise(
 def stretch_objects(
     sample: CameraLidarSample, factors: Float64[Tensor, "num_objects 3"]
 ) -> CameraLidarSample:
-    """The sample of objects longer, wider and higher than they are, each by factors of its own.
+    """Scale length, width and height of each object by its own factors.
 
-    The points in an object's 3D box move with it, about the middle of its bottom, so that it stands
-    where it stood. What shows of an object no longer tells how long it must be: after Yang et al.
-    2021 (ST3D), section 3.2, who scale all three sizes alike. 2D boxes stay. A point in two boxes
-    moves with the first.
+    The points in an object's 3D box are scaled with it, about the centre of its bottom face, so
+    that it stays in place. The visible part of an object then no longer determines its length:
+    after Yang et al. 2021 (ST3D), section 3.2, who scale all three sizes equally. 2D boxes stay. A
+    point in two boxes moves with the first.
 
     Args:
-        sample: With a sweep and labels.
-        factors: On length, width and height. Those of objects without a 3D part are not used.
+        sample: Sample with a sweep and labels.
+        factors: Factors of length, width and height. Those of objects without a 3D part are
+            ignored.
 
     Raises:
         ValueError: The sample has no sweep or no labels, or a factor is not positive and finite.

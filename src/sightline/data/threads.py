@@ -1,4 +1,4 @@
-"""Threads that work a little ahead of whoever asks, for files that are read one after the other."""
+"""Threads that read files a little ahead of their use."""
 
 import itertools
 from collections import deque
@@ -16,7 +16,7 @@ _QUEUED_PER_WORKER = 4
 def map_ahead(
     function: Callable[[Item], Answer], items: Iterable[Item], *, workers: int
 ) -> Iterator[Answer]:
-    """What the function makes of each item, in order; only a few items run ahead.
+    """Map a function over items in order, in threads that run a few items ahead.
 
     Raises:
         ValueError: `workers` is not 1 to `MAX_WORKERS`.
@@ -29,7 +29,7 @@ def check_threads(workers: int) -> None:
     """Refuses a number of threads that is not 1 to `MAX_WORKERS`.
 
     Raises:
-        ValueError: It is not.
+        ValueError: The number is out of range.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")

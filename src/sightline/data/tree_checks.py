@@ -1,4 +1,4 @@
-"""The trees that a folder holds, with what each lacks and what there is to check in it."""
+"""Data set trees in a folder, with their missing files and their checks."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +71,7 @@ from sightline.data.unread_files import (
 )
 
 TRACKLETS = "tracklet_labels.xml"
-"""Labels of a raw drive, in a format of its own."""
+"""File with labels of a raw drive, in their own format."""
 _REMEDY = "extract the archive again"
 _RECORDING_REMEDY = "add what is missing in a format of docs/recordings.md"
 
@@ -80,36 +80,36 @@ Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Check:
-    """The examination of one frame, or of what all frames share."""
+    """Check of one frame, or of data shared by all frames."""
 
     subject: str
-    """What is examined, e.g. "frame 000042"."""
+    """Subject of the check, e.g. "frame 000042"."""
     run: Callable[[], list[Problem]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PartCount:
-    """How many frames have a part."""
+    """Number of frames with a part."""
 
     name: str
-    """As KITTI calls it, e.g. "velodyne"."""
+    """KITTI's name of the part, e.g. "velodyne"."""
     num_files: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TreeSummary:
-    """What one tree of a data set holds; `str` gives it as one line."""
+    """Summary of one tree of a data set; `str` formats it as one line."""
 
     folder: Path
     kind: str
-    """E.g. "object frames"."""
+    """Kind of the frames, e.g. "object frames"."""
     num_frames: int
     parts: tuple[PartCount, ...]
     note: str = ""
-    """What else there is to say, in one clause."""
+    """Further remark, in one clause."""
 
     def __str__(self) -> str:
-        """The folder, its number of frames and of the files of each part."""
+        """Formats the folder, its number of frames and of the files of each part."""
         parts = ", ".join(f"{part.name} {part.num_files}" for part in self.parts)
         note = f"; {self.note}" if self.note else ""
         return plain_line(f"{self.folder}: {self.num_frames} {self.kind} ({parts}){note}")
@@ -117,7 +117,7 @@ class TreeSummary:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tree:
-    """One tree: its frames, the files it lacks, and a check for each frame."""
+    """Tree of a data set: frames, missing files, and a check for each frame."""
 
     summary: TreeSummary
     gaps: tuple[Problem, ...]
@@ -126,19 +126,19 @@ class Tree:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _ExpectedPart:
-    """A part that every frame should have."""
+    """Part that every frame should have."""
 
     attribute: str
-    """Its name on a frame."""
+    """Attribute of a frame with the part."""
     folder: Path
     suffix: str = ""
-    """How its files end that are named like the frame; empty where they have other names."""
+    """Suffix of files named like the frame; empty: the files have other names."""
     optional: bool = False
-    """Whether a tree may do without it: whoever has no labels, say, has no folder of them."""
+    """Whether a tree may lack the part, such as a tree without a folder of labels."""
 
 
 def find_trees(root: Path) -> list[Tree]:
-    """All recordings and KITTI's trees in a folder, in a fixed order; empty where there is none."""
+    """Find all recordings and KITTI's trees in a folder, in a fixed order."""
     try:
         refuse_other_layouts(root)
     except FileError:
@@ -149,7 +149,7 @@ def find_trees(root: Path) -> list[Tree]:
         "val_selection_cropped",
         "test_depth_completion_anonymous",
     )
-    # Both are the same folder where `root` is itself a selection.
+    # Both are the same folder if `root` is itself a selection.
     by_folder = {selection_folder(root, split): split for split in selections}
     trees = [
         *(object_trees if any(object_trees) else [_object_tree(root)]),
@@ -167,11 +167,11 @@ def _object_tree(folder: Path) -> Tree | None:
     suffixes: dict[Part, str] = {"image": ".png", "points": ".bin", "calibration": ".txt"}
     if folder.name != "testing":
         suffixes["objects"] = ".txt"
-    if (folder / "depth").is_dir():  # of a simulation, which may have left the camera out
+    if (folder / "depth").is_dir():  # a simulation, possibly without a camera
         suffixes["depth"] = ".png"
         if not (folder / "image_2").is_dir():
             del suffixes["image"]
-    # Some keep only the sweeps cut to the image's view; where both are, both are looked at.
+    # Some trees have only sweeps cropped to the image's view; if both exist, both are checked.
     reduced = (folder / "velodyne_reduced").is_dir()
     velodyne = find_velodyne(folder)
     frames = list(list_object_frames(folder, suffixes, velodyne).values())
@@ -196,7 +196,7 @@ def _object_tree(folder: Path) -> Tree | None:
 
 
 def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
-    # Images and calibrations come with the raw recordings, which may lie anywhere.
+    # Images and calibrations are in the raw recordings, which may be anywhere.
     expected = [
         _ExpectedPart(attribute=attribute, folder=root / split / "*" / "proj_depth" / name)
         for attribute, name in (("sparse", "velodyne_raw"), ("truth", "groundtruth"))
@@ -267,7 +267,7 @@ def _recording_tree(folder: Path) -> Tree | None:
     if tree is None:
         return None
     misnamed = unpaired(folder, frames)
-    if misnamed is not None:  # instead of all files that are missing
+    if misnamed is not None:  # instead of all missing files
         tree = replace(tree, gaps=(misnamed,))
     tree = _with_notes(tree, *describe_recording(frames))
     return _with_unread(tree, recording_folders(folder))
@@ -280,7 +280,7 @@ def _mount_of(
 
 
 def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:
-    """The tree with more to say in its summary, a clause each."""
+    """Add clauses to the tree's summary."""
     if tree is None:
         return None
     note = "; ".join(filter(None, (tree.summary.note, *notes)))
@@ -288,9 +288,9 @@ def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:
 
 
 def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | None:
-    """The tree with a problem of each folder with files that nobody reads, instead of its gaps.
+    """Add a problem for each folder with ignored files, instead of its gaps.
 
-    Files in whose place another one is read come after them.
+    Files that are hidden by another one come after them.
     """
     if tree is None:
         return None
@@ -371,7 +371,7 @@ def _tree(
         parts.append(PartCount(name=name, num_files=len(frames) - len(absent)))
         if len(absent) == len(frames):
             if part.optional and not part.folder.exists():
-                continue  # the summary tells
+                continue  # the summary reports it
             gaps.append(
                 Problem(path=part.folder, problem="holds no files of the frames", remedy=remedy)
             )

@@ -1,4 +1,4 @@
-"""Pictures as a lens without distortion would have taken them, by OpenCV's models."""
+"""Undistortion of pictures by OpenCV's lens models."""
 
 import math
 from collections.abc import Sequence
@@ -12,23 +12,23 @@ from jaxtyping import Float32, Float64, UInt8
 from sightline.geometry.given_arrays import given_array, plain_numbers
 
 LensModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
-"""As ROS calls them: OpenCV's model of 5 or of 8 coefficients, and its fisheye's of 4."""
+"""ROS's names of OpenCV's models with 5 or 8 coefficients, and of its fisheye model with 4."""
 
 COEFFICIENTS: Final[dict[LensModel, tuple[int, ...]]] = {
     "plumb_bob": (4, 5),
     "rational_polynomial": (8, 12, 14),
     "equidistant": (4,),
 }
-"""How many numbers each model takes."""
+"""Possible numbers of coefficients of each model."""
 
 LENS_REMEDY: Final = (
     "give the coefficients in the order of the model (k1, k2, p1, p2, k3 ..), as calibrated for "
     "this camera matrix"
 )
-_LEAST_SHARE = 0.25  # of the straight picture, that the distorted one has to fill
+_LEAST_SHARE = 0.25  # smallest share of the undistorted picture that must be filled
 _MAX_COEFFICIENT = 1e6
-_MAX_TANGENT = 100.0  # of the farthest ray of a picture: 89 degrees
-_GRID = 33  # lines each way on which the map is tried
+_MAX_TANGENT = 100.0  # tangent of the farthest ray of a picture: 89 degrees
+_GRID = 33  # lines in each direction of the grid for checking the map
 
 _Row = tuple[float, ...]
 
@@ -40,7 +40,7 @@ def undistort(
     *,
     model: LensModel = "plumb_bob",
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """A picture straightened, so that it follows `camera_matrix` alone; black where nothing was.
+    """Undistort a picture, so that `camera_matrix` alone describes it; empty pixels are black.
 
     Examples:
         >>> import numpy as np, sightline
@@ -52,14 +52,14 @@ def undistort(
         ((60, 80, 3), True)
 
     Args:
-        image: Height, width, 3; RGB of 8 bits, as the camera gave it.
-        camera_matrix: 3x3 [px], of the distorted picture and of the result.
+        image: Height, width, 3; distorted RGB picture of 8 bits.
+        camera_matrix: 3x3 [px], for the distorted picture and the result.
         distortion: k1, k2, p1, p2 (, k3 (, k4, k5, k6 ..)), or k1 to k4 of a fisheye lens.
-        model: Which of them.
+        model: Lens model.
 
     Raises:
-        ValueError: The image or the matrix is something else, the model takes another number of
-            coefficients, they are not finite, or fold or lose the picture (see `lens_fault`).
+        ValueError: The image or the matrix is invalid, the number of coefficients does not fit the
+            model, they are not finite, or fold or lose the picture (see `lens_fault`).
     """
     image = given_array("the image", image)
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
@@ -85,10 +85,11 @@ def undistort(
 
 
 def check_lens(model: LensModel, coefficients: Sequence[float]) -> None:
-    """Refuses coefficients that the model does not take.
+    """Refuses invalid coefficients of a model.
 
     Raises:
-        ValueError: There is no such model, or it takes another number, or they are not finite.
+        ValueError: There is no such model, or the number of coefficients is wrong, or they are not
+            finite.
     """
     if model not in COEFFICIENTS:
         raise ValueError(
@@ -110,14 +111,14 @@ def lens_fault(
     camera_matrix: Float64[np.ndarray, "3 columns"],
     size: tuple[int, int],
 ) -> str | None:
-    """Fault of a lens that folds the picture or moves most of it out of sight; None if sound.
+    """Fault of a lens that folds the picture or moves most of it outside; None: valid.
 
-    A sound lens moves pixels farther out of the straight picture farther out of the distorted one,
-    all over the image.
+    With a valid lens, pixels farther out in the undistorted picture are farther out in the
+    distorted one, everywhere in the image.
 
     Args:
-        model: Whose coefficients they are.
-        coefficients: Finite, as `check_lens` takes them.
+        model: Model of the coefficients.
+        coefficients: Finite coefficients, valid for `check_lens`.
         camera_matrix: 3x3 or 3x4 [px], focal lengths above 0.
         size: Height, width [px].
 
@@ -149,9 +150,9 @@ def lens_fault(
 
 
 def _first_turn(model: LensModel, coefficients: Sequence[float], farthest: float) -> float | None:
-    """Distance [focal lengths] within `farthest` from which on the radial part falls again."""
+    """Distance [focal lengths] below `farthest` at which the radial part starts to decrease."""
     radial = list(coefficients)
-    if model != "equidistant":  # k1, k2, p1, p2, k3, then the denominator's
+    if model != "equidistant":  # k1, k2, p1, p2, k3, then the denominator's coefficients
         radial = [*radial[:2], *radial[4:5]]
     numerator, denominator = np.polynomial.Polynomial([0.0, 1.0]), np.polynomial.Polynomial([1.0])
     for power, value in enumerate(radial, start=1):
@@ -180,7 +181,7 @@ def _distorted(
     camera: Float64[np.ndarray, "3 3"],
     rays: Float64[np.ndarray, "rows columns 2"],
 ) -> Float64[np.ndarray, "rows columns 2"]:
-    """Pixels of the distorted picture where rays of the straight one are found."""
+    """Pixels in the distorted picture of rays in the undistorted one."""
     lens = np.array(coefficients)
     flat = rays.reshape(-1, 1, 2)
     if model == "equidistant":
@@ -202,7 +203,7 @@ def _distorted(
 def _maps(
     camera_matrix: tuple[_Row, ...], coefficients: _Row, model: LensModel, size: tuple[int, int]
 ) -> tuple[Float32[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
-    """Where each pixel of the result lies in the distorted picture: column and row [px]."""
+    """Maps of each result pixel's position in the distorted picture: column and row [px]."""
     camera, lens = np.array(camera_matrix), np.array(coefficients)
     make = (
         cv2.fisheye.initUndistortRectifyMap

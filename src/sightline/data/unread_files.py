@@ -1,4 +1,4 @@
-"""Files in a sensor's folder that no reader takes, so that they are not lost without a word."""
+"""Finds ignored files in sensors' folders, so that they are reported."""
 
 import re
 import unicodedata
@@ -26,7 +26,7 @@ from sightline.data.recording_tree import (
 _BESIDE = frozenset(
     (".txt", ".json", ".csv", ".md", ".yaml", ".yml", ".xml", ".ini", ".db", ".html", ".log", "")
 )
-"""Endings of notes, lists and tables, which may stand beside pictures and clouds."""
+"""Suffixes of notes, lists and tables, which are allowed beside pictures and clouds."""
 _NOTES = (
     "timestamps",
     "timestamps_start",
@@ -36,7 +36,7 @@ _NOTES = (
     "desktop",
     "thumbs",
 )
-"""Names of files that are none of a sensor's, where nothing else is there."""
+"""Names of files that contain no sensor data, even if there are no others."""
 _ALSO_CALLED: dict[Part, tuple[str, ...]] = {
     "image": ("image", "images", "img", "imgs", "camera", "cameras", "cam", "rgb", "pictures"),
     "points": (
@@ -44,32 +44,32 @@ _ALSO_CALLED: dict[Part, tuple[str, ...]] = {
         *("clouds", "pointcloud", "pointclouds", "pcd", "pcds", "sweeps", "scans"),
     ),
 }
-"""Names by which people call a sensor's folder, letters alone."""
+"""Other common names of a sensor's folder, only letters."""
 _OTHER_PARTS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
-"""Folders of other cameras, and that of a depth benchmark's selection."""
-_NAMED = 4  # so many endings an error lists
+"""Folders of other cameras and of a depth benchmark's selection."""
+_NAMED = 4  # suffixes listed in an error
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PartFolder:
-    """Where the files of a part lie."""
+    """Folder of a part's files."""
 
     part: Part
     folder: Path
     suffixes: tuple[str, ...]
-    """Endings that are read, in lower case."""
+    """Suffixes of the files to read, in lower case."""
     only: str = ""
-    """Name without ending of the one file of the part; empty: all files of the folder are its."""
+    """Stem of the part's only file; empty: all files of the folder belong to the part."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Unread:
-    """Files of a folder that are not read."""
+    """Ignored files of a folder."""
 
     problem: Problem
     part: Part
     is_all: bool
-    """True where nothing of the folder is read."""
+    """Whether no file of the folder is read."""
 
 
 def object_folders(folder: Path, velodyne: Velodyne = "velodyne") -> list[PartFolder]:
@@ -114,7 +114,7 @@ def drive_folders(folder: Path) -> list[PartFolder]:
 
 
 def depth_folders(root: Path, split: DriveSplit | SelectedSplit) -> list[PartFolder]:
-    """Folders of a depth completion split; its sparse maps stand for points."""
+    """Folders of a depth completion split; its sparse maps count as points."""
     places: list[tuple[Part, Path]] = []
     if split == "train" or split == "val":
         bases = [base for base in drive_bases(root, split) if base.is_dir()]
@@ -135,17 +135,17 @@ def depth_folders(root: Path, split: DriveSplit | SelectedSplit) -> list[PartFol
 
 
 def find_unread(folders: Sequence[PartFolder]) -> list[Unread]:
-    """Find folders that hold files, or folders of files, which are not read.
+    """Find folders with ignored files or subfolders.
 
-    Not counted are hidden files, notes (such as timestamps.txt) beside other files, and a file
-    whose name another one has that is read.
+    Hidden files, notes (such as timestamps.txt) beside other files, and files with the same name as
+    a read one are not counted.
     """
     found = [_unread_of(each) for each in folders if not each.only]
     return [each for each in found if each is not None]
 
 
 def find_twins(place: PartFolder) -> list[Problem]:
-    """Find files of a folder that hide each other, here or on a file system without capitals."""
+    """Find files that hide each other, here or on a case-insensitive file system."""
     read = list_files(place.folder, place.suffixes)
     problems = [
         Problem(
@@ -171,7 +171,7 @@ def find_twins(place: PartFolder) -> list[Problem]:
 
 
 def _misnamed(place: PartFolder) -> Unread | None:
-    """A folder of a sensor's files that is called otherwise, where the part's own is not there."""
+    """Find a sensor's folder with another name, if the expected folder is missing."""
     if place.part not in _ALSO_CALLED or not place.folder.parent.is_dir():
         return None
     for other in sorted(place.folder.parent.iterdir()):

@@ -1,4 +1,4 @@
-"""LiDAR sweeps as KITTI stores them: float32 x, y, z, reflectance, nothing else."""
+"""Reader and writer of KITTI's LiDAR sweeps: float32 x, y, z, reflectance, nothing else."""
 
 import warnings
 from pathlib import Path
@@ -13,7 +13,7 @@ from sightline.data.problem import FileError, Problem
 from sightline.geometry.cloud_checks import cloud_fault, other_layout
 
 _POINT_BYTES = 16
-_MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest LiDAR on the road
+_MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
 _REMEDY = "extract the velodyne archive again"
 COLUMNS: Final = {
     3: "three columns (x, y, z alone)",
@@ -23,7 +23,7 @@ COLUMNS: Final = {
     7: "seven columns",
     8: "eight columns",
 }
-"""Numbers of a point in files of raw floats, in words."""
+"""Descriptions of the columns by their number in files of raw floats."""
 _OTHER_FORMATS = {
     b"# .PCD": "PCD",
     b"VERSION": "PCD",
@@ -40,12 +40,12 @@ def read_sweep(
 
     Args:
         path: A `.bin` file of little-endian float32 values.
-        drop_non_finite: Leave out points whose x, y or z is NaN or infinite, as some drivers write
-            where no echo came back, and take 0 for reflectances that are, instead of refusing the
-            file; warns of their numbers.
+        drop_non_finite: Instead of refusing the file, leave out points with non-finite x, y or z,
+            which some drivers write without an echo, and replace non-finite reflectances by 0;
+            warns of their numbers.
 
     Raises:
-        FileError: The file cannot be read as `sweep_rows` says, or holds NaN or infinite values.
+        FileError: The file cannot be read (see `sweep_rows`), or contains NaN or infinite values.
     """
     points = sweep_rows(path)
     finite = np.isfinite(points).all(axis=1)
@@ -83,7 +83,7 @@ def sweep_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
 def _finite_alone(
     points: Float32[np.ndarray, "num_points 4"], path: Path | str
 ) -> Float32[np.ndarray, "num_left 4"]:
-    """Points at finite places, 0 for reflectances that are not finite; warns of both by number."""
+    """Keep finite points, with 0 for non-finite reflectances; warns of the numbers of both."""
     kept: Float32[np.ndarray, "num_left 4"] = points[np.isfinite(points[:, :3]).all(axis=1)]
     is_dark = ~np.isfinite(kept[:, 3])
     kept[is_dark, 3] = 0
@@ -105,12 +105,12 @@ def _finite_alone(
 def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -> Problem | None:
     """Problem of a KITTI sweep that is not in metres or has reflectances outside 0 to 1; else None.
 
-    Files of five columns, or of other numbers than float32, are refused by `read_sweep` already.
-    One point in a hundred may be brighter than 1. An empty sweep is none of its concern.
+    Files of five columns, or of other types than float32, are already refused by `read_sweep`. One
+    point in a hundred may be brighter than 1. An empty sweep is no problem.
 
     Args:
         path: The file, for the problem.
-        points: What `read_sweep` gave.
+        points: Result of `read_sweep`.
     """
     fault = cloud_fault(points, 1.0)
     if fault is None:
@@ -125,7 +125,7 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
 
 
 def other_format(content: bytes) -> str | None:
-    """Name of the format of clouds that a file has by its first bytes; None of raw numbers."""
+    """Name of a file's cloud format by its first bytes; None: raw numbers."""
     names = (name for beginning, name in _OTHER_FORMATS.items() if content.startswith(beginning))
     return next(names, None)
 
@@ -154,7 +154,7 @@ def _check_layout(content: bytes, path: Path | str) -> None:
 
 
 def write_sweep(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -> None:
-    """Writes a sweep that `read_sweep` gives back bit by bit, aside first and then renamed.
+    """Writes a sweep exactly and atomically, for `read_sweep`.
 
     Raises:
         ValueError: A value is NaN or infinite.

@@ -1,4 +1,4 @@
-"""A network's weights together with what is needed to build it again: one file."""
+"""Weights files: a network's weights and the settings for rebuilding it."""
 
 import json
 import pickle
@@ -27,12 +27,12 @@ from sightline.data.weights_header import (
 )
 
 CHECKPOINT_KEY: Final = "sightline"
-"""Where a training checkpoint tells its task, the network's config and its provenance."""
+"""Key of the task, the network's config and the provenance in a training checkpoint."""
 NETWORK_PREFIX: Final = "network."
-"""Names of the network's tensors in a training checkpoint begin with this."""
+"""Prefix of the network's tensors in a training checkpoint."""
 
 _CHECKPOINT_REMEDY = "name one that sightline fit wrote"
-_REASON_LENGTH = 160  # characters of another library's words
+_REASON_LENGTH = 160  # characters of another library's message
 _MAX_AXES = 8
 _NO_ARRAY = "is no plain array of numbers"
 _HALF_TYPES = (torch.float16, torch.bfloat16)
@@ -44,16 +44,16 @@ _TENSOR_TYPES = frozenset(
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """A trained network: its numbers and its description."""
+    """Weights and description of a trained network."""
 
     task: str
-    """Which task's network this is."""
+    """Task of the network."""
     config: dict[str, object]
-    """The network's settings in plain values, as JSON gives them."""
+    """The network's settings as plain JSON values."""
     provenance: dict[str, str]
-    """Where the weights come from, for people: version, seed, steps, .."""
+    """Origin of the weights, for people: version, seed, steps, .."""
     tensors: dict[str, Tensor]
-    """By name, as the network's `state_dict` has them; on the CPU, all finite."""
+    """Tensors by their names in the network's `state_dict`; on the CPU, all finite."""
 
 
 def write_weights(
@@ -64,37 +64,37 @@ def write_weights(
     config: Mapping[str, object],
     provenance: Mapping[str, str],
 ) -> None:
-    """Writes weights as safetensors, which hold no code; the description is JSON in the metadata.
+    """Writes weights as safetensors, which contain no code, with a description as JSON metadata.
 
-    The same weights give the same bytes. The file appears whole or not at all.
+    The same weights give the same bytes. The file is written atomically.
 
     Args:
-        path: Where the file shall stand.
+        path: Target path.
         tensors: A network's `state_dict`.
-        task: Which task's network this is.
-        config: Its settings; only what JSON can hold.
-        provenance: Where the weights come from.
+        task: Task of the network.
+        config: Settings of the network, only JSON values.
+        provenance: Origin of the weights.
 
     Raises:
-        ValueError: The place cannot be written to.
+        ValueError: The file cannot be written.
     """
     description = {"task": task, "config": dict(config), "provenance": dict(provenance)}
-    # Copied: tensors that share memory would be refused, and a network may tie its weights.
+    # Copied: tensors with shared memory are refused, and a network may tie its weights.
     copied = {
         name: tensor.detach().to("cpu", copy=True).contiguous() for name, tensor in tensors.items()
     }
     metadata = {METADATA_KEY: json.dumps(description, sort_keys=True)}
-    atomic_write_bytes(path, save(copied, metadata))  # save_file's own files are for the user alone
+    atomic_write_bytes(path, save(copied, metadata))  # save_file's are readable only by the user
 
 
 def read_weights(weights: Path | str) -> Weights:
     """Reads weights: shipped ones, a file of `write_weights`, or a training checkpoint (.ckpt).
 
-    The content tells which of them a file is, not its name. No code in it is run.
+    The type is recognised by the content, not by the name. No code in the file is run.
 
     Raises:
-        ValueError: There are no such weights, or the file is damaged, holds weights that are not
-            finite, or says not what network it is for; the error names the file, in one line.
+        ValueError: There are no such weights, or the file is damaged, contains non-finite weights,
+            or has no description of its network; the error names the file, in one line.
     """
     path = find_weights(weights)
     if _is_archive(path):
@@ -114,26 +114,26 @@ def read_weights(weights: Path | str) -> Weights:
 def read_checkpoint_weights(path: Path | str) -> Weights:
     """Reads the network's weights from a training checkpoint, without running code from it.
 
-    Where the training averages weights, these are the averages.
+    If the training averages weights, these are the averages.
 
     Raises:
-        ValueError: The file is damaged, no checkpoint of a sightline training, or holds weights
-            that are not finite; the error names the file, in one line.
+        ValueError: The file is damaged, no checkpoint of a sightline training, or contains
+            non-finite weights; the error names the file, in one line.
     """
     path = Path(path)
     _check_archive(path)
     try:
-        with path.open("rb") as file, warnings.catch_warnings():  # a path's ending would mislead it
-            warnings.simplefilter("ignore")  # what it warns of is refused below
+        with path.open("rb") as file, warnings.catch_warnings():  # a path's suffix could mislead it
+            warnings.simplefilter("ignore")  # the causes of its warnings are refused below
             checkpoint = torch.load(file, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError as error:
-        # PyTorch's own words tell how to run the code all the same.
+        # PyTorch's message would explain how to run the code anyway.
         raise ValueError(
             f"{path} holds other Python objects than plain values and tensors, which could run "
             f"code when they are read, or is damaged; {_CHECKPOINT_REMEDY}"
         ) from error
     except Exception as error:
-        # Damaged bytes make its reader raise nearly anything: KeyError, AttributeError, ..
+        # Its reader may raise almost anything for damaged bytes: KeyError, AttributeError, ..
         raise ValueError(
             f"{path} cannot be read as a checkpoint ({_reason(error)}); {_CHECKPOINT_REMEDY}"
         ) from error
@@ -150,7 +150,7 @@ def read_checkpoint_weights(path: Path | str) -> Weights:
 
 @contextmanager
 def plain_defaults() -> Iterator[None]:
-    """Sets PyTorch's defaults to float32 on the CPU, as networks of weights need, and back."""
+    """Sets PyTorch's defaults to float32 on the CPU for loading weights, and restores them."""
     before = torch.get_default_dtype()
     # entered only where it is needed: it slows down every call of PyTorch
     is_elsewhere = torch.get_default_device().type != "cpu"
@@ -165,10 +165,10 @@ def plain_defaults() -> Iterator[None]:
 
 
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
-    """Gives a network its weights; those kept in half precision are widened.
+    """Loads weights into a network; half-precision weights are converted.
 
     Raises:
-        ValueError: They are of other names, shapes or types than the network's; names the first.
+        ValueError: Names, shapes or types differ from the network's; names the first difference.
     """
     expected = network.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
@@ -193,12 +193,12 @@ def _kind(tensor: Tensor) -> str:
 def _is_archive(path: Path) -> bool:
     try:
         return zipfile.is_zipfile(path)
-    except zipfile.BadZipFile:  # one that is damaged: Python's own, before 3.13, raises on some
+    except zipfile.BadZipFile:  # a damaged one: Python before 3.13 raises for some
         return True
 
 
 def _check_archive(path: Path) -> None:
-    """Refuses an archive whose content is larger than itself: PyTorch packs nothing."""
+    """Refuses an archive whose content is larger than itself: PyTorch does not compress."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
@@ -233,12 +233,12 @@ def _weights(path: Path, described: WeightsDescription, tensors: Mapping[str, ob
 
 
 def _fault(tensor: Tensor) -> str:
-    """What is wrong with a network's tensor, empty if nothing."""
+    """Fault of a network's tensor; empty: none."""
     is_plain = tensor.layout == torch.strided and tensor.device.type == "cpu"
     if not is_plain or tensor.dtype not in _TENSOR_TYPES or tensor.ndim > _MAX_AXES:
         return _NO_ARRAY
     if tensor.untyped_storage().nbytes() < tensor.numel() * tensor.itemsize:
-        return "claims more numbers than the file holds"  # by strides of zero
+        return "claims more numbers than the file holds"  # with strides of zero
     if not tensor.isfinite().all():
         return "holds NaN or infinite values"
     return ""

@@ -1,4 +1,4 @@
-"""What a weights file says about itself, read without PyTorch, whose import takes seconds."""
+"""Reader of weights files' descriptions without PyTorch, whose import takes seconds."""
 
 import json
 import struct
@@ -9,48 +9,48 @@ from typing import Final
 from sightline.geometry.arguments import nearest, plain_path
 
 WEIGHTS_FOLDER: Final = Path(__file__).parents[1] / "weights"
-"""Weights that come with the package."""
+"""Folder of the weights in the package."""
 
 METADATA_KEY: Final = "sightline"
-"""Where a safetensors file's metadata hold the description; one key only, for safetensors writes
-several in random order."""
+"""Key of the description in a safetensors file's metadata; only one key, because safetensors
+writes several in random order."""
 
 WEIGHTS_REMEDY: Final = (
     "name a weights file that sightline wrote, or export it again from the run's checkpoint"
 )
 
 _LENGTH = struct.Struct("<Q")  # a safetensors file begins with its header's length in bytes
-_MAX_HEADER_BYTES = 2**24  # some hundred thousand tensors
+_MAX_HEADER_BYTES = 2**24  # enough for some hundred thousand tensors
 _MAX_DESCRIPTION_BYTES = 2**16
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WeightsDescription:
-    """What network some weights are for."""
+    """Description of the network of weights."""
 
     task: str
-    """Which task's network this is."""
+    """Task of the network."""
     config: dict[str, object]
-    """The network's settings in plain values, as JSON gives them."""
+    """The network's settings as plain JSON values."""
     provenance: dict[str, str]
-    """Where the weights come from, for people: version, seed, steps, .."""
+    """Origin of the weights, for people: version, seed, steps, .."""
 
 
 def shipped_names() -> tuple[str, ...]:
-    """Names of the weights that come with the package."""
+    """Names of the weights in the package."""
     return tuple(sorted(path.stem for path in WEIGHTS_FOLDER.glob("*.safetensors")))
 
 
 def has_weights(weights: Path | str) -> bool:
-    """Whether there are weights of this name, or a file."""
+    """Whether weights of this name, or such a file, exist."""
     return str(weights) in shipped_names() or Path(weights).is_file()
 
 
 def find_weights(weights: Path | str) -> Path:
-    """The file of weights that are told by their file, or by name where the package holds them.
+    """Find the file of weights, given by path or by their name in the package.
 
     Raises:
-        TypeError: It is neither a name nor a path.
+        TypeError: The argument is neither a name nor a path.
         ValueError: There are no such weights, or the file is an exported network.
     """
     named = ", ".join(shipped_names()) or "none do"
@@ -72,10 +72,10 @@ def find_weights(weights: Path | str) -> Path:
 
 
 def read_description(path: Path) -> WeightsDescription:
-    """Reads what a safetensors file of ours says about itself; its tensors are not looked at.
+    """Reads the description in our safetensors file, without its tensors.
 
     Raises:
-        ValueError: The file is no safetensors file, or says not what network it is for.
+        ValueError: The file is no safetensors file, or has no description of its network.
     """
     try:
         with path.open("rb") as file:
@@ -95,10 +95,10 @@ def read_description(path: Path) -> WeightsDescription:
 
 
 def parse_description(path: Path, text: str) -> WeightsDescription:
-    """The description that stands as JSON in a file's metadata.
+    """Parse the description from JSON in a file's metadata.
 
     Raises:
-        ValueError: It is none; the error names the file.
+        ValueError: The text is no description; the error names the file.
     """
     description: object = None
     if len(text) <= _MAX_DESCRIPTION_BYTES:
@@ -110,10 +110,10 @@ def parse_description(path: Path, text: str) -> WeightsDescription:
 
 
 def check_description(path: Path, description: object) -> WeightsDescription:
-    """A description out of plain values.
+    """Convert plain values to a description.
 
     Raises:
-        ValueError: It is none; the error names the file.
+        ValueError: The values are no description; the error names the file.
     """
     match description:
         case {"task": str(task), "config": dict(config), "provenance": dict(provenance)}:

@@ -1,4 +1,4 @@
-"""What threads of libraries do in worker processes and in forked ones."""
+"""Limits on libraries' threads in worker processes and in forked ones."""
 
 import os
 from functools import cache
@@ -11,9 +11,9 @@ _processes_without_threads: set[int] = set()
 
 
 def keep_opencv_to_one_thread_in_workers() -> None:
-    """Stops OpenCV from starting a thread per core in every worker; outside of one, nothing.
+    """Limits OpenCV to one thread in a worker; does nothing outside of workers.
 
-    The workers are the parallelism: threads on top make all of them wait for each other.
+    Work is parallel over workers: additional threads would make them wait for each other.
     """
     if get_worker_info() is not None:
         cv2.setNumThreads(0)
@@ -21,15 +21,15 @@ def keep_opencv_to_one_thread_in_workers() -> None:
 
 @cache
 def keep_pytorch_to_one_thread_in_forks() -> None:
-    """Have PyTorch take one thread in every process that is forked from now on.
+    """Limit PyTorch to one thread in every process forked from now on.
 
-    Its threads do not survive a fork: whoever hands them work there waits for ever.
+    Its threads do not survive a fork: work for them would wait for ever.
     """
     os.register_at_fork(after_in_child=_take_one_thread)
 
 
 def has_lost_threads() -> bool:
-    """True of a forked process, in which PyTorch must not be given more than one thread."""
+    """Whether this is a forked process, in which PyTorch must use only one thread."""
     return os.getpid() in _processes_without_threads
 
 

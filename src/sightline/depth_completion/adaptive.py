@@ -1,4 +1,4 @@
-"""Depth completion that follows the spacing of the measurements: for 64 beams or 8."""
+"""Depth completion that adapts to the spacing of the measurements, from 64 beams down to 8."""
 
 from dataclasses import dataclass, fields
 from typing import Final, Literal, get_args
@@ -25,20 +25,19 @@ from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.structures.predictions import DepthMap
 
 HiddenRule = Literal["contrast", "window"]
-"""How far nearer returns may lie that hide a return from the camera: `contrast`, the farther the
-larger the difference of the inverse depths, as parallax has it; `window`, always as far (versions
-up to 0.2)."""
+"""Search range for nearer returns that hide a return from the camera. `contrast`: grows with the
+difference of the inverse depths, as parallax does. `window`: constant (versions up to 0.2)."""
 
 WIDEST_SPACING_PX = 64  # between neighbours of a ring; bounds the search in very sparse maps
-HOLE_COLUMNS = 3  # column spacings; so much farther than valid guesses is where a hole begins
+HOLE_COLUMNS = 3  # column spacings beyond the valid guesses at which a hole begins
 SMOOTHING_PASSES = 2  # two running means make a triangle
-SEARCH_COLUMNS = 5  # column spacings to all sides, in which the nearest return is looked up
+SEARCH_COLUMNS = 5  # column spacings to each side of the search for the nearest return
 KITTI_COLUMNS = 3  # column spacing of KITTI's sweeps in its images [px]
 # Rule "contrast": reach in ring spacings (beside: column spacings), and its growth in column
 # spacings per difference of inverse depths [m]. Wider than the parallax of KITTI's mount, some 20:
 # true depth bleeds at edges, too. Found on the frames of real truth.
 REACH_ABOVE, REACH_BELOW, REACH_BESIDE = (0.6, 50.0), (0.8, 133.0), (4 / 3, 40 / 3)
-NEAR_PX = 5  # square around a measurement in which morphological completion counts
+NEAR_PX = 5  # side of the square around a measurement where morphological completion is used
 _MEDIAN_PX, _GAUSS_PX, GAUSS_SIGMA_PX = 5, 5, 0.8
 
 
@@ -46,45 +45,45 @@ _MEDIAN_PX, _GAUSS_PX, GAUSS_SIGMA_PX = 5, 5, 0.8
 class AdaptiveConfig:
     """Settings of adaptive completion, in multiples of the spacings measured in each map.
 
-    Column spacing: from a measurement to the next one of its ring; grows with the focal length.
-    Ring spacing: rows from one ring to the next. Tuned on 13 KITTI frames with real depth truth.
+    Column spacing: columns between neighbours of a ring; grows with the focal length. Ring
+    spacing: rows between neighbouring rings. Tuned on 13 KITTI frames with real depth truth.
     """
 
     surface_ratio: float = 1.05
-    """Largest ratio of two depths of one surface."""
+    """Largest ratio of two neighbouring depths on one surface."""
     ground_slope: float = 0.0016
-    """Most that inverse depth [1/m] grows downwards in a row of KITTI's images on one surface,
-    however large the ratio; twice what a level road has."""
+    """Largest growth of inverse depth [1/m] per row downwards on one surface in KITTI's images,
+    for any depth ratio; twice the growth on a level road."""
     nearer_share: float = 0.7
-    """Share of a gap between two surfaces that gets the nearer one's depth; negative: such gaps are
-    linear, as all are where rings are sparse."""
+    """Share of a gap between two surfaces that takes the nearer surface's depth. Negative: such
+    gaps are interpolated linearly, like all gaps between sparse rings."""
     dense_rings: float = 2.5
-    """Ring spacing in column spacings up to which rings count as dense."""
+    """Largest ring spacing of dense rings, in column spacings."""
     hidden_rule: HiddenRule = "contrast"
-    """Which nearer measurements hide a farther one from the camera."""
+    """Rule for nearer measurements that hide a farther one from the camera."""
     hidden_ratio: float = 1.2
-    """How many times nearer a measurement is that hides another."""
+    """Smallest depth ratio at which a nearer measurement hides another."""
     hidden_rows: float = 5.0
-    """Rule `window`: how far to look above and below, in column spacings, but a ring spacing at
-    least."""
+    """Rule `window`: search range above and below, in column spacings; at least one ring
+    spacing."""
     hidden_columns: float = 2.0
-    """Rule `window`: how far to look beside, in column spacings."""
+    """Rule `window`: search range to each side, in column spacings."""
     link_columns: float = 4.0
-    """Longest gap to bridge within a ring, in column spacings."""
+    """Longest bridged gap within a ring, in column spacings."""
     smoothing: float = 0.25
-    """Columns to either side that are averaged, per row of distance to the nearest ring."""
+    """Averaged columns to either side, per row of distance to the nearest ring."""
     softening: float = 0.01
-    """Depths that differ from the smoothed median around them by a larger share take its value;
-    infinite: none does."""
+    """Largest relative difference to the smoothed local median; depths beyond it take the
+    median's value. Infinite: no depth does."""
     trusted_rings: float = 4.0
-    """Rings further apart than so many ring spacings leave a gap that is not valid."""
+    """Largest valid gap between two rings, in ring spacings."""
     classical_share: float = 0.5
-    """Weight of morphological completion (`classical_depth`) near measurements where both differ,
-    if the ring spacing is within the reach of its kernels."""
+    """Weight of morphological completion (`classical_depth`) near measurements where both methods
+    differ, if the ring spacing is within the reach of its kernels."""
     classical_difference: float = 0.03
-    """Smallest difference of both, as a share of the depth, at which their mean is taken."""
+    """Smallest relative difference of the two methods at which they are mixed."""
     classical_rows: float = 7.0
-    """Largest ring spacing [px] at which morphological completion has a share."""
+    """Largest ring spacing [px] at which morphological completion is mixed in."""
 
     def __post_init__(self) -> None:
         """Checks the choices and ranges."""
@@ -120,29 +119,28 @@ def adaptive_depth(
     sparse_depth_m: Float32[np.ndarray, "height width"],
     config: AdaptiveConfig = AdaptiveConfig(),
 ) -> DepthMap:
-    """Completes depth between the rings of a sweep, however many there are.
+    """Completes depth between the rings of a sweep, for any number of rings.
 
     1. Measures the spacing along and between rings.
-    2. Leaves out measurements with nearer ones both above and below, as far away as parallax may
-       move a surface: the LiDAR sees past edges that hide them from the camera.
+    2. Removes measurements that have nearer ones both above and below, within the distance that
+       parallax may move a surface: the LiDAR measures points that are hidden from the camera.
     3. Joins each measurement to the next of its ring, linear in inverse depth on one surface.
     4. Fills columns between rings, linear in inverse depth on one surface, which is exact for
-       planes; between two surfaces the nearer one goes on for most of the gap. Above the top ring
-       its depth goes on, below the lowest one the slope of the ground.
-    5. Where a part of the sweep is missing goes along rows instead, from what is valid on the left
-       to what is valid on the right.
-    6. Averages depth along rows, the wider the farther from a ring, so that no stripes stay, and
-       replaces what differs from the median around it.
-    7. With some 64 beams takes the mean with morphological completion, whose errors at contours
-       are others.
+       planes. Between two surfaces the nearer one fills most of the gap. The top ring's depth
+       continues upwards, the slope of the ground continues below the lowest ring.
+    5. Fills missing parts of the sweep along rows, between the valid pixels on either side.
+    6. Averages depth along rows to remove stripes, wider with the distance from a ring, and
+       replaces depths that differ from the local median.
+    7. With about 64 beams, takes the mean with morphological completion, whose errors at contours
+       are different.
 
-    Gives every pixel a depth if anything is measured. Valid are pixels between two rings that are
-    not too far apart, and those within a ring spacing of one; the rest, such as the sky, is a
-    guess. Measured pixels that are not hidden keep their values. Takes some 15 ms on one core for
+    If anything is measured, every pixel gets a depth. Pixels are valid between two rings that are
+    not too far apart, and within a ring spacing of a ring; the rest, such as the sky, is a guess.
+    Measured pixels that are not hidden keep their values. Takes some 15 ms on one core for
     1216x352.
 
     Raises:
-        ValueError: `sparse_depth_m` holds something else than depths.
+        ValueError: `sparse_depth_m` contains invalid depths.
     """
     check_sparse_depth(sparse_depth_m)
     places = np.flatnonzero(sparse_depth_m > 0)
@@ -171,7 +169,7 @@ def _between_rings(
     spacing: "_Spacing",
     config: AdaptiveConfig,
 ) -> tuple[Float32[np.ndarray, "height width"], Bool[np.ndarray, "height width"]]:
-    """Steps 3 to 5 and the averaging of 6: depth [m], and which pixels are valid."""
+    """Run steps 3 to 5 and the averaging of 6; returns depth [m] and the mask of valid pixels."""
     traced = _trace(inverse_depth, pixels, spacing, config)
     is_dense = spacing.rows <= config.dense_rings * spacing.columns
     filled, distance, is_trusted = fill_columns(
@@ -197,7 +195,7 @@ def _between_rings(
 def _softened(
     depth_m: Float32[np.ndarray, "height width"], tolerance: float
 ) -> Float32[np.ndarray, "height width"]:
-    """The map with depths that differ from the smoothed median around them replaced by it."""
+    """Replace depths that differ from the smoothed local median by the median."""
     if not np.isfinite(tolerance):
         return depth_m
     median = cv2.medianBlur(depth_m, _MEDIAN_PX)
@@ -210,7 +208,7 @@ def _mixed_with_classical(
     sparse_depth_m: Float32[np.ndarray, "height width"],
     config: AdaptiveConfig,
 ) -> Float32[np.ndarray, "height width"]:
-    """The mean with morphological completion near and above measurements, where both differ."""
+    """Average with morphological completion near and above measurements, where both differ."""
     filtered = classical_depth(sparse_depth_m).depth_m.numpy()
     beside = cv2.dilate((sparse_depth_m > 0).view(np.uint8), np.ones((1, NEAR_PX), np.uint8))
     is_near = cv2.dilate(beside, np.ones((NEAR_PX, 1), np.uint8)) > 0
@@ -229,9 +227,9 @@ class _Spacing:
     """Median spacing of measured pixels."""
 
     columns: int
-    """Along a ring, from one to the next."""
+    """Columns between neighbours of a ring."""
     rows: int
-    """From a ring to the next."""
+    """Rows between neighbouring rings."""
 
 
 def _measure_spacing(
@@ -252,7 +250,7 @@ def _find_hidden(
     spacing: _Spacing,
     config: AdaptiveConfig,
 ) -> Bool[np.ndarray, " n"]:
-    """Which measured pixels the camera cannot see, by `config.hidden_rule`."""
+    """Mask of the measured pixels that are hidden from the camera, by `config.hidden_rule`."""
     if config.hidden_rule == "window":
         beside = float(round(config.hidden_columns * spacing.columns))
         rows = float(max(round(config.hidden_rows * spacing.columns), spacing.rows))
@@ -287,7 +285,7 @@ def _trace(
 
 
 def _nearest_true(is_true: Bool[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """For each place the nearest one that is true, the left one at a tie."""
+    """Index of the nearest true entry for each index; the left one at a tie."""
     places = np.flatnonzero(is_true)
     here = np.arange(len(is_true))
     right = np.searchsorted(places, here).clip(max=len(places) - 1)

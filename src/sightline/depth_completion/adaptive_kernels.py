@@ -1,4 +1,4 @@
-"""The compiled steps of adaptive completion, without torch. See `adaptive` for what they are for.
+"""Compiled steps of adaptive completion, without torch. `adaptive` describes their purpose.
 
 All work on inverse depths [1/m] in image layout, 0 = none.
 """
@@ -10,16 +10,16 @@ from numpy import ndarray
 from sightline.ops.compiled import compiled
 
 NO_NEIGHBOUR = 0
-"""Gap that stands for no neighbour."""
+"""Gap value for a pixel without a neighbour."""
 
-RING_SLOPE = 0.4  # rows per column that a ring may rise or fall on its way to the next return
-WIDEST_HOLE = 2  # for each trusted pixel of its row
-GROWTH_BELOW = 2  # below the lowest ring the ground goes on for so many times the last gap
+RING_SLOPE = 0.4  # largest slope of a ring between two returns, in rows per column
+WIDEST_HOLE = 2  # largest width of a hole, per trusted pixel of its row
+GROWTH_BELOW = 2  # rows of ground below the lowest ring, as a multiple of the last gap
 
 
 @compiled
 def inverse(values: Float32[ndarray, "height width"]) -> Float32[ndarray, "height width"]:
-    """1 / value where there is one, else 0: depth from inverse depth and back."""
+    """Convert depth to inverse depth or back: 1 / value, 0 where there is no value."""
     inverses = np.empty_like(values)
     for row in range(values.shape[0]):
         for column in range(values.shape[1]):
@@ -35,10 +35,11 @@ def right_neighbours(
     reach_columns: int,
     reach_rows: int,
 ) -> Int64[ndarray, "n 2"]:
-    """Columns and rows from each measured pixel to the next one of its ring on the right.
+    """Find the columns and rows from each measured pixel to its right neighbour in the ring.
 
-    That is the one the fewest columns away, of those the fewest rows away, the upper one at a tie.
-    (`NO_NEIGHBOUR`, 0) where there is none within reach. The rows searched grow with the columns.
+    The neighbour has the smallest column distance, then the smallest row distance; the upper one
+    wins a tie. (`NO_NEIGHBOUR`, 0) if there is none within reach. The searched rows grow with the
+    column distance.
     """
     height, width = inverse_depth.shape
     steps = np.zeros((len(pixels), 2), dtype=np.int64)
@@ -63,7 +64,7 @@ def right_neighbours(
 def gap_counts(
     is_covered: Bool[ndarray, "height width"],
 ) -> Int64[ndarray, " height_plus_1"]:
-    """How often each number of rows lies between the tops of covered runs, along all columns."""
+    """Histogram of the row distances between the tops of covered runs, over all columns."""
     height, width = is_covered.shape
     counts = np.zeros(height + 1, dtype=np.int64)
     top = np.full(width, -1, dtype=np.int64)
@@ -86,18 +87,18 @@ def hidden_pixels(
     rows_below: tuple[float, float],
     columns: tuple[float, float],
 ) -> Bool[ndarray, " n"]:
-    """Which measured pixels have nearer ones both above and below, close enough to hide them.
+    """Mask of the measured pixels that nearer ones above and below hide from the camera.
 
-    A reach (base, growth) is base + growth * d pixels, d being the difference of the two inverse
-    depths: parallax, by which a surface can move in front of another, grows with it.
+    A reach (base, growth) is base + growth * d pixels, where d is the difference of the two
+    inverse depths: the parallax that moves a surface in front of another grows with d.
 
     Args:
         inverse_depth: The measured map.
-        nearest_around: Largest inverse depth of the window around each pixel; its difference to the
-            pixel's own bounds the search.
+        nearest_around: Largest inverse depth in the window around each pixel. Its difference to the
+            pixel's inverse depth bounds the search.
         pixels: Rows and columns of the measured pixels.
-        ratio: How many times nearer "in front" is.
-        rows_above: Reach upwards; a pixel's own row counts to both sides.
+        ratio: Smallest depth ratio to a pixel in front.
+        rows_above: Reach upwards; the pixel's own row counts as above and below.
         rows_below: Reach downwards.
         columns: Reach to either side.
     """
@@ -142,8 +143,8 @@ def trace_rings(
 ) -> Float32[ndarray, "height width"]:
     """Draws each measured pixel and the line to its right neighbour.
 
-    On one surface the line is linear in inverse depth; between two surfaces each end keeps its own
-    half. A measured pixel stays as it is; of lines that cross the nearer wins.
+    On one surface the line is linear in inverse depth; between two surfaces each end keeps its
+    half. Measured pixels keep their values. Where lines cross, the nearer depth wins.
     """
     traced = inverse_depth.copy()
     for i in range(len(pixels)):
@@ -182,24 +183,24 @@ def fill_columns(
 ]:
     """Fills each column from its traced pixels; columns without any stay empty.
 
-    Linear between two of one surface. Between two surfaces the nearer one goes on for a share of
-    the gap, then the farther one: what lies between them belongs to neither. Above the topmost its
-    value; below the lowest the slope of the last gap goes on for twice its rows if it comes nearer
-    downwards, as the ground does.
+    The fill is linear between two pixels of one surface. Between two surfaces the nearer one fills
+    a share of the gap, the farther one the rest. The topmost value continues upwards. Below the
+    lowest pixel the slope of the last gap continues for twice its rows if depth decreases
+    downwards, as on the ground.
 
     Args:
         traced: The rings.
-        trusted_gap: Most rows between two rings for what lies between them to be trusted.
-        trusted_reach: Rows from a ring that are trusted anyway. Below the lowest ring the rows of
-            the last gap are, if they are more, up to `trusted_gap`.
-        surface_ratio: Largest ratio of two depths of one surface.
-        ground_slope: Most that inverse depth [1/m] grows downwards in a row on one surface, however
-            large the ratio: the road's own slope.
-        nearer_share: Of a gap between two surfaces, from the nearer one; negative: every gap is
-            linear.
+        trusted_gap: Largest trusted gap between two rings, in rows.
+        trusted_reach: Rows from a ring that are always trusted. Below the lowest ring, the rows of
+            the last gap if they are more, up to `trusted_gap`.
+        surface_ratio: Largest ratio of two neighbouring depths on one surface.
+        ground_slope: Largest growth of inverse depth [1/m] per row downwards on one surface, for
+            any depth ratio: the slope of the road.
+        nearer_share: Share of a gap between two surfaces that takes the nearer depth; negative:
+            every gap is linear.
 
     Returns:
-        Inverse depth; rows to the nearest traced pixel of the column; which pixels are trusted.
+        Inverse depth; rows to the nearest traced pixel of the column; mask of trusted pixels.
     """
     height, width = traced.shape
     filled = np.zeros((height, width), dtype=np.float32)
@@ -232,7 +233,7 @@ def fill_columns(
                 )
             filled[row, column] = value
             trusted[row, column] = True
-            if row - above > 1:  # a ring that changes its row covers two in one column
+            if row - above > 1:  # a ring that changes its row covers two rows of one column
                 ring_before[column] = above
             last[column] = row
     _continue_below(
@@ -252,7 +253,7 @@ def _continue_below(
     distance: Float32[ndarray, "height width"],
     trusted: Bool[ndarray, "height width"],
 ) -> None:
-    """Fills what lies below the lowest ring, in the last three arrays. -1: no such row."""
+    """Fills the pixels below the lowest ring in the last three arrays. Row -1: no such row."""
     height, width = traced.shape
     for column in range(width):
         lowest, before = lowest_rows[column], rows_before[column]
@@ -280,11 +281,11 @@ def bridge_rows(
 ) -> Float32[ndarray, "height width"]:
     """Fills holes along their rows, linear between the trusted pixels on either side.
 
-    A hole is a run of pixels that are not trusted whose first and last are `least_distance` or more
-    from the nearest ring of their columns: nearer ones lie beside a ring that bends, such as the
-    top one. Nor is a hole a run above the rings of most of its columns that is more than twice as
-    wide as what is trusted in its row: it is what no ring reaches, between near things on either
-    side that rise into it. Without a trusted pixel on one side a run stays as it is.
+    A hole is a run of untrusted pixels whose first and last are at least `least_distance` from the
+    nearest ring of their columns; nearer pixels lie beside a bent ring, such as the top one. A run
+    is no hole if it lies above the rings of most of its columns and is more than twice as wide as
+    the trusted part of its row: no ring reaches this space between near objects. A run without a
+    trusted pixel on one side stays unchanged.
 
     Distances are 0 on rings, and infinite in columns without any.
     """
@@ -292,11 +293,11 @@ def bridge_rows(
     bridged = filled.copy()
     is_below_top = np.zeros(
         width, dtype=np.bool_
-    )  # has a ring in this row or above, or none at all
+    )  # the column has a ring in this row or above, or no ring at all
     for column in range(width):
         is_below_top[column] = np.isinf(distance[0, column])
     for row in range(height):
-        widest, above = 0, 0  # above: columns since the last trusted one that have all rings below
+        widest, above = 0, 0  # above: columns with all rings below, since the last trusted column
         for column in range(width):
             widest += WIDEST_HOLE * trusted[row, column]
             is_below_top[column] |= distance[row, column] == 0
@@ -326,7 +327,7 @@ def smooth_rows(
     distance: Float32[ndarray, "height width"],
     share: float,
 ) -> Float32[ndarray, "height width"]:
-    """Mean over the columns within `share` times the distance to the nearest ring of each pixel."""
+    """Average along rows, within `share` times each pixel's distance to the nearest ring."""
     height, width = depth_m.shape
     smooth = depth_m.copy()
     total = np.zeros(width + 1)  # float64: sums of a whole row
@@ -349,9 +350,9 @@ def move_towards(
     tolerance: float,
     share: float,
 ) -> Float32[ndarray, "height width"]:
-    """Moves chosen depths by a share of the way to others that differ by more than a tolerance.
+    """Move chosen depths towards another map where the two differ by more than a tolerance.
 
-    The tolerance is a share of the depth.
+    The tolerance is a share of the depth; a depth moves by `share` of the difference.
     """
     moved = depth_m.copy()
     for row in range(depth_m.shape[0]):

@@ -1,4 +1,4 @@
-"""Several samples as the depth completion networks take them."""
+"""Batches of the depth completion networks."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,21 @@ from sightline.structures.batch import FieldwiseBatch
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthBatch(FieldwiseBatch):
-    """Samples of one image size, as tensors. Depth maps: metres along the optical axis, 0 = none.
+    """Batch of samples of one image size. Depth maps: metres along the optical axis, 0 = none.
 
-    A camera that delivered nothing is a black image, which is also what a dead camera delivers.
+    A missing camera image is black, like the image of a dead camera.
     """
 
     sample_ids: tuple[str, ...]
     image: Float32[Tensor, "batch 3 height width"]
     """RGB in [0, 1]."""
     sparse_depth_m: Float32[Tensor, "batch 1 height width"]
-    """What the sweep gives the image."""
+    """The sweep projected into the image."""
     filled_depth_m: Float32[Tensor, "batch 1 height width"] | None = None
     """The sparse map completed by a classical method, for networks that start from one."""
     depth_m: Float32[Tensor, "batch 1 height width"] | None = None
-    """Truth to train on or to score against."""
+    """Ground truth for training or scoring."""
     dense_depth_m: Float32[Tensor, "batch 1 height width"] | None = None
-    """Dense truth to train on besides, where `depth_m` holds but a few rings."""
+    """Additional dense ground truth for training, where `depth_m` contains only a few rings."""
     weight: Float32[Tensor, "batch 1 height width"] | None = None
-    """How much each pixel of `depth_m` counts in the loss; None: all alike."""
+    """Weight of each pixel of `depth_m` in the loss; None: all equal."""

@@ -12,7 +12,7 @@ from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.structures.predictions import DepthMap
 
 Blur = Literal["gaussian", "bilateral"]
-"""How the last step smooths."""
+"""Filter of the last smoothing step."""
 
 _DIAMOND = np.array(
     [
@@ -38,11 +38,11 @@ class ClassicalConfig:
     """Morphological completion. Its kernels are made for 64 beams and KITTI's image size."""
 
     blur: Blur = "gaussian"
-    """The last smoothing: gaussian has the lower error, bilateral keeps edges."""
+    """Filter of the last smoothing step: gaussian has the lower error, bilateral keeps edges."""
     extrapolate: bool = True
     """Whether columns are extended to the top of the image and large holes filled."""
     max_depth_m: float = 100.0
-    """Depths are inverted by subtraction from it; farther measurements are left out."""
+    """Depth from which depths are subtracted for inversion; farther measurements are left out."""
 
     def __post_init__(self) -> None:
         """Checks the blur and the range."""
@@ -60,18 +60,18 @@ def classical_depth(
 ) -> DepthMap:
     """Morphology on inverted depth: Ku, Harakeh, Waslander 2018 (arXiv:1802.00036), section III.
 
-    Depth d is turned to `max_depth_m` - d, so that a dilation lets near surfaces win. Then: diamond
-    dilation, closing, small holes, extension to the top, large holes, median, blur, and back.
-    Measured pixels do not keep their values. Valid is what the first three steps reach; what is
-    extended to the top or fills large holes is a guess, and pixels that nothing reaches have no
-    value. Around those the Gaussian mixes emptiness in as the farthest depth, as the authors'
-    program does: one reason why fewer than 32 beams break this method.
+    Depth d is inverted to `max_depth_m` - d, so that near surfaces win a dilation. The steps are:
+    diamond dilation, closing, small holes, extension to the top, large holes, median, blur, and
+    inversion back. Measured pixels do not keep their values. Pixels filled by the first three
+    steps are valid; the extension and the large holes are guesses; other pixels have no value.
+    Around empty pixels the Gaussian mixes in the farthest depth, as the authors' program does: one
+    reason why this method fails with fewer than 32 beams.
 
-    Departure: measurements beyond `max_depth_m`, or within 0.1 m of either end, which inversion
-    would turn to emptiness or to negative depths, are left out at the start.
+    Departure: measurements beyond `max_depth_m`, or within 0.1 m of either end, are left out at
+    the start; inversion would make them empty or negative.
 
     Raises:
-        ValueError: `sparse_depth_m` holds something else than depths.
+        ValueError: `sparse_depth_m` contains invalid depths.
     """
     check_sparse_depth(sparse_depth_m)
     is_kept = (sparse_depth_m > _EMPTY_BELOW_M) & (
@@ -101,14 +101,14 @@ def _is_filled(inverted: Float32[np.ndarray, "height width"]) -> Bool[np.ndarray
 def _fill_holes(
     inverted: Float32[np.ndarray, "height width"], kernel: np.ndarray
 ) -> Float32[np.ndarray, "height width"]:
-    """Empty pixels take the nearest surface's depth under the kernel; others stay."""
+    """Fill empty pixels with the nearest surface's depth under the kernel."""
     return np.where(_is_filled(inverted), inverted, cv2.dilate(inverted, kernel))
 
 
 def _extend_to_top(
     inverted: Float32[np.ndarray, "height width"],
 ) -> Float32[np.ndarray, "height width"]:
-    """Above the topmost filled pixel of a column, that pixel's depth."""
+    """Extend the topmost depth of each column to the top of the image."""
     is_filled = _is_filled(inverted)
     top_rows = is_filled.argmax(axis=0)
     top_values = np.take_along_axis(inverted, top_rows[None], axis=0)

@@ -1,4 +1,4 @@
-"""Settings of the depth completion networks. The defaults are Yu and Kee's as we read it."""
+"""Settings of the depth completion networks. The defaults are our reading of Yu and Kee 2021."""
 
 import math
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ def _check_at_most(name: str, value: int, largest: int) -> None:
 
 
 def _check_choices(settings: object, prefix: str = "") -> None:
-    """Refuses what is none of a setting's choices; a config from a file was checked there."""
+    """Refuses a value that is not one of its setting's choices; files are checked when read."""
     for name, kind in get_type_hints(type(settings)).items():
         if get_origin(kind) is Literal and getattr(settings, name) not in get_args(kind):
             choices = ", ".join(map(str, get_args(kind)))
@@ -46,11 +46,11 @@ class ShiftConvConfig:
     channels: int = 36
     """Channels of each layer: a multiple of 9, the directions of a shift."""
     layers: int = 8
-    """Number of Shift-Convolutions in a row: depth travels by one shift in each."""
+    """Number of consecutive Shift-Convolutions; depth moves by one shift in each."""
     shifts_px: tuple[int, ...] = (1,)
-    """How far each layer shifts, in pixels; repeated from the start when it runs out."""
+    """Shift of each layer [px]; repeated from the start if there are more layers."""
     stride: Literal[1, 2, 4] = 1
-    """Blocks of so many pixels squared are folded into channels first: cheaper, longer reach."""
+    """Side of the pixel blocks that are first folded into channels: cheaper, longer reach."""
 
     def __post_init__(self) -> None:
         """Checks the choices and the numbers."""
@@ -68,22 +68,22 @@ class ShiftConvConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TrunkConfig:
-    """Light HRNet: several scales side by side, each half as large as the one before."""
+    """Light HRNet: several parallel scales, each half as large as the one before."""
 
     channels: tuple[int, ...] = (32, 64, 128, 256)
     """Channels of each scale, the largest map first."""
     modules: int = 3
-    """Rounds of residual blocks at every scale, each ending in an exchange between scales."""
+    """Number of modules: residual blocks at every scale, then an exchange between scales."""
     blocks: int = 2
     """Residual blocks per module and scale."""
     lowest_blocks: int = 1
     """Residual blocks per module at the smallest scale: the paper halves them there."""
     reduction: int = 1
-    """Residual blocks narrow their channels by this factor."""
+    """Factor by which residual blocks reduce their channels."""
     exchange: Literal["all", "neighbours"] = "all"
-    """Which scales feed into a scale: all, or only the next larger and the next smaller one."""
+    """Scales that feed into a scale: all, or only the next larger and the next smaller one."""
     head_kernel_px: Literal[1, 3] = 3
-    """Kernel of the one convolution that reads all scales together: 1 is nine times cheaper."""
+    """Kernel size of the convolution over all scales together: 1 is nine times cheaper."""
 
     def __post_init__(self) -> None:
         """Checks the choices and the numbers."""
@@ -103,18 +103,18 @@ class TrunkConfig:
 
     @property
     def stride(self) -> int:
-        """How much smaller the smallest scale is: its input's sides must be multiples of it."""
+        """Reduction factor of the smallest scale; input sides must be multiples of it."""
         return int(2 ** (len(self.channels) - 1))
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneSmoothing:
-    """How a finished map is smoothed; see `smooth_planes`."""
+    """Smoothing of a completed map; see `smooth_planes`."""
 
     windows_px: tuple[int, ...] = (12, 24)
-    """How far the window of each pass goes to all sides of its pixel."""
+    """Reach of each pass's window to every side of its pixel [px]."""
     noise_m: float = 0.02
-    """Standard deviation of the measurements [m]: at most this by the HDL-64E's data sheet."""
+    """Standard deviation of the measurements [m]: the HDL-64E data sheet's upper bound."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -131,80 +131,81 @@ class PlaneSmoothing:
 
 @dataclass(frozen=True, kw_only=True)
 class ByDirection:
-    """How large corrections must be to count, by where they move a pixel."""
+    """Thresholds of the corrections for the two directions in which they move a pixel."""
 
     nearer: float
-    """Those that bring it nearer to the camera (the logarithm of a factor)."""
+    """Threshold of corrections towards the camera (the logarithm of a factor)."""
     farther: float
-    """Those that take it farther away."""
+    """Threshold of corrections away from the camera."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthCompletionConfig:
-    """A depth completion network."""
+    """Settings of a depth completion network."""
 
     depth_scale_m: float = 85.0
-    """Depth [m] that is 1 inside the network."""
+    """Depth [m] of the value 1 inside the network."""
     shift_conv: ShiftConvConfig | None = ShiftConvConfig()
-    """The E-Point branch. None: the same network fed by image and points only."""
+    """The E-Point branch. None: the same network with image and points as its only inputs."""
     trunk: TrunkConfig = TrunkConfig()
-    """What sees image and depth together."""
+    """The trunk over image and depth together."""
     stem_channels: int = 32
-    """Channels of the convolution that each input goes through before the trunk."""
+    """Channels of each input's convolution before the trunk."""
     stem_fusion: Literal["sum", "concatenate", "joint"] = "sum"
-    """How the inputs meet before the trunk; joint: one convolution reads them all."""
+    """Fusion of the inputs before the trunk; joint: one convolution over all inputs."""
     trunk_stride: Literal[1, 2, 4] = 1
-    """The trunk works on maps smaller by this factor: blocks of pixels are folded into channels
-    before it, and unfolded after it."""
+    """Factor by which the trunk's maps are smaller: blocks of pixels are folded into channels
+    before the trunk and unfolded after it."""
     refinement_channels: int = 0
-    """Channels of two last convolutions, which see the inputs once more beside what the trunk
-    found. 0: the trunk gives the depth itself, as in the paper."""
+    """Channels of two last convolutions over the inputs and the trunk's output. 0: the trunk
+    predicts the depth itself, as in the paper."""
     refinement_stride: Literal[1, 2, 4] = 1
-    """Those two work on maps smaller by this factor, folded like the trunk's; 1: at full
+    """Factor by which the maps of the refinement are smaller, folded like the trunk's. 1: full
     resolution, which is slow even with few channels."""
     refinement_hidden_channels: int = 0
-    """Channels between those two; 0: `refinement_channels`."""
+    """Channels between the two refinement convolutions; 0: `refinement_channels`."""
     filled_input: bool = False
-    """Takes a classical completion as a further input."""
+    """Whether a classical completion is a further input."""
     filling: FillingEdition = "first"
-    """Edition of the adaptive completion that this input is."""
+    """Edition of the adaptive completion in this input."""
     surroundings_px: int = 0
-    """Reach of the window around each pixel whose nearest and farthest measurement the network is
-    told, relative to the classical completion; 0: it is told depths alone."""
+    """Reach of the window around each pixel whose nearest and farthest measurements are inputs,
+    relative to the classical completion; 0: depths are the only input."""
     residual: bool = False
-    """Predicts a correction of the classical completion, and starts as that completion."""
+    """Whether the network predicts a correction of the classical completion; untrained, it returns
+    the completion unchanged."""
     correction: Literal["metres", "log", "between"] = "metres"
     """Kind of the correction: added metres; a bounded factor on the completed depth; or a share of
     the way to the nearest or farthest measurement around, then a factor close to 1."""
     dead_zone: float = 0.0
-    """Corrections smaller than this (the logarithm of a factor) are dropped and larger ones reduced
-    by it, so that what the classical completion knows to the centimetre stays as it is."""
+    """Soft threshold of corrections (the logarithm of a factor): smaller ones are dropped, larger
+    ones reduced by it. This keeps depths that the completion has right to the centimetre."""
     validity_channel: bool = False
-    """Tells the network by a channel of its own where the sparse map holds a measurement."""
+    """Whether an extra input channel marks the pixels with a measurement."""
     presence_channel: bool = False
-    """Tells the network by a channel of its own whether there is a camera image."""
+    """Whether an extra input channel marks the presence of a camera image."""
     uncertainty: bool = False
-    """Predicts the expected absolute error too."""
+    """Whether the network also predicts the expected absolute error."""
     propagation_steps: int = 0
-    """Steps in which each pixel's depth is mixed with its neighbours' at the end; 0 = none."""
+    """Number of final steps that mix each pixel's depth with its neighbours'; 0 = none."""
     least_correction: float = field(default=0.0, metadata=IN_USE_ALONE)
-    """Predictors undo what the network, its propagation included, changes of the completion by less
-    than this (the logarithm of a factor), and leave it from twice this on; see
+    """Threshold (the logarithm of a factor) below which predictors undo the network's corrections
+    of the completion, propagation included; from twice this on they are kept. See
     `drop_small_corrections`."""
     least_correction_above: float | ByDirection | None = field(default=None, metadata=IN_USE_ALONE)
-    """The same far above what is measured in a pixel's columns; see `least_corrections`. None: as
-    everywhere."""
+    """Threshold far above the measurements in a pixel's columns; see `least_corrections`. None:
+    `least_correction`."""
     least_correction_beside: float | ByDirection | None = field(default=None, metadata=IN_USE_ALONE)
-    """The same within a pixel or two of a measurement. None: as everywhere."""
+    """Threshold within a pixel or two of a measurement. None: `least_correction`."""
     keep_measured: bool = field(default=False, metadata=IN_USE_ALONE)
-    """Predictors put back the measurements that the classical completion keeps."""
+    """Whether predictors restore the measurements that the classical completion keeps."""
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
-    """Predictors run the network on the frame's mirror image, too; see `answer_with_mirror`."""
+    """Whether predictors also run the network on the mirrored frame; see `answer_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
-    """Of the finished map, by predictors."""
+    """Smoothing of the completed map by predictors."""
 
     def __post_init__(self) -> None:
-        """Checks the choices, the numbers, and what belongs together."""
+        """Checks the choices, the numbers and their combinations."""
         _check_choices(self)
         if not _SMALLEST_SCALE_M <= self.depth_scale_m <= _LARGEST_SCALE_M:
             raise ValueError(
@@ -258,13 +259,13 @@ class DepthCompletionConfig:
 
     @property
     def stride(self) -> int:
-        """Height and width of the network's input must be multiples of it."""
+        """Number that must divide height and width of the network's input."""
         shift_stride = self.shift_conv.stride if self.shift_conv else 1
         return max(self.trunk_stride * self.trunk.stride, shift_stride)  # both are powers of two
 
 
 def by_direction(value: float | ByDirection | None, *, default: float) -> ByDirection:
-    """One number for both directions, or the two as they are; None: the default for both."""
+    """Expand one number to both directions; None: the default for both."""
     if isinstance(value, ByDirection):
         return value
     both = default if value is None else value

@@ -1,4 +1,4 @@
-"""Which of a network's corrections of the classical completion count."""
+"""Thresholds for a network's corrections of the classical completion."""
 
 from typing import NamedTuple
 
@@ -9,19 +9,19 @@ from numpy import ndarray
 
 from sightline.depth_completion.config import ByDirection
 
-FIRST_ROWS_ABOVE, LAST_ROWS_ABOVE = 20, 30  # above what is measured, thresholds rise between them
-COLUMNS_AROUND = 7  # columns to either side whose measurements count as a column's own
-BESIDE_PX, AWAY_PX = 1.2, 2.5  # from a measurement: beside it up to the first
-_LEAST_THRESHOLD = 1e-9  # to divide by
+FIRST_ROWS_ABOVE, LAST_ROWS_ABOVE = 20, 30  # thresholds rise between these heights [rows]
+COLUMNS_AROUND = 7  # columns to either side whose measurements count for a column
+BESIDE_PX, AWAY_PX = 1.2, 2.5  # distances to a measurement: "beside" ends, "away" begins
+_LEAST_THRESHOLD = 1e-9  # avoids division by zero
 
 
 class LeastCorrections(NamedTuple):
-    """How large a correction must be to count, pixel by pixel: the logarithm of a factor."""
+    """Threshold of corrections for each pixel: the logarithm of a factor."""
 
     nearer: Float32[ndarray, "height width"]
-    """Of corrections that bring a pixel nearer to the camera."""
+    """Threshold of corrections towards the camera."""
     farther: Float32[ndarray, "height width"]
-    """Of corrections that take it farther away."""
+    """Threshold of corrections away from the camera."""
 
 
 def least_corrections(
@@ -31,28 +31,27 @@ def least_corrections(
     above: ByDirection,
     beside: ByDirection,
 ) -> LeastCorrections:
-    """How large a network's corrections must be to count.
+    """Compute the threshold of corrections for each pixel.
 
-    Far above the highest measurement of its columns, where a completion and a network guess alike,
-    most corrections lower the mean error and raise the median; beside a measurement the completion
-    is seldom wrong, and what takes a pixel farther away there is worth next to nothing: in both
-    places only large ones shall count. The rows are of a camera like KITTI's, with a focal length
-    of 721 px.
+    In two places only large corrections are useful. Far above the highest measurement, completion
+    and network both guess: most corrections lower the mean error but raise the median. Beside a
+    measurement the completion is seldom wrong, and corrections away from the camera gain almost
+    nothing. The rows are for a camera like KITTI's, with a focal length of 721 px.
 
     Args:
-        is_measured: Where there are measurements.
-        least: Where none of the others holds.
-        above: From 30 rows above the highest measurement of the columns around a pixel on; between
-            20 and 30 rows the threshold rises evenly.
-        beside: Up to 1.2 px from a measurement; the threshold changes evenly until 2.5 px.
+        is_measured: Mask of the measured pixels.
+        least: Threshold where neither of the others applies.
+        above: Threshold from 30 rows above the highest measurement of the columns around a pixel;
+            it rises linearly between 20 and 30 rows.
+        beside: Threshold up to 1.2 px from a measurement; it changes linearly until 2.5 px.
     """
     height = is_measured.shape[0]
     top = np.where(is_measured.any(axis=0), is_measured.argmax(axis=0), height)
     around = np.ones((1, 2 * COLUMNS_AROUND + 1), np.uint8)
-    top = cv2.erode(top[None].astype(np.float32), around)[0]  # beyond the border nothing is lower
+    top = cv2.erode(top[None].astype(np.float32), around)[0]  # the border adds no lower value
     rows_above = top - np.arange(height, dtype=np.float32)[:, None]
     is_above = ((rows_above - FIRST_ROWS_ABOVE) / (LAST_ROWS_ABOVE - FIRST_ROWS_ABOVE)).clip(0, 1)
-    is_beside = _is_beside(is_measured)  # never where it is above
+    is_beside = _is_beside(is_measured)  # never where a pixel is above
     nearer, farther = (
         (least + (far - least) * is_above + (close - least) * is_beside).astype(np.float32)
         for far, close in ((above.nearer, beside.nearer), (above.farther, beside.farther))
@@ -61,10 +60,10 @@ def least_corrections(
 
 
 def _is_beside(is_measured: Bool[ndarray, "height width"]) -> Float32[ndarray, "height width"]:
-    """1 beside a measurement, 0 away from all, shares in between."""
+    """Map that is 1 beside a measurement, 0 away from all, and linear in between."""
     measured = is_measured.astype(np.uint8)
     share = np.zeros(measured.shape, np.float32)
-    away_px = np.hypot(*np.mgrid[-2:3, -2:3])  # holds all that is less than AWAY_PX away
+    away_px = np.hypot(*np.mgrid[-2:3, -2:3])  # includes all pixels less than AWAY_PX away
     for reach_px in np.unique(away_px[away_px < AWAY_PX])[::-1]:  # the nearest last
         within = cv2.dilate(measured, (away_px <= reach_px).astype(np.uint8))
         share[within > 0] = min((AWAY_PX - reach_px) / (AWAY_PX - BESIDE_PX), 1)
@@ -76,14 +75,14 @@ def drop_small_corrections(
     filled_m: Float32[ndarray, "height width"],
     least: LeastCorrections,
 ) -> Float32[ndarray, "height width"]:
-    """A network's depth with corrections up to the threshold undone, and full ones from twice it.
+    """Undo a network's corrections up to the threshold; keep those from twice the threshold on.
 
-    In between they grow evenly: a step would magnify the last digit of an engine. What is not
-    finite stays so.
+    In between they grow linearly: a step would magnify rounding differences between engines.
+    Non-finite values stay non-finite.
 
     Args:
-        depth_m: The network's [m].
-        filled_m: The completion that it corrected [m].
+        depth_m: Depth from the network [m].
+        filled_m: Completion that the network corrected [m].
         least: The thresholds.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -1,4 +1,4 @@
-"""Depth completion's part of the demo: depth completed, scored two ways, drawn."""
+"""Depth completion's part of the demo: complete depth, score it in two ways, draw it."""
 
 import html
 from functools import partial
@@ -35,9 +35,9 @@ def run_depth_demo(task: AnsweringTask, frames: Path, out: Path) -> DemoPart:
     """Completes the depth of frames with the default weights, scores it and draws it.
 
     Args:
-        task: Depth completion, whose files are written.
+        task: The depth completion task; it writes the files.
         frames: A simulated object tree, with true depth.
-        out: Folder for all of it; a second run makes only what is missing of the depth maps.
+        out: Folder of the results; a second run computes only the missing depth maps.
 
     Raises:
         ValueError: `out` cannot be written to.

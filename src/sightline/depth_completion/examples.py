@@ -1,4 +1,4 @@
-"""Makes the examples that networks are trained and scored on out of samples."""
+"""Makes training and validation examples from samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -34,14 +34,14 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
 
 TruthKind = Literal["depth", "held_out", "both"]
-"""`depth`: the depth map that comes with the data: dense from the simulator, or the benchmark's.
-`held_out`: every eighth ring of the sweep, which the network never sees (self-supervision; the
-sweep must be in KITTI's order). `both`: held-out rings, and the depth map beside them as dense
-truth, which the loss weighs by itself.
+"""Kind of ground truth. `depth`: the depth map of the data set, dense from the simulator or the
+benchmark's. `held_out`: every eighth ring of the sweep, removed from the network's input
+(self-supervision; the sweep must be in KITTI's order). `both`: held-out rings, and the depth map
+as additional dense truth with its own loss weight.
 """
 
-_FARTHEST_TRUTH_M = 256  # where KITTI's depth maps end
-_SIZE_STEP = 32  # validation crops are multiples of it, so that any network of ours can take them
+_FARTHEST_TRUTH_M = 256  # range of KITTI's depth maps
+_SIZE_STEP = 32  # validation crops are multiples of it, which suits all our networks
 
 
 def _check_up_to(name: str, value: float, highest: int) -> None:
@@ -51,22 +51,22 @@ def _check_up_to(name: str, value: float, highest: int) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class AugmentationConfig:
-    """Changes to examples in training only: faults of the sensors, other views of the scene."""
+    """Augmentation of training examples: sensor faults, other views of the scene."""
 
     yaw_error_deg: float = 0.0
-    """Standard deviation of an error in the LiDAR's yaw; half as much in pitch and roll."""
+    """Standard deviation of the LiDAR's yaw error [deg]; half as much in pitch and roll."""
     outliers: float = 0.0
     """Largest share of returns with a wrong range."""
     camera_dropout: float = 0.0
     """Share of examples without a camera."""
     lidar_occlusion: float = 0.0
-    """Share of examples with a part of the sweep hidden."""
+    """Share of examples with an occluded part of the sweep."""
     color_jitter: bool = False
-    """Whether brightness, contrast, gamma and saturation of the image are drawn."""
+    """Whether brightness, contrast, gamma and saturation of the image are varied at random."""
     mirror: bool = False
-    """Whether every second example is mirrored."""
+    """Whether half of the examples are mirrored."""
     random_crop: bool = True
-    """Whether the place of the crop is drawn; otherwise it is the bottom centre."""
+    """Whether the crop's position is random; otherwise it is the bottom centre."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -77,24 +77,24 @@ class AugmentationConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class ExampleConfig:
-    """What an example holds, for training and for scoring alike, and what training does to it."""
+    """Contents of examples for training and scoring, and their augmentation in training."""
 
     truth: TruthKind = "depth"
-    """Where the true depth comes from."""
+    """Source of the true depth."""
     filled: bool = False
-    """Whether examples hold the adaptive completion, for networks that start from one."""
+    """Whether examples contain the adaptive completion, for networks that start from it."""
     filling: FillingEdition = "first"
-    """Edition of that completion; the network's own."""
+    """Edition of the adaptive completion; must be the network's."""
     shaping: TruthShaping = AS_SIMULATED
-    """How dense truth is changed and weighed for training."""
+    """Changes and pixel weights of dense truth for training."""
     farthest_m: float = 90.0
-    """Truth beyond this is left out: no sweep reaches it, and KITTI's own truth ends nearer."""
+    """Largest used true depth: sweeps do not reach farther, and KITTI's truth ends before."""
     crop_size: tuple[int, int] | None = None
-    """Height and width [px] cut out; None: the benchmark's 352 x 1216."""
+    """Height and width of the crop [px]; None: the benchmark's 352 x 1216."""
     beams: tuple[int, ...] = (64,)
-    """Densities to draw from, in beams of 64; name one twice to draw it twice as often."""
+    """Densities to draw from, in beams of 64; repeat a number to draw it more often."""
     augmentation: AugmentationConfig = AugmentationConfig()
-    """For training only."""
+    """Augmentation in training."""
 
     def __post_init__(self) -> None:
         """Checks the choices and the ranges."""
@@ -122,7 +122,7 @@ class DepthExamples(SamplePreparation):
     """Examples for training and scoring depth completion, each a batch of one."""
 
     def __init__(self, settings: ExampleConfig = ExampleConfig()) -> None:
-        """Takes the settings; asks for samples with a depth map where that is the truth."""
+        """Store the settings; request samples with a depth map if it is the truth."""
         self.settings = settings
         if settings.truth != "held_out":
             self.parts = frozenset({"image", "points", "depth"})
@@ -130,7 +130,7 @@ class DepthExamples(SamplePreparation):
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DepthBatch:
-        """See `make_example`."""
+        """Makes an example; see `make_example`."""
         return make_example(sample, self.settings, rng, training=training)
 
 
@@ -141,13 +141,13 @@ def make_example(
     *,
     training: bool,
 ) -> DepthBatch:
-    """A batch of one: image, sparse depth as the network may see it, and the truth.
+    """Make a batch of one: image, sparse depth without held-out rings, and the truth.
 
-    For validation nothing is perturbed and the crop is the bottom centre; the density is drawn all
-    the same, so a generator that depends on the sample alone gives the same example every time.
+    In validation nothing is perturbed and the crop is the bottom centre. The density is still
+    drawn: a generator seeded by the sample alone gives the same example every time.
 
     Raises:
-        ValueError: The sample lacks its sweep or the truth that is asked for, or is too small.
+        ValueError: The sample lacks its sweep or the requested truth, or is too small.
     """
     given, dense_m = _given(sample, config, rng, training=training)
     if training:
@@ -164,7 +164,7 @@ def make_example(
     }
     if dense_m is not None:
         maps["dense_depth_m"] = _up_to(config.farthest_m, dense_m)[None]
-    if config.filled:  # of the whole width: a crop has too few rings to measure their spacing
+    if config.filled:  # of the whole width: a crop shows too little of the ring spacing
         maps["filled_depth_m"] = starting_depth(sparse_m, config.filling).depth_m[None]
     if training and config.shaping != AS_SIMULATED:
         maps |= _shaped(maps, config.shaping)
@@ -177,7 +177,7 @@ def make_example(
 
 
 def _shaped(maps: Mapping[str, Tensor], shaping: TruthShaping) -> dict[str, Tensor]:
-    """The truth with its contours widened, and the pixels' weights."""
+    """Widen the truth's contours and compute the pixels' weights."""
     truth_m, sparse_m = maps["depth_m"][0].numpy(), maps["sparse_depth_m"][0].numpy()
     filled_m = maps["filled_depth_m"][0].numpy() if "filled_depth_m" in maps else None
     weights = pixel_weights(truth_m, sparse_m, filled_m, shaping)
@@ -192,7 +192,7 @@ def _up_to(farthest_m: float, depth_m: Tensor) -> Tensor:
 def _given(
     sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator, *, training: bool
 ) -> tuple[CameraLidarSample, Tensor | None]:
-    """What the network may see, and as its depth map the truth; dense truth beside it."""
+    """Split a sample into the network's input, with the truth as its depth map, and dense truth."""
     if sample.points is None:
         raise ValueError(
             f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
@@ -204,7 +204,7 @@ def _given(
             "simulated data or KITTI's depth tree, or set truth to held_out"
         )
     largest = _whole_steps(sample)
-    if config.truth == "depth":  # nothing of the sweep is truth, so that no ring is held out
+    if config.truth == "depth":  # the truth is not from the sweep: no ring is held out
         if config.shaping.in_reach:
             sample = replace(sample, depth=dense_truth_in_reach(sample))
         keep_every = NUM_RINGS // int(rng.choice(config.beams))
@@ -225,7 +225,7 @@ def _given(
 
 
 def _whole_steps(sample: CameraLidarSample) -> tuple[int, int]:
-    """Height and width of the largest part that any network of ours can take."""
+    """Height and width of the largest crop that suits all our networks."""
     height, width = (
         min(size, limit) // _SIZE_STEP * _SIZE_STEP
         for size, limit in zip(sample.image_size, CROP_SIZE, strict=True)
@@ -247,7 +247,7 @@ def _bottom_centre(sample: CameraLidarSample, size: tuple[int, int]) -> CameraLi
 def _perturbed(
     sample: CameraLidarSample, config: AugmentationConfig, rng: np.random.Generator
 ) -> CameraLidarSample:
-    """The sample as worse sensors would have taken it; its truth stays as it is."""
+    """Add sensor faults to the sample; the truth stays unchanged."""
     if config.yaw_error_deg:
         sample = draw_turned_lidar(config.yaw_error_deg, rng)(sample, rng)
     if config.outliers:

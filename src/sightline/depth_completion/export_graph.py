@@ -1,4 +1,4 @@
-"""The depth completion network as what other engines run."""
+"""Export graph of the depth completion network."""
 
 from functools import partial
 
@@ -12,19 +12,19 @@ from sightline.export.metadata import ExportMetadata
 from sightline.inference.network import LoadedNetwork
 
 MAX_DIFFERENCE_MM = 1.0
-"""An exported network may differ by so much from PyTorch's in any pixel of any output.
+"""Largest allowed difference between an exported network and PyTorch in any pixel of any output.
 
 Both compute in float32, whose step is 0.008 mm at 85 m; the order of sums differs. Measured on
-networks with random weights: 0.22 mm at most (docs/results.md has the shipped ones)."""
+networks with random weights: 0.22 mm at most (for shipped weights see docs/results.md)."""
 
-_EXAMPLE_IN_STRIDES = (4, 6)  # height and width; they stand for any
-_SIZES_IN_STRIDES = ((5, 7), (8, 13))  # of the cases; other than the example's
+_EXAMPLE_IN_STRIDES = (4, 6)  # height and width; both are dynamic in the graph
+_SIZES_IN_STRIDES = ((5, 7), (8, 13))  # sizes of the cases; different from the example's
 _FARTHEST_M = 85.0
-_DENSITY = 0.05  # share of pixels with a return, about as a 64-beam sweep gives
+_DENSITY = 0.05  # share of pixels with a return, as in a 64-beam sweep
 
 
 def export_graph(loaded: LoadedNetwork[DepthCompletionNet]) -> ExportGraph:
-    """The whole network; its outputs must agree within `MAX_DIFFERENCE_MM`.
+    """Export graph of the whole network; its outputs must agree within `MAX_DIFFERENCE_MM`.
 
     The cases are random inputs of two sizes, with and without camera and LiDAR.
     """
@@ -47,12 +47,12 @@ def export_graph(loaded: LoadedNetwork[DepthCompletionNet]) -> ExportGraph:
 
 
 def example_inputs(network: DepthCompletionNet) -> dict[str, Tensor]:
-    """Inputs by the names that the network's `forward` takes."""
+    """Example inputs by the argument names of the network's `forward`."""
     size = tuple(number * network.stride for number in _EXAMPLE_IN_STRIDES)
     channels = {"image": 3, "sparse_depth_m": 1}
     if network.takes_filled_depth:
         channels["filled_depth_m"] = 1
-    # Each a tensor of its own: the exporter takes one that stands twice for a single input.
+    # Separate tensors: the exporter merges inputs that share one tensor.
     return {name: torch.ones(1, count, *size) for name, count in channels.items()}
 
 

@@ -17,15 +17,15 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def write_depth(path: Path, answer: DepthMap) -> None:
-    """Writes the depths as a 16-bit PNG; what is beyond the 256 m that it holds becomes 0, none."""
+    """Writes the depths as a 16-bit PNG; depths beyond its range of 256 m become 0 (none)."""
     _write(path, answer.depth_m)
 
 
 def write_uncertainty(path: Path, answer: DepthMap) -> None:
-    """Writes the expected absolute errors in the same format; one that is infinite becomes 0.
+    """Writes the expected absolute errors in the same format; infinite ones become 0.
 
     Raises:
-        ValueError: The map has none.
+        ValueError: The map has no expected errors.
     """
     if answer.uncertainty_m is None:
         raise ValueError("the depth map has no expected errors; leave the uncertainty out")
@@ -33,10 +33,10 @@ def write_uncertainty(path: Path, answer: DepthMap) -> None:
 
 
 def read_depth(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
-    """Adds the depth map of a PNG, believed among the sample's measurements if it has any.
+    """Adds the depth map of a PNG, valid among the sample's measurements if it has any.
 
     Raises:
-        ValueError: The file is no depth map, or not of the sample's image size.
+        ValueError: The file is no depth map or does not have the sample's image size.
     """
     depth_m = _read(path, sample)
     valid = depth_m > 0
@@ -47,10 +47,10 @@ def read_depth(path: Path, sample: CameraLidarSample, told: Perception) -> Perce
 
 
 def read_uncertainty(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
-    """Adds the expected errors of a PNG to their depth map, where only small ones remain valid.
+    """Adds the expected errors of a PNG to the depth map; pixels with large errors become invalid.
 
     Raises:
-        ValueError: There is no depth map, the file holds no errors, or is not of the sample's size.
+        ValueError: There is no depth map, or the file holds no errors or has another size.
     """
     if told.depth is None:
         raise ValueError(

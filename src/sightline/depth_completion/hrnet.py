@@ -1,4 +1,4 @@
-"""A light high-resolution network: scales side by side that keep exchanging what they found."""
+"""Light high-resolution network: parallel scales that repeatedly exchange features."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -14,7 +14,7 @@ from sightline.depth_completion.config import TrunkConfig
 def conv_norm(
     in_channels: int, out_channels: int, *, kernel_px: int = 3, stride: int = 1, relu: bool = True
 ) -> nn.Sequential:
-    """A convolution that keeps the size (or divides it by `stride`), BatchNorm, perhaps ReLU."""
+    """Convolution that keeps the size (or divides it by `stride`), BatchNorm, optional ReLU."""
     convolution = nn.Conv2d(
         in_channels, out_channels, kernel_px, stride=stride, padding=kernel_px // 2, bias=False
     )
@@ -37,15 +37,15 @@ class Bottleneck(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch channels height width"]
     ) -> Float[Tensor, "batch channels height width"]:
-        """The maps and their correction."""
+        """Adds the correction to the maps."""
         return F.relu(maps + self.body(maps))
 
 
 class Exchange(nn.Module):
-    """Every scale becomes the sum of what the others give it: Wang et al. 2020, Fig. 3.
+    """Exchange between scales: each becomes the sum over all, Wang et al. 2020, Fig. 3.
 
-    Downwards one 3x3 convolution of stride 2 for each halving, repeated for far scales; upwards a
-    1x1 convolution, then the nearest neighbour.
+    Downwards: one 3x3 convolution of stride 2 for each halving. Upwards: a 1x1 convolution, then
+    nearest-neighbour upsampling.
     """
 
     def __init__(self, config: TrunkConfig) -> None:
@@ -61,7 +61,7 @@ class Exchange(nn.Module):
         )
 
     def forward(self, scales: list[Tensor]) -> list[Tensor]:
-        """Maps of the same sizes and channels, the largest first."""
+        """Returns maps of the same sizes and channels, the largest first."""
         mixed = []
         for target, paths in enumerate(self.paths):
             size = scales[target].shape[-2:]
@@ -78,8 +78,8 @@ class Exchange(nn.Module):
 class HighResolutionTrunk(nn.Module):
     """The HRNet with fewer layers of Yu and Kee 2021: section 3.2, Fig. 9.
 
-    Bottlenecks at every scale, fewer at the smallest, then an exchange; several times. At the end
-    all maps are brought to the largest size and one convolution reads them together.
+    Each module has bottlenecks at every scale, fewer at the smallest, then an exchange. At the end
+    all maps are upsampled to the largest size and go through one convolution together.
     """
 
     def __init__(self, in_channels: int, out_channels: int, config: TrunkConfig) -> None:
@@ -104,7 +104,7 @@ class HighResolutionTrunk(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch in_channels height width"]
     ) -> Float[Tensor, "batch out_channels height width"]:
-        """Height and width must be multiples of the config's `stride`."""
+        """Runs the trunk; height and width must be multiples of the config's `stride`."""
         scales = [self.entry(maps)]
         for down in self.down:
             scales.append(down(scales[-1]))

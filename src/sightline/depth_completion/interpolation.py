@@ -1,4 +1,4 @@
-"""Depth completion by interpolation: the nearest measurement, and linear between three."""
+"""Depth completion by interpolation: nearest neighbour, and linear over triangles."""
 
 import numpy as np
 import torch
@@ -12,13 +12,13 @@ from sightline.structures.predictions import DepthMap
 
 
 def nearest_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> DepthMap:
-    """Every pixel takes the depth of the measured pixel nearest to it in the image (Euclidean).
+    """Nearest-neighbour interpolation: the depth of the nearest measured pixel (Euclidean).
 
-    Valid inside the convex hull of the measured pixels, a guess outside; nothing without a
-    measurement. Among equally near ones the choice is open but the same every time.
+    Valid inside the convex hull of the measured pixels, a guess outside; empty without
+    measurements. Ties are broken deterministically, in no specified order.
 
     Raises:
-        ValueError: `sparse_depth_m` holds something else than depths.
+        ValueError: `sparse_depth_m` contains invalid depths.
     """
     check_sparse_depth(sparse_depth_m)
     is_measured = sparse_depth_m > 0
@@ -34,15 +34,15 @@ def nearest_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> DepthM
 
 
 def linear_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> DepthMap:
-    """Linear in inverse depth over the Delaunay triangles of the measured pixels.
+    """Linear interpolation of inverse depth over the Delaunay triangles of the measured pixels.
 
-    The inverse depth of a plane in the scene is linear in the image, so planes come out exactly.
-    Valid inside the convex hull of the measured pixels; no value outside. Fewer than three
-    measurements, or all on one line, span no triangle: those pixels alone are valid then. Where
-    measured pixels form a rectangle the choice of its diagonal is Qhull's.
+    The inverse depth of a plane in the scene is linear in the image, so planes are exact. Valid
+    inside the convex hull of the measured pixels; no value outside. If the measurements span no
+    triangle (fewer than three, or all on one line), only the measured pixels are valid. Qhull
+    chooses the diagonal of rectangles.
 
     Raises:
-        ValueError: `sparse_depth_m` holds something else than depths.
+        ValueError: `sparse_depth_m` contains invalid depths.
     """
     check_sparse_depth(sparse_depth_m)
     is_measured = sparse_depth_m > 0
@@ -60,7 +60,7 @@ def linear_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> DepthMa
 
 
 def _delaunay(pixels: Int64[np.ndarray, "n 2"]) -> Int64[np.ndarray, "m 3"]:
-    """Corners of the triangles; none where the pixels span no triangle."""
+    """Corners of the Delaunay triangles; empty if the pixels span no triangle."""
     if len(pixels) >= 3:
         try:
             return Delaunay(pixels).simplices.astype(np.int64)

@@ -16,16 +16,15 @@ def draw_triangles(
     triangles: Int64[ndarray, "m 3"],
     shape: tuple[int, int],
 ) -> Float64[ndarray, "height width"]:
-    """An image of the triangles, linear between their corners; 0 outside all of them.
+    """Draw triangles into an image, linear between their corners; 0 outside all of them.
 
-    A pixel belongs to a triangle when it lies inside or on its border; of several triangles the
-    last one counts.
+    A pixel belongs to a triangle if it lies inside or on its border; the last triangle wins.
 
     Args:
         pixels: Rows and columns of the corners.
-        values: Value at each.
-        triangles: Indices of three corners each; those of no area are left out.
-        shape: Height and width of the image, which holds all corners.
+        values: Value at each corner.
+        triangles: Indices of three corners each; triangles without area are left out.
+        shape: Height and width of the image; all corners must lie inside.
     """
     image = np.zeros(shape)
     for i in range(len(triangles)):
@@ -54,8 +53,8 @@ def _row_span(row_b: int, column_b: int, row_c: int, column_c: int, y: int) -> t
     for side in range(3):
         start, end = rows[side], rows[side + 1]
         if start == end or not min(start, end) <= y <= max(start, end):
-            continue  # a level side ends where the other two do
-        # Exact where it is whole: quotients of whole numbers are rounded correctly.
+            continue  # a horizontal side ends where the other two end
+        # Whole results are exact: quotients of whole numbers are rounded correctly.
         across = (y - start) * (columns[side + 1] - columns[side]) / (end - start)
         low, high = min(low, columns[side] + across), max(high, columns[side] + across)
     return math.ceil(low), math.floor(high)

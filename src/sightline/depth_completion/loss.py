@@ -14,13 +14,13 @@ from sightline.depth_completion.targets import ExpansionConfig, expand_depth
 
 EmdKind = Literal["tiles", "global"]
 
-_RISE_M, _RISE_ENDS_M = 3.0, 10.0  # of rising_l1
+_RISE_M, _RISE_ENDS_M = 3.0, 10.0  # parameters of rising_l1
 _LEAST_RATIO = 0.01  # of predicted to true depth: predictions may be zero or less
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthLossConfig:
-    """The losses of Yu and Kee 2021, section 4.1, and two more. A weight of 0 leaves one out."""
+    """The losses of Yu and Kee 2021, section 4.1, and further ones. A weight of 0 disables one."""
 
     mse: float = 1.0
     """Weight of the mean squared error of the depth."""
@@ -29,27 +29,26 @@ class DepthLossConfig:
     l1: float = 0.0
     """Weight of the mean absolute error of the depth."""
     rising_l1: float = 0.0
-    """Weight of the mean of |e| + e^2 / (3 + 0.3 |e|), e in metres: an absolute error that weighs
-    more the larger it is, up to fourfold, as one of 10 m matters more than ten of 1 m."""
+    """Weight of the mean of |e| + e^2 / (3 + 0.3 |e|), e in metres: an absolute error whose weight
+    grows with its size, up to fourfold; an error of 10 m matters more than ten of 1 m."""
     dense_l1: float = 0.0
-    """Weight of the mean absolute error against the dense truth that comes beside held-out rings
-    (`truth: both`)."""
+    """Weight of the mean absolute error against the dense truth of `truth: both`."""
     dense_relative: float = 0.0
-    """Weight of the mean absolute error of the depth's logarithm against the dense truth, which
-    keeps surfaces nearby right to the centimetre."""
+    """Weight of the mean absolute error of the depth's logarithm against the dense truth; keeps
+    near surfaces accurate to the centimetre."""
     emd: float = 0.1
     """Weight of the earth mover's distance from the E-Point to the expanded ground truth."""
     uncertainty: float = 0.0
     """Weight of the Laplace likelihood that calibrates the uncertainty."""
     emd_kind: EmdKind = "tiles"
-    """tiles: within each tile, so that depth stays near its place; global: whole images, the
-    letter of the paper, which does not see where a depth is."""
+    """tiles: distance within each tile, so that depth stays near its place; global: distance over
+    whole images, as the paper states, which ignores positions."""
     emd_tile_px: int = 64
-    """Side of a tile; every other step all tiles lie half a side further up and left."""
+    """Side of a tile [px]; in every other step all tiles are shifted half a side up and left."""
     unit_m: float = 85.0
-    """Metres that count as an error of 1."""
+    """Unit of the errors [m]."""
     expansion: ExpansionConfig = field(default_factory=ExpansionConfig)
-    """How the ground truth of the E-Point is made."""
+    """Settings of the E-Point's ground truth."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -68,13 +67,13 @@ class DepthLossConfig:
 
 
 class DepthLosses(NamedTuple):
-    """Scalars; the terms before weighing, in units of `unit_m` (mse: its square).
+    """Loss and its unweighted terms, in units of `unit_m` (mse: its square).
 
-    A term is 0 where its weight is, the network lacks the output or no image has ground truth.
+    A term is 0 if its weight is 0, the network lacks the output or no image has ground truth.
     """
 
     total: Float[Tensor, ""]
-    """Weighted sum, to be lowered."""
+    """Weighted sum of the terms."""
     mse: Float[Tensor, ""]
     rmse: Float[Tensor, ""]
     l1: Float[Tensor, ""]
@@ -94,30 +93,29 @@ def depth_completion_loss(
     dense_truth_m: Float[Tensor, "batch 1 height width"] | None = None,
     weight: Float[Tensor, "batch 1 height width"] | None = None,
 ) -> DepthLosses:
-    """Loss of a batch: depth against ground truth, E-Point against expanded ground truth.
+    """Compute the loss: depth against ground truth, E-Point against expanded ground truth.
 
-    Depth counts on the pixels that have ground truth. Each term is taken per image and averaged
-    over the images with ground truth, as KITTI scores; so the RMSE is a mean of roots. Images
-    without any contribute nothing, and a batch without any has loss 0 and gradient 0.
+    Only pixels with ground truth count. Each term is averaged per image, then over the images with
+    ground truth, as KITTI scores; so the RMSE is a mean of roots. A batch without ground truth has
+    loss 0 and gradient 0.
 
-    Uncertainty: |error| / b + log b, the negative log-likelihood of a Laplace distribution but for
-    a constant. The error is taken as it is, without gradient, so b learns the expected absolute
-    error and the depth does not change; it learns from the dense truth where there is one. Outputs
-    that the network does not have cost nothing.
+    Uncertainty: |error| / b + log b, the negative log-likelihood of a Laplace distribution up to a
+    constant. The error is detached: b learns the expected absolute error and the depth does not
+    change. The dense truth is used if there is one. Outputs that the network lacks cost nothing.
 
     Args:
-        output: What the network gave.
+        output: Output of the network.
         truth_m: Ground truth; 0 = none.
-        config: Weights and readings.
-        step: Number of the training step; odd ones shift the tiles of the EMD.
-        weight: How much each pixel counts, in all terms against `truth_m` but the EMD.
-        dense_truth_m: Dense truth besides, where `truth_m` holds but a few rings; 0 = none.
+        config: Weights and variants of the losses.
+        step: Number of the training step; odd steps shift the tiles of the EMD.
+        weight: Weight of each pixel, in all terms against `truth_m` except the EMD.
+        dense_truth_m: Additional dense truth, if `truth_m` contains only a few rings; 0 = none.
     """
     truth = truth_m / config.unit_m
     is_valid = truth > 0
     error = torch.where(is_valid, _in_units(output.depth_m, config) - truth, 0.0)
     counted = is_valid.to(error.dtype) if weight is None else torch.where(is_valid, weight, 0.0)
-    zero = error.sum() * 0  # hangs on the network, so that `backward` works on any batch
+    zero = error.sum() * 0  # part of the graph, so that `backward` works on any batch
     mse = rmse = l1 = rising_l1 = dense_l1 = dense_relative = emd = uncertainty = zero
     if config.mse or config.rmse:
         per_image = _image_means(error.square(), counted)
@@ -132,7 +130,7 @@ def depth_completion_loss(
     if dense_truth_m is not None:
         is_dense = dense_truth_m > 0
         if config.dense_relative:
-            # Not 0 / 0 where there is no truth: its gradient would not be a number.
+            # Avoids 0 / 0 where there is no truth: its gradient would be NaN.
             divisor = torch.where(is_dense, dense_truth_m, 1.0)
             ratio = torch.where(is_dense, output.depth_m, 1.0) / divisor
             distance = ratio.clamp(min=_LEAST_RATIO).log().abs()
@@ -163,14 +161,14 @@ def _earth_movers_distance(
     config: DepthLossConfig,
     step: int,
 ) -> Float[Tensor, ""]:
-    """Wasserstein-1 distance between two images' depths, as sets: in each tile, or altogether.
+    """Wasserstein-1 distance between the sets of depths of two images, per tile or globally.
 
-    Between equally many numbers it is the mean of |sort p - sort q|: moving the lowest to the
-    lowest is cheapest. Pixels without expanded ground truth are left out of both sets. Tiles at the
-    border may be smaller; tiles weigh by their pixels.
+    For sets of equal size it is the mean of |sort p - sort q|. Pixels without expanded ground truth
+    are left out of both sets. Tiles at the border may be smaller; tiles are weighted by their
+    number of pixels.
     """
     is_valid = expanded > 0
-    # Infinity sorts what is left out to the end of both sets, at the same places.
+    # Infinity sorts the left-out pixels to the same places at the end of both sets.
     p = torch.where(is_valid, e_point, torch.inf)
     q = torch.where(is_valid, expanded, torch.inf)
     if config.emd_kind == "global":
@@ -188,7 +186,7 @@ def _earth_movers_distance(
 def _tiles(
     depth: Float[Tensor, "batch 1 height width"], tile_px: int, offset_px: int
 ) -> Float[Tensor, "batch num_tiles tile_pixels"]:
-    """Square tiles; the first begins `offset_px` before the map. Infinity around the map."""
+    """Cut a map into square tiles, the first `offset_px` before the map; infinity around it."""
     below, right = (-(size + offset_px) % tile_px for size in depth.shape[2:])
     padded = pad(depth[:, 0], (offset_px, right, offset_px, below), value=torch.inf)
     rows, columns = (size // tile_px for size in padded.shape[1:])
@@ -206,7 +204,7 @@ def _in_units(
 def _image_means(
     values: Float[Tensor, "batch 1 height width"], weights: Float[Tensor, "batch 1 height width"]
 ) -> Float[Tensor, " batch"]:
-    """Weighted mean over each image's pixels; 0 if all of its weights are."""
+    """Weighted mean over each image's pixels; 0 if all its weights are 0."""
     total = weights.sum(dim=(1, 2, 3))
     sums = (values * weights).sum(dim=(1, 2, 3))
     return sums / torch.where(total > 0, total, 1.0)
@@ -215,11 +213,11 @@ def _image_means(
 def _mean_over_images(
     values: Float[Tensor, " batch"], is_valid: Bool[Tensor, "batch 1 height width"]
 ) -> Float[Tensor, ""]:
-    """Mean over the images that have ground truth; the others' value is 0."""
+    """Mean over the images with ground truth; the other images must have the value 0."""
     return values.sum() / is_valid.flatten(1).any(dim=1).sum().clamp(min=1)
 
 
 def _root(squares: Float[Tensor, " batch"]) -> Float[Tensor, " batch"]:
-    """Square root whose gradient at 0 is 0 instead of infinite."""
+    """Square root with gradient 0 at 0, instead of an infinite one."""
     is_positive = squares > 0
     return torch.where(is_positive, torch.where(is_positive, squares, 1.0).sqrt(), 0.0)

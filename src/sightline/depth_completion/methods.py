@@ -17,13 +17,13 @@ def complete_depth(
     sparse_depth_m: Float32[Tensor, "height width"] | Float32[np.ndarray, "height width"],
     method: Method,
 ) -> DepthMap:
-    """Completes a sparse depth map [m], 0 = no measurement, by the named method's defaults.
+    """Completes a sparse depth map [m], 0 = no measurement, with the method's default settings.
 
-    Works on the CPU; a tensor on another device is copied. An empty map gives an empty result, in
-    which nothing is valid.
+    Works on the CPU; a tensor on another device is copied. An empty map gives an empty result
+    without valid pixels.
 
     Raises:
-        ValueError: The map holds something else than depths.
+        ValueError: The map contains invalid depths.
     """
     sparse = (
         sparse_depth_m.numpy(force=True) if isinstance(sparse_depth_m, Tensor) else sparse_depth_m
@@ -49,5 +49,5 @@ def filling_config(edition: FillingEdition) -> AdaptiveConfig:
 def starting_depth(
     sparse_depth_m: Float32[Tensor, "height width"], edition: FillingEdition = "first"
 ) -> DepthMap:
-    """The completion that networks with a filled input start from, in training as in use."""
+    """Completes a map as the filled input of networks, in training and in use."""
     return adaptive_depth(sparse_depth_m.numpy(force=True), filling_config(edition))

@@ -1,4 +1,4 @@
-"""A network run on a frame and on its mirror image."""
+"""Test-time augmentation: a network run on a frame and on its mirror image."""
 
 from collections.abc import Callable, Mapping
 
@@ -7,18 +7,19 @@ import torch
 from torch import Tensor
 
 Run = Callable[[Mapping[str, Tensor]], Mapping[str, Tensor]]
-"""Inputs of a depth completion network by name, batch x channels x height x width; its outputs."""
+"""Function from a depth completion network's inputs to its outputs, by name; both are batch x
+channels x height x width."""
 
 
 def answer_with_mirror(run: Run, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The mean of both answers, the second one mirrored back.
+    """Average the outputs for a frame and for its mirror image, mirrored back.
 
-    In numpy, which starts no threads that go on waiting as PyTorch's do.
+    Uses numpy: PyTorch's threads would keep waiting for work.
     """
     first = _to_arrays(run(inputs))
     mirrored = {name: array[..., ::-1].copy() for name, array in _to_arrays(inputs).items()}
     second = _to_arrays(run({name: torch.from_numpy(each) for name, each in mirrored.items()}))
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is sorted out later
+    with np.errstate(invalid="ignore", over="ignore"):  # non-finite values are handled later
         means = {name: (each + second[name][..., ::-1]) / 2 for name, each in first.items()}
     return {name: torch.from_numpy(each) for name, each in means.items()}
 

@@ -1,4 +1,4 @@
-"""Dense depth from sparse depth and an image, by Shift-Convolution and a light HRNet."""
+"""Depth completion network with Shift-Convolution and a light HRNet."""
 
 import math
 from typing import NamedTuple
@@ -14,13 +14,13 @@ from sightline.depth_completion.propagation import NEIGHBOURS, propagate
 from sightline.depth_completion.shift_conv import ShiftConvBranch
 from sightline.depth_completion.surroundings import NUM_PLANES, Surroundings, look_around
 
-_MAX_LOG_CORRECTION = math.log(4)  # a completed depth is off by a factor of 4 at most
-_MAX_LOG_BETWEEN = 0.3  # beside the share of the way to a measurement around
+_MAX_LOG_CORRECTION = math.log(4)  # corrects a completed depth by a factor of 4 at most
+_MAX_LOG_BETWEEN = 0.3  # after the share of the way to a measurement around
 _UNCERTAINTY_FLOOR_M = 0.01
 
 
 class DepthCompletionOutput(NamedTuple):
-    """What the network gives; metres. Depth is not clamped and may be zero or less."""
+    """Output of the network in metres. Depth is not clamped and may be zero or negative."""
 
     depth_m: Float[Tensor, "batch 1 height width"]
     uncertainty_m: Float[Tensor, "batch 1 height width"] | None
@@ -30,15 +30,15 @@ class DepthCompletionOutput(NamedTuple):
 
 
 class DepthCompletionNet(nn.Module):
-    """The system of Yu and Kee 2021, Fig. 8, and what its settings make of it.
+    """The network of Yu and Kee 2021, Fig. 8, and the variants that its settings allow.
 
     "3D LiDAR Depth Completion Based on Shift-Convolution Using Adjacent Pixel Information"; this
     folder cites its sections, equations and figures.
 
     The Shift-Convolution branch spreads the sparse depth to the E-Point; image, sparse depth,
-    E-Point and a classical completion go through one convolution each and meet in the trunk.
+    E-Point and a classical completion go through one convolution each into the trunk.
 
-    A camera that is missing is a black image; the network then sees an even grey one.
+    A missing camera is a black image, which the network replaces by uniform grey.
     """
 
     def __init__(self, config: DepthCompletionConfig) -> None:
@@ -81,7 +81,7 @@ class DepthCompletionNet(nn.Module):
 
     @property
     def stride(self) -> int:
-        """Height and width must be multiples of it."""
+        """Number that must divide height and width of the inputs."""
         return self.config.stride
 
     @property
@@ -95,12 +95,12 @@ class DepthCompletionNet(nn.Module):
         sparse_depth_m: Float[Tensor, "batch 1 height width"],
         filled_depth_m: Float[Tensor, "batch 1 height width"] | None = None,
     ) -> DepthCompletionOutput:
-        """Image: RGB in [0, 1], black if missing. Depth maps: metres, 0 = none.
+        """Predicts depth from an image (RGB in [0, 1], black if missing) and maps [m], 0 = none.
 
-        A network that takes no classical completion ignores one.
+        A network without that input ignores a classical completion.
 
         Raises:
-            ValueError: for sizes that are no multiple of `stride`, or a completion not given.
+            ValueError: Sizes are no multiples of `stride`, or the completion is missing.
         """
         if not torch.compiler.is_compiling():  # while tracing, sizes are symbols
             self._check_size(image)
@@ -187,14 +187,14 @@ class DepthCompletionNet(nn.Module):
             return between * (_MAX_LOG_BETWEEN * factor).exp()
         bounded = _MAX_LOG_CORRECTION * torch.tanh(predicted / _MAX_LOG_CORRECTION)
         if self.config.dead_zone:
-            # Detached: within the zone the gradient is as outside, else nothing ever left it.
+            # Detached: without a gradient inside the zone no correction would leave it.
             zone = self.config.dead_zone
             bounded = bounded - bounded.detach().clamp(-zone, zone)
         return filled_depth_m * bounded.exp()
 
 
 def _output_channels(config: DepthCompletionConfig) -> list[int]:
-    """Depth; uncertainty; affinities and confidence of the propagation."""
+    """Channels of depth, uncertainty, and the propagation's affinities and confidence."""
     depth = [2 if config.correction == "between" else 1]
     propagation = [NEIGHBOURS, 1] if config.propagation_steps > 0 else []
     return depth + [1] * config.uncertainty + propagation
@@ -208,7 +208,7 @@ def _refinement(in_channels: int, channels: int, out_channels: int) -> nn.Sequen
 
 
 def _camera_planes(image: Tensor, *, with_presence: bool) -> Tensor:
-    """The image around zero, zero throughout if it is black, and whether it is there."""
+    """Centre the image at zero (all zero if black); optionally append its presence channel."""
     present = (image.amax(dim=(1, 2, 3), keepdim=True) > 0).to(image.dtype)
     centred = (image - 0.5) * present
     if not with_presence:

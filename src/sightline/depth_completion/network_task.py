@@ -1,4 +1,4 @@
-"""What is needed to load a depth completion network."""
+"""Settings and constructor for loading a depth completion network."""
 
 from typing import TYPE_CHECKING, Final
 
@@ -8,19 +8,19 @@ if TYPE_CHECKING:
 
 
 class DepthNetworkTask:
-    """`sightline.inference.network.NetworkTask`; what it builds is imported when it is built."""
+    """Implements `sightline.inference.network.NetworkTask` with imports at the time of use."""
 
     name: Final = "depth-completion"
     default_weights: Final = "depth-best"
 
     def config_type(self) -> "type[DepthCompletionConfig]":
-        """The network's settings."""
+        """Class of the network's settings."""
         from sightline.depth_completion.config import DepthCompletionConfig
 
         return DepthCompletionConfig
 
     def build(self, config: "DepthCompletionConfig") -> "DepthCompletionNet":
-        """The network."""
+        """Builds the network."""
         from sightline.depth_completion.model import DepthCompletionNet
 
         return DepthCompletionNet(config)

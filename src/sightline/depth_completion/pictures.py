@@ -1,4 +1,4 @@
-"""What a training shows: input, E-Point, prediction and error of a sample."""
+"""Training pictures: input, E-Point, prediction and error of a sample."""
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -9,17 +9,17 @@ from sightline.depth_completion.model import DepthCompletionOutput
 from sightline.visualization.depth import colorize_depth, colorize_error
 from sightline.visualization.lettering import with_title
 
-_POINT_PX = 3  # single measurements are drawn so large
+_POINT_PX = 3  # drawn size of a measurement
 
 
 def training_picture(
     batch: DepthBatch, output: DepthCompletionOutput
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The first sample of a batch, one map below the other, each with a title.
+    """Draws the maps of a batch's first sample, one below the other, each with a title.
 
-    From the top: image, sparse depth, E-Point (where the network has one), predicted depth, the
-    expected error (where the network estimates it) in the colours of depth, and, where the batch
-    has the truth, the error.
+    From the top: image, sparse depth, E-Point (if the network has one), predicted depth, expected
+    error (if the network estimates it) in the colours of depth, and error (if the batch has the
+    truth).
     """
     image = (batch.image[0].detach().cpu() * 255).round().byte().permute(1, 2, 0).numpy()
     sparse = colorize_depth(_first(batch.sparse_depth_m), point_size_px=_POINT_PX)

@@ -1,4 +1,4 @@
-"""Takes the LiDAR's noise off the planes of a depth map; edges and bends stay as they are."""
+"""Removes LiDAR noise from the planes of a depth map; edges and bends stay unchanged."""
 
 from collections.abc import Sequence
 
@@ -9,24 +9,23 @@ from numpy import ndarray
 from sightline.depth_completion.adaptive_kernels import inverse
 from sightline.ops.compiled import compiled
 
-_LEAST_SPREAD = 1e-9  # where a window is one row or column, which has no slope
+_LEAST_SPREAD = 1e-9  # for windows of one row or column, which have no slope
 
 
 def smooth_planes(
     depth_m: Float32[ndarray, "height width"], *, windows_px: Sequence[int], noise_m: float
 ) -> Float32[ndarray, "height width"]:
-    """A depth map with its planes smoothed, by one window after the other.
+    """Smooth the planes of a depth map with one window size after the other.
 
-    In inverse depth, in which planes are linear, a plane is fitted to the window around each pixel.
-    The pixel is drawn towards it as Lee 1980 ("Digital Image Enhancement and Noise Filtering by Use
-    of Local Statistics") draws pixels towards means: all the way where the window leaves the plane
-    by no more than the noise, the less the more it does.
+    A plane is fitted to the window around each pixel in inverse depth, where planes are linear.
+    The pixel moves towards it as Lee 1980 ("Digital Image Enhancement and Noise Filtering by Use
+    of Local Statistics") moves pixels towards means: all the way if the window's residuals are
+    within the noise, less with larger residuals.
 
     Args:
-        depth_m: Metres, 0 = none. What has no depth gets none, and counts as infinitely far: next
-            to it all stays as it is, as at any edge that is large beside the noise.
-        windows_px: How far each window goes to all sides of its pixel; at the image's edge, as far
-            as the image.
+        depth_m: Metres, 0 = none. Pixels without depth stay so and count as infinitely far: pixels
+            next to them stay unchanged, as at any edge that is large compared with the noise.
+        windows_px: Reach of each window to every side of its pixel; clipped at the image's edge.
         noise_m: Standard deviation of the measurements [m].
     """
     inverse_depth = inverse(depth_m)
@@ -39,10 +38,10 @@ def smooth_planes(
 def _draw_to_planes(
     inverse_depth: Float32[ndarray, "height width"], reach: int, noise_m: float
 ) -> Float32[ndarray, "height width"]:
-    """One window."""
+    """Run the smoothing for one window size."""
     height, width = inverse_depth.shape
     smooth = np.empty_like(inverse_depth)
-    # float64: what is left is small beside what is summed.
+    # float64: the residuals are small compared with the sums.
     sums = np.zeros((3, width))  # over the window's rows, by column: value, square, row times value
     left_of = np.zeros((4, width + 1))  # the same and column times value, summed along the row
     for row in range(-reach, height):
@@ -68,13 +67,13 @@ def _draw_to_planes(
             across = (left_of[3, right + 1] - left_of[3, left]) * share - middle_column * mean
             down, across = down / row_spread, across / column_spread  # slopes of the plane
             planar = mean**2 + down**2 * row_spread + across**2 * column_spread
-            variance = mean_square - planar  # of what the plane leaves
+            variance = mean_square - planar  # residual variance of the plane
             plane = mean + down * (row - middle_row) + across * (column - middle_column)
             value = np.float64(inverse_depth[row, column])
             if value == 0:
                 smooth[row, column] = 0
                 continue
-            noise = (noise_m * value * value) ** 2  # of inverse depth
+            noise = (noise_m * value * value) ** 2  # noise variance of inverse depth
             kept = 1 - noise / variance if variance > noise else 0.0
             drawn = plane + kept * (value - plane)
             smooth[row, column] = drawn if drawn > 0 else value
@@ -88,7 +87,7 @@ def _add_row(
     sign: float,
     sums: Float64[ndarray, "3 width"],
 ) -> None:
-    """Adds a row, or takes it off; one outside the image counts nothing."""
+    """Add a row to the sums or subtract it; rows outside the image are ignored."""
     if 0 <= row < inverse_depth.shape[0]:
         for column in range(inverse_depth.shape[1]):
             value = sign * np.float64(inverse_depth[row, column])

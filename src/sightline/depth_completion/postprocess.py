@@ -1,4 +1,4 @@
-"""From a network's output to a depth map that says where it can be trusted."""
+"""Postprocessing of a network's output to a depth map with a validity mask."""
 
 import numpy as np
 import torch
@@ -10,11 +10,11 @@ from sightline.depth_completion.plane_smoothing import smooth_planes
 from sightline.structures.predictions import DepthMap
 
 NEAREST_M = 0.5
-"""A network's depth never comes nearer: 0 means "no value", and an HDL-64E measures from 0.9 m."""
+"""Smallest depth of a network: 0 means "no value", and an HDL-64E measures from 0.9 m."""
 FARTHEST_M = 120.0
-"""Nor farther: the range of an HDL-64E. KITTI's ground truth ends before 90 m."""
+"""Largest depth of a network: the range of an HDL-64E. KITTI's ground truth ends before 90 m."""
 TRUSTED_SHARE = 0.2
-"""An expected error of more than this share of the depth makes a value a guess."""
+"""Largest expected error of a valid depth, as a share of the depth."""
 
 
 def to_depth_map(
@@ -24,18 +24,18 @@ def to_depth_map(
     is_supported: Bool[Tensor, "height width"],
     smoothing: PlaneSmoothing | None = None,
 ) -> DepthMap:
-    """A network's output for one frame as a depth map on the CPU.
+    """Convert a network's output for one frame to a depth map on the CPU.
 
-    Depths are clamped to between `NEAREST_M` and `FARTHEST_M`: outside, a network extrapolates.
-    One that is not finite is no value. Valid is what the measurements support and, where the
-    network estimates its error, is expected to be off by less than `TRUSTED_SHARE`. Both are asked
-    for: the estimate alone says nothing about the sky, where no network ever saw a truth.
+    Depths are clamped to [`NEAREST_M`, `FARTHEST_M`]: outside, a network extrapolates. Non-finite
+    depths become "no value". A pixel is valid if measurements support it and its expected error,
+    if the network estimates one, is below `TRUSTED_SHARE`. The estimate alone is not enough: in
+    the sky no network was trained on a truth.
 
     Args:
         depth_m: Metres along the optical axis, not clamped.
         uncertainty_m: Expected absolute error.
-        is_supported: Pixels that lie among measurements.
-        smoothing: Of the planes; None: depth stays as the network gives it.
+        is_supported: Mask of the pixels among measurements.
+        smoothing: Smoothing of the planes; None: no smoothing.
     """
     given, supported = _to_array(depth_m), is_supported.numpy(force=True)
     has_value = np.isfinite(given)
@@ -59,7 +59,7 @@ def to_depth_map(
 
 
 def only_valid(depth_map: DepthMap) -> DepthMap:
-    """The map without its guesses: 0 and an infinite error wherever it is not valid."""
+    """Remove the guesses of a map: invalid pixels get depth 0 and an infinite error."""
     is_kept, uncertainty_m = depth_map.valid, depth_map.uncertainty_m
     return DepthMap(
         depth_m=torch.where(is_kept, depth_map.depth_m, 0.0),
@@ -71,6 +71,6 @@ def only_valid(depth_map: DepthMap) -> DepthMap:
 
 
 def _to_array(plane: Float[Tensor, "height width"]) -> Float32[np.ndarray, "height width"]:
-    """For numpy, whose threads do not go on waiting as PyTorch's do: see `DepthPredictor`."""
+    """Convert to numpy, whose threads do not keep waiting as PyTorch's do: see `DepthPredictor`."""
     array: Float32[np.ndarray, "height width"] = plane.float().numpy(force=True)
     return array

@@ -1,4 +1,4 @@
-"""Depth completion of samples, sweeps or sparse maps, by a named method or a trained network."""
+"""Depth completion of samples, sweeps or sparse maps by a named method or a trained network."""
 
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -33,23 +33,23 @@ from sightline.structures.sample import CameraLidarSample
 
 _COORDINATES = 3
 
-# What users bring is checked when it comes in, so that the error says what to do.
+# User input is checked on entry, so that the error contains the remedy.
 SparseMap = Real[Tensor, "*size"] | Real[np.ndarray, "*size"]
-"""Height, width; metres along the optical axis, 0 = no measurement."""
+"""Sparse depth map of height x width; metres along the optical axis, 0 = no measurement."""
 Points = Real[Tensor, "*shape"] | Real[np.ndarray, "*shape"]
-"""Number of points, fields: x, y, z first [m], LiDAR frame."""
+"""Points of number x fields: x, y, z first [m], LiDAR frame."""
 RGBImage = Real[Tensor, "*channels_and_size"] | Real[np.ndarray, "*size_and_channels"]
-"""8 bits; a tensor of 3, height, width or an array of height, width, 3."""
+"""RGB image of 8 bits; a tensor of 3, height, width or an array of height, width, 3."""
 
 
 @dataclass(frozen=True, slots=True)
 class DepthCompleter(SamplePredictor[DepthMap]):
-    """Completes the depth that a sample's sweep gives its image, by a method without training."""
+    """Completes the depth of a sample with a method without training."""
 
     method: Method
 
     def __post_init__(self) -> None:
-        """Checks that there is such a method."""
+        """Checks the method's name."""
         if self.method not in get_args(Method):
             raise ValueError(
                 f"there is no method {self.method} of depth completion; name one of "
@@ -57,20 +57,20 @@ class DepthCompleter(SamplePredictor[DepthMap]):
             )
 
     parts: ClassVar[tuple[Part, ...]] = ("points",)
-    """What it looks at of a sample."""
+    """Used parts of a sample."""
     needs: ClassVar[tuple[Part, ...]] = ("points",)
-    """Those without which it has no answer."""
+    """Required parts of a sample."""
     gives: ClassVar[tuple[str, ...]] = ("depth",)
-    """Which of the task's outputs its answers have."""
+    """Outputs of the task that it predicts."""
     made_by: ClassVar[dict[str, str]] = {}
 
     @property
     def name(self) -> str:
-        """The method's."""
+        """Name of the method."""
         return self.method
 
     def predict(self, sample: CameraLidarSample) -> DepthMap:
-        """Projects the sweep and completes what it gives, at the image's full size.
+        """Projects the sweep and completes its depth at the image's full size.
 
         Raises:
             ValueError: The sample has no sweep.
@@ -91,16 +91,16 @@ class DepthPredictor(SamplePredictor[DepthMap]):
         >>> dense.depth_m.shape == blind.depth_m.shape == sample.image_size
         True
 
-    Takes images of any size and sweeps of any number of beams. Where the camera is missing (no
-    image, or a black one), depth comes from the sweep alone. An empty sweep gives an empty map, as
-    the methods without training do: no network of ours has learned to see depth in an image alone.
-    May be pickled, and called in a forked process.
+    Takes images of any size and sweeps of any number of beams. If the camera is missing (no image,
+    or a black one), depth comes from the sweep alone. An empty sweep gives an empty map, as with
+    the methods without training: our networks are not trained on images alone. Can be pickled, and
+    called in a forked process.
     """
 
     parts: ClassVar[tuple[Part, ...]] = ("image", "points")
-    """What it looks at of a sample."""
+    """Used parts of a sample."""
     needs: ClassVar[tuple[Part, ...]] = ("points",)
-    """Those without which it has no answer."""
+    """Required parts of a sample."""
 
     def __init__(
         self,
@@ -110,13 +110,13 @@ class DepthPredictor(SamplePredictor[DepthMap]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Takes a network; `load` takes the name of its weights.
+        """Stores a loaded network; use `load` for the name of weights.
 
         Args:
             loaded: The network.
-            engine: What runs it.
+            engine: Engine that runs the network.
             device: cpu or cuda.
-            threads: Of the CPU; None: the engine's own choice.
+            threads: Number of CPU threads; None: the engine's default.
 
         Raises:
             ValueError: The engine is not installed or cannot run on the device.
@@ -136,7 +136,7 @@ class DepthPredictor(SamplePredictor[DepthMap]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "DepthPredictor":
-        """Loads weights by name or from a file, and makes a predictor of them.
+        """Creates a predictor from weights by name or from a file.
 
         Raises:
             ValueError: As `load_network` and the constructor do.
@@ -147,17 +147,17 @@ class DepthPredictor(SamplePredictor[DepthMap]):
 
     @property
     def estimates_uncertainty(self) -> bool:
-        """Whether its depth maps tell their expected error."""
+        """Whether the depth maps contain the expected error."""
         return self._network.config.uncertainty
 
     @property
     def gives(self) -> tuple[str, ...]:
-        """Which of the task's outputs its answers have."""
+        """Outputs of the task that it predicts."""
         return ("depth", "uncertainty") if self.estimates_uncertainty else ("depth",)
 
     @property
     def made_by(self) -> dict[str, str]:
-        """What a manifest says beside the name."""
+        """Further entries of a manifest, beside the name."""
         return {"weights_sha256": self.sha256, "engine": self.engine}
 
     @property
@@ -184,9 +184,9 @@ class DepthPredictor(SamplePredictor[DepthMap]):
 
         Args:
             points: x, y, z first [m], LiDAR frame.
-            calibration: Of the camera and the LiDAR.
+            calibration: Calibration of the camera and the LiDAR.
             image_size: Height, width [px].
-            image: As `complete` takes it.
+            image: Image as in `complete`.
 
         Raises:
             ValueError: The points lack coordinates, or as `complete` does.
@@ -199,16 +199,15 @@ class DepthPredictor(SamplePredictor[DepthMap]):
 
         Args:
             sparse_depth_m: Metres along the optical axis, 0 = no measurement.
-            image: RGB of 8 bits and the same size; None: the camera is missing.
+            image: RGB image of 8 bits and the same size; None: the camera is missing.
 
         Returns:
             A map of the same size, on the CPU.
 
         Raises:
-            ValueError: The map holds something else than depths, or the image is of another size
-                or type.
+            ValueError: The map contains invalid depths, or the image has another size or type.
         """
-        # All but the network by numpy, which takes one thread: PyTorch's others would go on waiting
+        # All but the network in numpy, which uses one thread: PyTorch's others would keep waiting
         # for work on the cores that an engine of another library needs.
         sparse = _sparse_plane(sparse_depth_m)
         rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
@@ -260,7 +259,7 @@ def _with_counted_corrections(
     sparse_m: Float32[Tensor, "height width"],
     settings: DepthCompletionConfig,
 ) -> Float[Tensor, "height width"]:
-    """The network's depth without the corrections that the settings leave out."""
+    """Undo the corrections below the thresholds of the settings."""
     least = settings.least_correction
     above = by_direction(settings.least_correction_above, default=least)
     beside = by_direction(settings.least_correction_beside, default=least)
@@ -282,7 +281,7 @@ def choose_completer(
     device: str = "cpu",
     threads: int | None = None,
 ) -> Completer:
-    """A method without training or a network, whichever is named; neither: the default weights.
+    """Create a completer from a method's name or weights; by default from the default weights.
 
     Raises:
         ValueError: Both are named, there is no such method, or as `DepthPredictor.load` does.
@@ -337,7 +336,7 @@ def _checked_points(points: Points) -> Float[Tensor, "num_points fields"]:
 
 
 def _to_tensor(name: str, values: object) -> Tensor:
-    """The numbers on the CPU; arrays are copied, as PyTorch takes none that run backwards."""
+    """Convert to a CPU tensor; arrays are copied, as PyTorch accepts no negative strides."""
     array = given_array(name, values)
     if array.dtype.kind not in "fiu":
         raise ValueError(
@@ -348,7 +347,7 @@ def _to_tensor(name: str, values: object) -> Tensor:
 
 
 def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor, "3 height width"]:
-    """The image as networks take it: in [0, 1], black where there is none."""
+    """Convert the image to [0, 1]; black if there is none."""
     if image is None:
         return torch.zeros(3, *size)
     is_channels_last = isinstance(image, np.ndarray)
@@ -369,10 +368,10 @@ def _padded(
     stride: int,
     how: Literal["constant", "edge"],
 ) -> Float32[Tensor, "1 channels padded_height padded_width"]:
-    """A batch of one, widened at the top and right to multiples of the stride.
+    """Make a batch of one, padded at the top and right to multiples of the stride.
 
-    Not at the bottom: networks learn from crops that end where the image does, on the ground
-    next to the car, where depth differs most from row to row; up in the sky nothing is measured.
+    The bottom is not padded: networks are trained on crops that end at the image's bottom, on the
+    ground near the car, where depth changes most between rows. In the sky nothing is measured.
     """
     height, width = planes.shape[-2:]
     margins = ((0, 0), (-height % stride, 0), (0, -width % stride))

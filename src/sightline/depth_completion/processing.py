@@ -1,6 +1,6 @@
 """Steps before and after an exported depth completion network: see docs/guides/export.md.
 
-Every number that a program without Sightline needs stands here under a name.
+Contains every number that a program without Sightline needs, by name.
 """
 
 from dataclasses import asdict
@@ -36,7 +36,7 @@ from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M, TRUSTE
 
 
 def processing(network: DepthCompletionNet) -> dict[str, object]:
-    """Inputs, outputs, padding, filling, corrections and smoothing of a network."""
+    """Describe inputs, outputs, padding, filling, corrections and smoothing of a network."""
     config = network.config
     least = config.least_correction
     return {

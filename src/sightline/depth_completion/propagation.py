@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 NEIGHBOURS = 8
-_INITIAL_CONFIDENCE_LOGIT = -4.0  # 2 %: an untrained network hardly changes what it is given
+_INITIAL_CONFIDENCE_LOGIT = -4.0  # 2 %: an untrained network hardly changes its input
 
 
 def propagate(
@@ -17,15 +17,15 @@ def propagate(
     *,
     steps: int,
 ) -> Float[Tensor, "batch 1 height width"]:
-    """Mixes depths `steps` times, and draws measured pixels towards their measurement each time.
+    """Mixes depths `steps` times, and moves measured pixels towards their measurement each time.
 
     Cheng et al. 2018 (CSPN), eq. 1 and 6, with two changes: the weights are normalised only where
     their magnitudes add up to more than 1, as in Park et al. 2020 (NLSPN), section 4.3, and the
     measurements are put back by a learned confidence, since outliers are among them.
 
     The neighbours are those of a 3x3 kernel in order, without the centre, which gets the rest of
-    the weight: an even map stays as it is. Beyond the border lies the border's own value. Logits
-    of zero leave every depth without a measurement as it is.
+    the weight: a constant map stays unchanged. The border's values are repeated beyond it. Logits
+    of zero leave every depth without a measurement unchanged.
     """
     weights = torch.tanh(affinity_logits)
     weights = weights / weights.abs().sum(dim=1, keepdim=True).clamp(min=1)

@@ -1,6 +1,6 @@
-"""Depth completion as a task: what `sightline.tasks` knows of it.
+"""Registration of depth completion in `sightline.tasks`.
 
-Light: the command line reads it to answer `--help`, so that all else is imported where it is used.
+The command line imports it for `--help`, so everything else is imported where it is used.
 """
 
 from pathlib import Path
@@ -55,7 +55,7 @@ def _read_uncertainty(path: Path, sample: "CameraLidarSample", told: "Perception
 
 
 class DepthCompletionTask(DepthNetworkTask):
-    """`sightline.tasks.Task`, by networks or by methods without training."""
+    """Implements `sightline.tasks.Task` with networks or methods without training."""
 
     summary: Final = (
         "Completes the depth of every frame and writes 16-bit depth PNGs (metres times 256)."
@@ -89,7 +89,7 @@ class DepthCompletionTask(DepthNetworkTask):
     )
 
     def graphs(self, loaded: "LoadedNetwork[DepthCompletionNet]") -> "tuple[ExportGraph, ...]":
-        """One, the whole network."""
+        """Export graph of the whole network, as the only one."""
         from sightline.depth_completion.export_graph import export_graph
 
         return (export_graph(loaded),)
@@ -103,7 +103,7 @@ class DepthCompletionTask(DepthNetworkTask):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Completer":
-        """See `choose_completer`."""
+        """Creates a completer; see `choose_completer`."""
         from sightline.depth_completion.predictor import choose_completer
 
         return choose_completer(
@@ -111,19 +111,19 @@ class DepthCompletionTask(DepthNetworkTask):
         )
 
     def scoring(self) -> "HeldOutScoring":
-        """On LiDAR rings that no method sees."""
+        """Scoring on held-out LiDAR rings."""
         from sightline.depth_completion.robustness import HeldOutScoring
 
         return HeldOutScoring()
 
     def perception(self, answer: "DepthMap") -> "Perception":
-        """The depth map."""
+        """Wraps the depth map."""
         from sightline.structures.predictions import Perception
 
         return Perception(depth=answer)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
-        """See `run_depth_demo`."""
+        """Runs the demo; see `run_depth_demo`."""
         from sightline.depth_completion.demo import run_depth_demo
 
         return run_depth_demo(self, frames, out)

@@ -1,9 +1,9 @@
-"""The tables of the paper on Shift-Convolution, its own figures beside ours.
+"""Tables of the Shift-Convolution paper with its own figures and ours.
 
 Yu and Kee 2021, "3D LiDAR Depth Completion Based on Shift-Convolution Using Adjacent Pixel
-Information": Table 1 (how sparse the input is), Table 2 (benchmark), Table 3 (ablation). Published
-figures are quoted, ours are measured on the data given; a cell for which nothing was measured says
-what it needs.
+Information": Table 1 (sparsity of the input), Table 2 (benchmark), Table 3 (ablation). Published
+figures are quoted, ours are measured on the given data; a cell without a measurement names its
+requirements.
 """
 
 import statistics
@@ -33,7 +33,7 @@ from sightline.geometry.projection import sparse_depth_map
 
 _BENCHMARK_FRAMES = 1000
 _BEAMS = 64
-_PAPER_CROP = (256, 1216)  # height, width to which the paper brings all frames
+_PAPER_CROP = (256, 1216)  # height, width of all frames in the paper
 
 
 def reproduce_shiftconv(
@@ -46,24 +46,24 @@ def reproduce_shiftconv(
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne | None = None,
 ) -> ShiftConvReport:
-    """Measures what the paper's tables need on the data given.
+    """Measures the figures of the paper's tables on the given data.
 
-    A depth completion tree is scored against its ground truth by KITTI's rules, which gives the
-    benchmark's own figure on the 1,000 frames of `val_selection_cropped` and no other. Any other
-    data is scored on held-out rings (`sightline.evaluation.held_out`), 64 beams.
+    A depth completion tree is scored against its ground truth by KITTI's rules; only the 1,000
+    frames of `val_selection_cropped` give the benchmark's figure. Other data is scored on held-out
+    rings (`sightline.evaluation.held_out`) with 64 beams.
 
     Args:
         data: Folder of the data set; see `open_dataset`.
-        weights: Of the paper's network; see `load_network`. None: its cells stay open.
-        weights_without: Of the same network trained without Shift-Conv.
-        engine: What runs the networks.
-        device: Where they run.
-        sample_list: Which samples; see `read_sample_list`. None: all.
+        weights: Weights of the paper's network; see `load_network`. None: its cells stay open.
+        weights_without: Weights of the same network trained without Shift-Conv.
+        engine: Engine that runs the networks.
+        device: Device that runs the networks.
+        sample_list: List of the samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
     Raises:
-        ValueError: The data cannot be read or scored, or a file of weights is not what it is given
-            as: `weights` with, `weights_without` without Shift-Conv.
+        ValueError: The data cannot be read or scored, `weights` is without or `weights_without`
+            with Shift-Conv.
     """
     with_, without = (
         None if file is None else DepthPredictor.load(file, engine=engine, device=device)
@@ -92,11 +92,11 @@ def reproduce_shiftconv(
 
 
 def measure_sparsity(dataset: SampleDataset) -> tuple[Sparsity, Sparsity]:
-    """How many pixels of a frame hold a measurement, in the mean of the frames.
+    """Count the pixels with a measurement, as the mean over the frames.
 
     Returns:
-        Of whole images, and of their bottom-centre crops to 1216x256, the paper's size; a smaller
-        image is kept whole.
+        Sparsity of whole images and of their bottom-centre crops to 1216x256, the paper's size; a
+        smaller image is kept whole.
 
     Raises:
         ValueError: A sample has no sweep.

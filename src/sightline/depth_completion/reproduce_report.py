@@ -1,4 +1,4 @@
-"""What `reproduce_shiftconv` finds: the paper's figures beside those measured here."""
+"""Report of `reproduce_shiftconv`: the paper's figures beside our measurements."""
 
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Final, Literal
@@ -8,8 +8,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 Protocol = Literal["benchmark", "ground truth", "held-out rings"]
-"""How RMSE was measured. Only "benchmark", KITTI's 1,000 selected frames, compares with the paper's
-figures; "ground truth" is the same rules on other frames of a depth completion tree."""
+"""Protocol of the RMSE. Only "benchmark", on KITTI's 1,000 selected frames, is comparable with the
+paper; "ground truth" applies the same rules to other frames of a depth completion tree."""
 
 PUBLISHED_BENCHMARK: Final = (
     ("CSPN", 1019.64, 1.0),
@@ -30,30 +30,30 @@ _NEEDS_WEIGHTS_WITHOUT = "needs --weights-without (the same recipe without Shift
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sparsity:
-    """Pixels with and without a measurement, in the mean of the frames."""
+    """Numbers of pixels with and without a measurement, as means over the frames."""
 
     measured_pixels: float
     empty_pixels: float
 
     @property
     def measured_share(self) -> float:
-        """Of all pixels."""
+        """Share of the pixels with a measurement."""
         return self.measured_pixels / (self.measured_pixels + self.empty_pixels)
 
 
 PUBLISHED_SPARSITY: Final = Sparsity(measured_pixels=19_984.9, empty_pixels=286_515.1)
-"""Table 1."""
+"""Table 1: sparsity of the input."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measured:
-    """What one method reaches on the data given."""
+    """Results of one method on the given data."""
 
     name: str
     rmse_mm: float
-    """Mean of the frames' values."""
+    """Mean of the frames' RMSEs."""
     seconds: float
-    """Wall-clock time a frame on this machine: the median."""
+    """Median wall-clock time per frame on this machine."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,15 +64,15 @@ class ShiftConvReport:
     protocol: Protocol
     frames: int
     sparsity: tuple[Sparsity, Sparsity]
-    """Of whole images, and of the paper's crop."""
+    """Sparsity of whole images and of the paper's crop."""
     classical: Measured
-    """The best method without training, as a measure for the others."""
+    """Best method without training, as a reference."""
     with_shift_conv: Measured | None
-    """None where no weights were given."""
+    """Result with Shift-Conv; None: no weights were given."""
     without_shift_conv: Measured | None
 
     def to_json(self) -> dict[str, object]:
-        """What the report file holds; a figure that was not measured is None."""
+        """Contents of the report file; a figure that was not measured is None."""
         whole, crop = self.sparsity
         return {
             "data": self.data,
@@ -100,7 +100,7 @@ class ShiftConvReport:
         }
 
     def table(self) -> "Group":
-        """The three tables, one below the other."""
+        """Lays out the three tables, one below the other."""
         from rich.console import Group
 
         return Group(self._sparsity_table(), self._benchmark_table(), self._ablation_table())
@@ -149,7 +149,7 @@ class ShiftConvReport:
         return table
 
     def _rmse_columns(self) -> tuple[str, ...]:
-        """One column for the benchmark; what was measured otherwise gets one of its own."""
+        """Titles of the RMSE columns: one for the benchmark, one for another protocol."""
         if self.protocol == "benchmark":
             return ("RMSE mm",)
         where = f"{self.protocol}, {self.frames:,} frames"
@@ -159,7 +159,7 @@ class ShiftConvReport:
         return (benchmark,) if self.protocol == "benchmark" else (benchmark, otherwise)
 
     def _open_cells(self, needs: str) -> tuple[str, ...]:
-        """Where nothing was measured."""
+        """Cells of a row without a measurement."""
         return (needs,) if self.protocol == "benchmark" else (_NEEDS_FRAMES, needs)
 
     def _our_cells(self, row: Measured) -> tuple[str, ...]:

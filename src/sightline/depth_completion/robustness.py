@@ -1,7 +1,7 @@
-"""How depth completion is scored where sensors are broken: on LiDAR rings that no method sees.
+"""Scoring of depth completion under sensor faults, on held-out LiDAR rings.
 
-The truth is the same for all; only what a method is given gets worse. Rings are held out first and
-then what is left is corrupted, so that nothing of the truth is given, and nothing broken is truth.
+The truth is the same for all faults; only the input gets worse. Rings are held out first and the
+rest is corrupted afterwards, so the input contains no truth and the truth no faults.
 """
 
 import json
@@ -30,10 +30,9 @@ _REMEDY = "remove it and run the same command again"
 
 
 class HeldOutScoring:
-    """`Scoring` by the held-out-rings protocol, with all of the sensor's beams.
+    """`Scoring` by the held-out-rings protocol, with all beams of the sensor.
 
-    A method that gives no depth at all, as where the LiDAR is dead, is scored as if it had said
-    0 m everywhere.
+    An output without any depth, such as with a dead LiDAR, is scored as 0 m everywhere.
     """
 
     name = "held-out rings"
@@ -43,16 +42,16 @@ class HeldOutScoring:
     figures = tuple(Figure(name=name, title=title, unit="mm") for name, title in _FIGURES.items())
 
     def check(self, dataset: SampleDataset) -> None:
-        """Every data set with sweeps will do."""
+        """Accepts every data set with sweeps."""
         del dataset
 
     def notes(self, dataset: SampleDataset) -> tuple[str, ...]:
-        """None: errors are means over pixels, of which every frame has many."""
+        """Returns no notes: errors are means over the many pixels of every frame."""
         del dataset
         return ()
 
     def pose(self, sample: CameraLidarSample) -> PosedFrame:
-        """The rings that a method may see, cropped as the protocol says; the truth apart."""
+        """Separates the input rings, cropped by the protocol, from the truth."""
         frame = split_rings(sample)
         check_rings(frame)
         return PosedFrame(frame.with_beams(frame.sensor_beams), frame)
@@ -65,17 +64,17 @@ class HeldOutScoring:
         atomic_write_text(path, json.dumps(asdict(errors)) + "\n")
 
     def read(self, path: Path, sample: CameraLidarSample) -> Never:
-        """See `Scoring.read`: what is kept are errors, not the answer."""
+        """Not supported: the files hold errors, not outputs; see `Scoring.read`."""
         del sample
         raise FileError(path, "holds a frame's errors and no depth", "draw the answer itself")
 
     def score(self, folder: Path, dataset: SampleDataset) -> Scores:
-        """Means over the frames."""
+        """Averages the errors over the frames."""
         rows = [_read(folder / f"{name}{self.suffix}") for name in dataset.sample_ids]
         return {name: statistics.fmean(row[at] for row in rows) for at, name in enumerate(_FIGURES)}
 
     def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
-        """The image and the sweep that were given, and the completed depth."""
+        """Draws the image and the sweep of the input, and the completed depth."""
         given, answer = answered.corrupted.sample, answered.answer
         panels = [Panel("image", camera_picture(given))]
         if given.points is not None:
@@ -86,7 +85,7 @@ class HeldOutScoring:
 
 
 def _read(path: Path) -> tuple[float, ...]:
-    """A frame's figures; a tuple takes less room than what the file holds."""
+    """Read a frame's figures as a tuple, which takes less memory than the file's contents."""
     try:
         row = json.loads(read_text(path))
         numbers = [number_or_none(row[name]) for name in _FIGURES]

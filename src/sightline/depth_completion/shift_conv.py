@@ -11,12 +11,12 @@ from sightline.depth_completion.config import TAPS, ShiftConvConfig
 class ShiftConv(nn.Module):
     """Translates the channels in nine directions, then mixes them by a 1x1 convolution: eq. 2.
 
-    Channel c belongs to group c % 9. Group k sees what lies k // 3 - 1 rows below and k % 3 - 1
+    Channel c belongs to group c % 9. Group k reads the pixel k // 3 - 1 rows below and k % 3 - 1
     columns to the right, times `shift_px`: the taps of a 3x3 kernel in order, so group 4 stays.
-    What comes from outside is zero. On nine copies of a map this is a 3x3 convolution.
+    Values from outside are zero. On nine copies of a map this is a 3x3 convolution.
 
-    The translations are one depthwise convolution whose fixed kernels hold a single 1: on a CPU
-    that takes half the time of slicing and concatenating, and every engine knows it.
+    The translations are one depthwise convolution whose fixed kernels contain a single 1: on a CPU
+    it takes half the time of slicing and concatenating, and every engine supports it.
     """
 
     shift_kernels: Tensor
@@ -57,8 +57,8 @@ class ShiftConv(nn.Module):
 class ShiftConvBranch(nn.Module):
     """Turns sparse depth into a filled depth map, the E-Point: section 3.1, Fig. 6.
 
-    A 1x1 convolution lifts the input, Shift-Convolutions follow, a linear 1x1 convolution reads
-    the depth off. Units are the input's; the result is not clamped.
+    A 1x1 convolution, the Shift-Convolutions and a linear 1x1 convolution to depth. Units are the
+    input's; the result is not clamped.
     """
 
     def __init__(self, in_channels: int, config: ShiftConvConfig) -> None:
@@ -78,6 +78,6 @@ class ShiftConvBranch(nn.Module):
     def forward(
         self, depth: Float[Tensor, "batch in_channels height width"]
     ) -> Float[Tensor, "batch 1 height width"]:
-        """Height and width must be multiples of the config's `stride`."""
+        """Fills the map; height and width must be multiples of the config's `stride`."""
         lifted = self.lift(F.pixel_unshuffle(depth, self.stride))
         return F.pixel_shuffle(self.read(self.layers(lifted)), self.stride)

@@ -1,4 +1,4 @@
-"""What every completion method requires of its input, and the hull of what is measured."""
+"""Input check of the completion methods, and the convex hull of the measured pixels."""
 
 import cv2
 import numpy as np
@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float32
 
 
 def check_sparse_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> None:
-    """Refuses a map with a pixel that is no depth.
+    """Refuses a map with invalid depths.
 
     Raises:
         ValueError: A pixel is negative or not finite, or the map has no pixel.

@@ -1,4 +1,4 @@
-"""Nearest and farthest measurement around each pixel, as inputs of a network."""
+"""Nearest and farthest measurements around each pixel, as inputs of a network."""
 
 from typing import NamedTuple
 
@@ -9,22 +9,23 @@ from torch import Tensor
 
 NUM_PLANES = 7
 _NEAREST_M, _FARTHEST_M = 1.0, 120.0  # depths are clamped before their logarithm
-_MIDDLE, _HALF_SPAN = 3.0, 2.0  # of those logarithms
-_LARGEST_RATIO = 2.0  # logarithm
+_MIDDLE, _HALF_SPAN = 3.0, 2.0  # normalisation of those logarithms
+_LARGEST_RATIO = 2.0  # as a logarithm
 _NO_INVERSE_DEPTH = 9.0  # 1/m; larger than any
 
 
 class Surroundings(NamedTuple):
-    """What is measured in the square window around each pixel."""
+    """Measurements in the square window around each pixel."""
 
     nearest_m: Float[Tensor, "batch 1 height width"]
-    """Nearest of the measurements and the pixel's own completed depth."""
+    """Nearest depth among the measurements and the pixel's completed depth."""
     farthest_m: Float[Tensor, "batch 1 height width"]
-    """Farthest of them."""
+    """Farthest depth among the measurements and the pixel's completed depth."""
     planes: Float[Tensor, "batch 7 height width"]
-    """The completion's logarithm, scaled to about -1 to 1; the logarithms of nearest, farthest and
-    measured depth less the completion's, 0 where there is none; whether anything is measured in the
-    window, and whether the pixel is; whether nothing is measured in its column up to its row."""
+    """Seven input planes: the completion's logarithm, scaled to about -1 to 1; the logarithms of
+    nearest, farthest and measured depth minus the completion's, 0 where there is none; masks of
+    pixels with a measurement in the window, with their own, and without any in their column from
+    the top down to their row."""
 
 
 def look_around(
@@ -36,8 +37,8 @@ def look_around(
 
     Args:
         sparse_depth_m: Measurements; 0 = none.
-        filled_depth_m: Completion of them, positive.
-        reach_px: How far the window goes to each side.
+        filled_depth_m: Completion of the measurements, positive.
+        reach_px: Reach of the window to each side.
     """
     is_measured = sparse_depth_m > 0
     inverse = torch.where(is_measured, 1 / sparse_depth_m.clamp(min=1 / _NO_INVERSE_DEPTH), 0.0)

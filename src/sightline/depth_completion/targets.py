@@ -1,4 +1,4 @@
-"""Expanded ground truth: what the Shift-Convolution branch learns."""
+"""Expanded ground truth: the training target of the Shift-Convolution branch."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _GROWTH_PX = 3  # one step of the repeated variants reaches the eight neighbours
 
 @dataclass(frozen=True, kw_only=True)
 class ExpansionConfig:
-    """How ground truth is expanded: maximum, then median filter (Yu and Kee 2021, section 2.2)."""
+    """Expansion of ground truth: maximum, then median filter (Yu and Kee 2021, section 2.2)."""
 
     variant: Variant = "repeated"
     """repeated: 3x3 maxima on empty pixels until none is left; near_wins: the same with minima,
@@ -24,7 +24,7 @@ class ExpansionConfig:
     literal_px: int = 15
     """Side of the literal variant's window."""
     median_px: int = 5
-    """Side of the median's window; 1 leaves it out."""
+    """Side of the median's window; 1: no median."""
 
     def __post_init__(self) -> None:
         """Checks the variant and the windows."""
@@ -42,19 +42,19 @@ class ExpansionConfig:
 def expand_depth(
     depth_m: Float[Tensor, "batch 1 height width"], config: ExpansionConfig = ExpansionConfig()
 ) -> Float[Tensor, "batch 1 height width"]:
-    """Fills the gaps of depth maps [m; 0 = none] with what lies around them, then smooths.
+    """Fill the gaps of depth maps [m; 0 = none] from their surroundings, then smooth.
 
     The paper names the filters, not their sizes. In the repeated variants a measured pixel keeps
-    its depth; an empty one gets the largest (near_wins: the smallest) of the measured depths that
-    are nearest to it, by max(|rows|, |columns|). A map without any depth stays empty; any other
-    has no gap left. The literal variant may leave gaps, which its median takes for depth 0.
+    its depth; an empty one gets the largest (near_wins: the smallest) of the measured depths
+    nearest to it, by max(|rows|, |columns|). A map without any depth stays empty; any other has no
+    gap left. The literal variant may leave gaps, which count as depth 0 in its median.
 
-    At the border the maximum sees what lies inside; the median repeats the outermost pixels.
-    Gives no gradient. Each step of the repeated variants asks which rows still have gaps, for which
-    a GPU waits; there are as many steps as the farthest empty pixel lies from a measured one.
+    At the border the maximum uses the pixels inside; the median repeats the outermost pixels.
+    Gives no gradient. Each step of the repeated variants synchronises a GPU to find the rows with
+    gaps; the number of steps is the largest distance of an empty pixel from a measured one.
     """
     depth_m = depth_m.detach()
-    # Emptiness is the lowest score, so that a maximum takes it only where there is nothing else.
+    # Empty pixels have the lowest score, so that any depth wins the maximum.
     sign = -1 if config.variant == "near_wins" else 1
     scores = torch.where(depth_m > 0, sign * depth_m, -torch.inf)
     if config.variant == "literal":
@@ -98,7 +98,7 @@ def _window_median(
     """Median of each window, by a fixed order of minima and maxima of whole shifted maps.
 
     The windows' columns are sorted first, once for all windows that share them; the sorted columns
-    then run through a network of comparators. Exact, and on a CPU some 15 times as fast as
+    then go through a network of comparators. Exact, and on a CPU some 15 times as fast as
     `median` over unfolded windows.
     """
     half, (height, width) = side_px // 2, depth_m.shape[2:]
@@ -128,8 +128,8 @@ def _median_network(side_px: int) -> tuple[tuple[tuple[int, int, bool, bool], ..
     values below the median as above it; the median of the others is sorted out among them.
 
     Returns:
-        Comparators (low, high, whether the minimum is needed at low, and the maximum at high), and
-        the position at which the median arrives.
+        Comparators (low, high, is the minimum needed, is the maximum needed), and the position of
+        the median.
     """
     side = range(side_px)
     middle = side_px * side_px // 2
@@ -149,7 +149,7 @@ def _median_network(side_px: int) -> tuple[tuple[tuple[int, int, bool, bool], ..
         (candidates[low], candidates[high]) for low, high in _sorting_network(len(candidates))
     ]
     median = candidates[len(candidates) // 2]
-    # Backwards: what no later comparator and not the median needs is not calculated.
+    # Backwards: drops results that neither a later comparator nor the median needs.
     needed, kept = {median}, []
     for low, high in reversed(pairs):
         if low in needed or high in needed:

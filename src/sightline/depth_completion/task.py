@@ -20,12 +20,12 @@ from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
 from sightline.training.optimizer import OptimizerConfig
 
-_LOGGED = ("rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")  # the benchmark's own
+_LOGGED = ("rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")  # the benchmark's scores
 _LOSS, _OPTIMIZER = DepthLossConfig(), OptimizerConfig()
 
 
 class DepthCompletion(TrainingModule):
-    """Depth completion in training: scored as KITTI's benchmark does."""
+    """Training of depth completion, with the scores of KITTI's benchmark."""
 
     task_name: ClassVar[str] = "depth-completion"
     monitored: ClassVar[tuple[str, Literal["min", "max"]]] = ("validation/rmse_mm", "min")
@@ -41,15 +41,15 @@ class DepthCompletion(TrainingModule):
         """Builds the network.
 
         Args:
-            network: Settings of the network. None: those of the initial weights; without those, the
+            network: Settings of the network. None: those of the initial weights; without them, the
                 paper's.
-            loss: Which losses count, and how much.
-            optimizer: How the weights are updated.
-            initial_weights: Such a network's weights to start from: name of shipped ones, file or
+            loss: Weights of the losses.
+            optimizer: Settings of the optimiser.
+            initial_weights: Weights of such a network to start from: name of shipped ones, file or
                 checkpoint.
 
         Raises:
-            ValueError: The initial weights cannot be read or are another network's.
+            ValueError: The initial weights cannot be read or belong to another network.
         """
         settings = choose_settings(network, DepthCompletionConfig, initial_weights)
         super().__init__(
@@ -66,7 +66,7 @@ class DepthCompletion(TrainingModule):
         return config
 
     def forward(self, batch: DepthBatch) -> DepthCompletionOutput:
-        """What the network gives for a batch.
+        """Runs the network on a batch.
 
         Raises:
             ValueError: The network starts from a classical completion, which the batch lacks.
@@ -82,10 +82,10 @@ class DepthCompletion(TrainingModule):
         return output
 
     def setup(self, stage: str) -> None:
-        """Checks that examples are filled as the network's input was.
+        """Checks that examples contain the network's edition of the completion.
 
         Raises:
-            ValueError: Their edition of the completion is another one.
+            ValueError: The examples contain another edition of the completion.
         """
         super().setup(stage)
         preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
@@ -99,7 +99,7 @@ class DepthCompletion(TrainingModule):
             )
 
     def losses(self, batch: DepthBatch) -> DepthLosses:
-        """The loss of a batch and its terms."""
+        """Computes the loss of a batch and its terms."""
         return depth_completion_loss(
             self(batch),
             _truth(batch),
@@ -117,14 +117,14 @@ class DepthCompletion(TrainingModule):
         return output
 
     def scores(self) -> Mapping[str, Tensor]:
-        """The benchmark's scores."""
+        """Returns the benchmark's scores."""
         means = super().scores()
         return {name: means[name] for name in _LOGGED}
 
     def picture(
         self, batch: DepthBatch, answer: DepthCompletionOutput
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """The maps of the first sample, one below the other."""
+        """Draws the maps of the first sample, one below the other."""
         return training_picture(batch, answer)
 
 

@@ -1,4 +1,4 @@
-"""Simulated truth made like measured truth: widened contours, and weights of pixels."""
+"""Adapts simulated truth to measured truth: widened contours and pixel weights."""
 
 import math
 from dataclasses import dataclass
@@ -9,34 +9,34 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-_NO_TRUTH_M = 200.0  # stands for what has no truth, such as the sky
-_CONTOUR_RATIO = 0.05  # nearer by this share, beyond the slope of the ground
-_GROUND_SLOPE = 0.0016  # of inverse depth [1/m] in a row of KITTI's images; twice a level road's
+_NO_TRUTH_M = 200.0  # value of pixels without truth, such as the sky
+_CONTOUR_RATIO = 0.05  # relative depth step of a contour, beyond the slope of the ground
+_GROUND_SLOPE = 0.0016  # inverse depth [1/m] per row of KITTI's images; twice a level road's
 _THIN_PX, _THIN_RATIO = 9, 1.05
-_NEAR_PX = 7  # side of the square around a measurement that is not away from it
+_NEAR_PX = 7  # side of the square around a measurement that counts as near
 
 
 @dataclass(frozen=True, kw_only=True)
 class TruthShaping:
-    """How dense simulated truth is changed and weighed for training.
+    """Changes and pixel weights of dense simulated truth for training.
 
-    Truth of real frames is accumulated from several sweeps: most of it lies near measurements, next
-    to none on twigs or behind fences, and near surfaces come out a pixel or two too wide.
+    The truth of real frames is accumulated from several sweeps: most of it lies near measurements,
+    almost none on twigs or behind fences, and near surfaces are a pixel or two too wide.
     """
 
     in_reach: bool = False
-    """Whether truth above the highest measurement of the columns around is left out, of all beams,
-    in training and for scores."""
+    """Whether truth above the highest measurement of the columns around, of all beams, is left
+    out, in training and for scores."""
     contours_px: int = 0
-    """By how many pixels near surfaces are widened at contours."""
+    """Number of pixels by which near surfaces are widened at contours."""
     contours_within_m: float = 20.0
-    """Surfaces farther away than this are widened by one pixel at most."""
+    """Distance beyond which surfaces are widened by one pixel at most."""
     thin_weight: float = 1.0
-    """Weight of pixels on or beside what is thinner than nine pixels."""
+    """Weight of pixels on or beside objects thinner than nine pixels."""
     away_weight: float = 1.0
     """Weight of pixels more than three pixels from any measurement."""
     kept_weight: float = 1.0
-    """Weight of measurements that the classical completion keeps, and predictors may put back."""
+    """Weight of measurements that the classical completion keeps and predictors may restore."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
@@ -49,7 +49,7 @@ class TruthShaping:
 
 
 AS_SIMULATED: Final = TruthShaping()
-"""Truth as it comes, all pixels alike."""
+"""Unchanged truth with equal pixel weights."""
 
 
 def widen_near_surfaces(
@@ -57,8 +57,8 @@ def widen_near_surfaces(
 ) -> Float32[ndarray, "height width"]:
     """Widen near surfaces at contours by up to `contours_px`; pixels without truth stay so.
 
-    A contour is where the nearest truth around is nearer by 5 % beyond what the slope of the ground
-    explains.
+    A pixel is at a contour if truth around it is nearer by more than 5 % plus the slope of the
+    ground.
     """
     if not shaping.contours_px:
         return truth_m
@@ -76,12 +76,12 @@ def pixel_weights(
     filled_m: Float32[ndarray, "height width"] | None,
     shaping: TruthShaping,
 ) -> Float32[ndarray, "height width"]:
-    """Weight of each pixel in the loss: the product of all that apply.
+    """Compute the weight of each pixel in the loss: the product of the weights that apply.
 
     Args:
-        truth_m: Dense truth as it is, before contours are widened; 0 = none.
+        truth_m: Dense truth before contours are widened; 0 = none.
         sparse_m: Measurements; 0 = none.
-        filled_m: Classical completion of them.
+        filled_m: Classical completion of the measurements.
         shaping: The weights.
     """
     known, thin = _known(truth_m), np.ones((_THIN_PX, _THIN_PX), np.uint8)

@@ -1,1 +1,1 @@
-"""From PyTorch modules to files and engines that run without PyTorch; knows no task."""
+"""Task-independent export of PyTorch modules to files and engines that run without PyTorch."""

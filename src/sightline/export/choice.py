@@ -1,4 +1,4 @@
-"""Which engine runs a network where none is named; light, for the command line's sake."""
+"""Choice of the engine for a network; imports little, to keep the command line fast."""
 
 import os
 from importlib.util import find_spec
@@ -7,17 +7,17 @@ from typing import Final, get_args
 from sightline.export.names import EngineChoice, EngineName
 
 VARIABLE: Final = "SIGHTLINE_ENGINE"
-"""The environment variable that says what `auto` takes."""
+"""Environment variable with the engine for `auto`."""
 
 _NEEDED: Final = ("openvino", "onnx", "onnxscript")
 
 
 def choose_engine(choice: EngineChoice, device: str = "cpu") -> EngineName:
-    """The engine that a choice means.
+    """Resolve a choice to an engine.
 
-    `auto` is OpenVINO where the extra `export` is installed, on one core of a CPU mostly two to
-    three times as fast as PyTorch, and PyTorch elsewhere and on other devices; or what the
-    environment variable SIGHTLINE_ENGINE names, where it is set.
+    `auto` is the engine in the environment variable SIGHTLINE_ENGINE if it is set. Otherwise it is
+    OpenVINO on a CPU if the extra `export` is installed (on one core mostly two to three times as
+    fast as PyTorch), else PyTorch.
 
     Raises:
         ValueError: The choice or the variable names no engine.
@@ -39,5 +39,5 @@ def choose_engine(choice: EngineChoice, device: str = "cpu") -> EngineName:
 
 
 def has_openvino() -> bool:
-    """Whether OpenVINO is installed, and what turns a network into a file that it reads."""
+    """Whether OpenVINO and the libraries of the ONNX export are installed."""
     return all(find_spec(library) is not None for library in _NEEDED)

@@ -1,4 +1,4 @@
-"""Runs a network by PyTorch, ONNX Runtime or OpenVINO: the same call, the same names."""
+"""Engines that run a network by PyTorch, ONNX Runtime or OpenVINO through the same interface."""
 
 import tempfile
 import threading
@@ -25,11 +25,11 @@ _SIZES_KEPT = 4  # a compiled network holds its weights and buffers
 
 @runtime_checkable
 class Engine(Protocol):
-    """A network that is ready to run."""
+    """Network that is ready to run."""
 
     @property
     def name(self) -> EngineName:
-        """Which library runs it."""
+        """Library that runs the network."""
         ...
 
     @property
@@ -39,11 +39,11 @@ class Engine(Protocol):
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """The inputs it takes, no more and no fewer."""
+        """Names of exactly the required inputs."""
         ...
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Runs the network; gives its outputs, float32, by name.
+        """Runs the network; returns its outputs by name, in float32.
 
         Raises:
             ValueError: An input is missing or unknown, or a size is no multiple of the stride.
@@ -58,17 +58,17 @@ def open_engine(
     threads: int | None = None,
     precision: Precision = "float32",
 ) -> Engine:
-    """The engine for a file that `export_onnx` or `export_openvino` has written.
+    """Open an engine for a file from `export_onnx` or `export_openvino`.
 
     Args:
-        path: An .onnx file, which ONNX Runtime and OpenVINO read, or an .xml file for OpenVINO.
-        name: Which library runs it; None takes ONNX Runtime for .onnx and OpenVINO for .xml.
-        threads: CPU threads to use; None leaves it to the library.
-        precision: In which it computes.
+        path: An .onnx file for ONNX Runtime or OpenVINO, or an .xml file for OpenVINO.
+        name: Library that runs it; None: ONNX Runtime for .onnx and OpenVINO for .xml.
+        threads: Number of CPU threads; None: the library's default.
+        precision: Precision of the computation.
 
     Raises:
-        ValueError: The library cannot read such a file or compute so, or is not installed; or the
-            file is damaged or none of ours.
+        ValueError: The library does not support the file or the precision, or is not installed; or
+            the file is damaged or not written by Sightline.
     """
     readers: dict[str, EngineName] = {".onnx": "onnxruntime", ".xml": "openvino"}
     if not path.is_file() or path.suffix not in readers:
@@ -94,19 +94,19 @@ def build_engine(
     threads: int | None = None,
     precision: Precision = "float32",
 ) -> Engine:
-    """The engine for a module; ONNX Runtime and OpenVINO get it by way of a temporary file.
+    """Build an engine for a module; for ONNX Runtime and OpenVINO through a temporary file.
 
     Args:
-        module: In eval mode. PyTorch runs it where it is, on the CPU or a GPU, and compiled if it
-            is; the others run it on the CPU.
-        example_inputs: By parameter of `forward`; see `export_onnx`.
-        name: Which library runs it.
-        metadata: Says what the module is.
-        threads: CPU threads to use; None leaves it to the library.
-        precision: In which it computes.
+        module: Module in eval mode. PyTorch runs it on its own device, compiled if it is compiled;
+            the other engines run it on the CPU.
+        example_inputs: Inputs by parameter name of `forward`; see `export_onnx`.
+        name: Library that runs the module.
+        metadata: Description of the module.
+        threads: Number of CPU threads; None: the library's default.
+        precision: Precision of the computation.
 
     Raises:
-        ValueError: As `open_engine` and `export_onnx`.
+        ValueError: See `open_engine` and `export_onnx`.
     """
     check_threads(threads)
     if name == "torch":
@@ -120,7 +120,7 @@ def build_engine(
 
 
 class TorchEngine:
-    """A module run by PyTorch, on the device that it is on; the outputs stay there."""
+    """Module run by PyTorch on its own device; the outputs stay there."""
 
     name: EngineName = "torch"
 
@@ -144,7 +144,7 @@ class TorchEngine:
 
     @torch.inference_mode()
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """As `Engine` says."""
+        """Runs the network; see `Engine`."""
         check_inputs(inputs, self.input_names, self.metadata.stride)
         given = {name: tensor.to(self._device) for name, tensor in inputs.items()}
         is_reduced = self._precision == "bfloat16"
@@ -157,7 +157,7 @@ class TorchEngine:
 
 
 class OnnxRuntimeEngine:
-    """An ONNX file run by ONNX Runtime on the CPU."""
+    """ONNX file run by ONNX Runtime on the CPU."""
 
     name: EngineName = "onnxruntime"
 
@@ -171,16 +171,16 @@ class OnnxRuntimeEngine:
         onnxruntime = import_extra("onnxruntime")
         self.metadata = read_onnx_metadata(path)
         options = onnxruntime.SessionOptions()
-        options.log_severity_level = 3  # errors; it warns of choices that are its own
+        options.log_severity_level = 3  # errors only; it warns of its own choices
         options.inter_op_num_threads = 1
         options.intra_op_num_threads = threads or 0  # 0: its default
-        # between runs its threads would keep the cores from what is done by others
+        # otherwise its threads would occupy the cores between runs
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
             self._session = onnxruntime.InferenceSession(
                 str(path), options, providers=["CPUExecutionProvider"]
             )
-        except Exception as error:  # its own classes have no base in common
+        except Exception as error:  # its exceptions have no common base class
             raise ValueError(
                 f"onnxruntime cannot read {path}: the file is damaged; export it again"
             ) from error
@@ -188,7 +188,7 @@ class OnnxRuntimeEngine:
         self._output_names = tuple(entry.name for entry in self._session.get_outputs())
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """As `Engine` says."""
+        """Runs the network; see `Engine`."""
         check_inputs(inputs, self.input_names, self.metadata.stride)
         arrays = {name: tensor.numpy(force=True) for name, tensor in inputs.items()}
         outputs = self._session.run(self._output_names, arrays)
@@ -196,10 +196,10 @@ class OnnxRuntimeEngine:
 
 
 class OpenVinoEngine:
-    """An ONNX or OpenVINO file run by OpenVINO on the CPU; threads that call it take turns.
+    """ONNX or OpenVINO file run by OpenVINO on the CPU; concurrent calls wait for each other.
 
-    It is compiled anew for each size of the inputs, as it comes up, which takes a moment: a network
-    of known size runs up to twice as fast. The last few sizes are kept.
+    The network is compiled for each new input size, which takes a moment: with known sizes it runs
+    up to twice as fast. The last few sizes are kept.
     """
 
     name: EngineName = "openvino"
@@ -214,7 +214,7 @@ class OpenVinoEngine:
             raise ValueError(
                 "this processor has no bfloat16 arithmetic for openvino; choose float32"
             )
-        # Said in any case: by itself OpenVINO takes bfloat16 wherever the processor has it.
+        # Always set: OpenVINO's default is bfloat16 if the processor supports it.
         config: dict[str, Any] = {
             "INFERENCE_PRECISION_HINT": "f32" if precision == "float32" else "bf16",
             "PERFORMANCE_HINT": "LATENCY",
@@ -235,13 +235,13 @@ class OpenVinoEngine:
         )
         self._model = model
         self._compile = partial(core.compile_model, device_name="CPU", config=config)
-        self._compiled: dict[tuple[torch.Size, ...], Any] = {}  # by sizes, the latest last
-        self._turn = threading.Lock()  # a compiled network refuses a second call meanwhile
+        self._compiled: dict[tuple[torch.Size, ...], Any] = {}  # by sizes, the most recent last
+        self._turn = threading.Lock()  # a compiled network refuses concurrent calls
         self.input_names = tuple(entry.get_any_name() for entry in model.inputs)
         self._output_names = tuple(entry.get_any_name() for entry in model.outputs)
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """As `Engine` says."""
+        """Runs the network; see `Engine`."""
         check_inputs(inputs, self.input_names, self.metadata.stride)
         arrays = {name: tensor.numpy(force=True) for name, tensor in inputs.items()}
         with self._turn:
@@ -262,10 +262,10 @@ class OpenVinoEngine:
 
 
 def check_threads(threads: int | None) -> None:
-    """Refuses a number of threads that nothing can run on.
+    """Refuses an invalid number of threads.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The number is not positive.
     """
     with suppress(TypeError):
         if threads is None or (not isinstance(threads, bool) and index(threads) >= 1):
@@ -275,7 +275,7 @@ def check_threads(threads: int | None) -> None:
 
 @contextmanager
 def _torch_threads(threads: int | None) -> Iterator[None]:
-    """PyTorch's number of threads belongs to the whole process: it is put back."""
+    """Sets PyTorch's number of threads, a setting of the process, and restores it afterwards."""
     before = torch.get_num_threads()
     if threads is None or threads == before or has_lost_threads():
         yield

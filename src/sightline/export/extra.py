@@ -1,4 +1,4 @@
-"""The libraries of the extra `export`, imported only where they are used."""
+"""Import of the libraries of the extra `export` at the time of use."""
 
 import importlib
 import os
@@ -14,13 +14,13 @@ Library = Literal["onnx", "onnxruntime", "onnxscript", "openvino"]
 
 
 def import_extra(library: Library) -> ModuleType:
-    """Imports a library that a plain installation lacks.
+    """Imports a library of the extra `export`.
 
     Raises:
-        ValueError: It is not installed.
+        ValueError: The library is not installed.
     """
-    # ONNX Runtime's own wheels send usage data to Microsoft and leave a device id in the home
-    # folder, from the import on; only this keeps them from it. A value that is set already stays.
+    # From its import on, ONNX Runtime's wheels send usage data to Microsoft and write a device id
+    # to the home folder; only this prevents it. An existing value is kept.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     try:
         with _no_telemetry_of_openvino():
@@ -35,9 +35,9 @@ def import_extra(library: Library) -> ModuleType:
 
 @contextmanager
 def _no_telemetry_of_openvino() -> Iterator[None]:
-    """Hides the package by which OpenVINO sends usage data to Google, from its import on.
+    """Hides the package with which OpenVINO sends usage data to Google, during OpenVINO's import.
 
-    Where the package is not installed, OpenVINO takes a stub of its own, and for good.
+    If the package is not installed, OpenVINO permanently uses a stub instead.
     """
     name = "openvino_telemetry"
     before = {key: module for key, module in sys.modules.items() if key == name}

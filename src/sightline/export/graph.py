@@ -1,4 +1,4 @@
-"""What a task says about a network, or a part of one, that leaves PyTorch."""
+"""Task's description of a network, or a part of one, for export."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,29 +8,29 @@ from torch import Tensor, nn
 from sightline.export.metadata import ExportMetadata
 
 Cases = Mapping[str, Mapping[str, Tensor]]
-"""Inputs of a graph, by a name that tells their size and what is special about them."""
+"""Inputs of a graph, by a name that describes their size and peculiarity."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ExportGraph:
-    """A module that becomes one file; a network of two stages has two.
+    """Module for export to one file; a network of two stages has two.
 
-    May be pickled where its module and `cases` may.
+    Can be pickled if its module and `cases` can.
     """
 
     module: nn.Module
-    """In eval mode."""
+    """Module in eval mode."""
     example_inputs: Mapping[str, Tensor]
-    """By parameter of `forward`; see `export_onnx`."""
+    """Inputs by parameter name of `forward`; see `export_onnx`."""
     metadata: ExportMetadata
-    """Goes into the file."""
+    """Metadata for the file."""
     cases: Callable[[], Cases]
-    """Makes the inputs on which the file must give what PyTorch gives; the same at every call."""
+    """Creates the inputs for the comparison with PyTorch; the same at every call."""
     max_difference: float
-    """Largest difference to PyTorch that is let pass, in `unit`."""
+    """Largest allowed difference to PyTorch, in `unit`."""
     unit: str = ""
-    """Empty where the outputs' units differ: each is compared in its own."""
+    """Unit of the comparison; empty: each output is compared in its own unit."""
     scale: float = 1.0
     """Factor from the outputs' unit to `unit`, e.g. 1000 from metres to mm."""
     name: str = ""
-    """Tells the graphs of a network apart, e.g. proposals; empty where there is only one."""
+    """Name among the graphs of a network, e.g. proposals; empty: the only graph."""

@@ -1,7 +1,7 @@
-"""Networks that were exported before, kept for the next time: the export takes ten seconds.
+"""Cache of exported networks: an export takes ten seconds.
 
-The files lie in the user's `cache_folder`, which may be deleted at any time. A file is known by all
-that it is made from: weights, settings, Sightline's own code and the exporter's version.
+The files are in the user's `cache_folder`, which may be deleted at any time. The key of a file
+covers all its inputs: weights, settings, Sightline's own code and the exporter's version.
 """
 
 import hashlib
@@ -27,18 +27,18 @@ _DIGEST_BYTES: Final = 32
 _WITHOUT_NETWORKS: Final = (
     "cli", "corruptions", "health", "robustness", "simulation", "training", "visualization"
 )  # fmt: skip
-"""Folders whose code no graph is made from."""
+"""Folders whose code no graph depends on."""
 _KNOWN_PACKAGES: Final = ("sightline", "torch", "torchvision")
 
 
 def onnx_file_of(graph: ExportGraph) -> bytes:
-    """A graph as the content of an ONNX file, exported where it was not before.
+    """Return a graph as the content of an ONNX file, from the cache or by a new export.
 
-    Only of modules that are Sightline's and PyTorch's own: what code others are made from is not
-    known, so that they are exported every time.
+    Only modules of Sightline and PyTorch are cached: the code of other modules is not known, so
+    they are exported every time.
 
     Raises:
-        ValueError: As `export_onnx`.
+        ValueError: See `export_onnx`.
     """
     return _kept(graph, lambda: _export(graph)) if _is_known(graph) else _export(graph)
 
@@ -59,12 +59,12 @@ def _kept(graph: ExportGraph, export: Callable[[], bytes]) -> bytes:
     with suppress(OSError):
         content = path.read_bytes()
         digest, onnx = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
-        if hashlib.sha256(onnx).digest() == digest:  # else it is damaged, and made anew
-            with suppress(OSError):  # a folder that is read-only keeps its files all the same
+        if hashlib.sha256(onnx).digest() == digest:  # otherwise it is damaged, and exported again
+            with suppress(OSError):  # a read-only folder still provides its files
                 os.utime(path)
             return onnx
     onnx = export()
-    with suppress(OSError, ValueError):  # no room, or a folder that is read-only: it goes without
+    with suppress(OSError, ValueError):  # a full disk or read-only folder: no caching
         atomic_write_bytes(path, hashlib.sha256(onnx).digest() + onnx)
         _drop_oldest(folder)
     return onnx
@@ -82,7 +82,7 @@ def _is_known(graph: ExportGraph) -> bool:
 
 
 def _digest(graph: ExportGraph) -> str:
-    """Of all that the file is made from."""
+    """Digest of all inputs of the file."""
     made_from = hashlib.sha256()
     versions = [f"{name} {version(name)}" for name in ("torch", "onnx", "onnxscript")]
     inputs = [f"{name} {tuple(each.shape)}" for name, each in graph.example_inputs.items()]
@@ -98,7 +98,7 @@ def _digest(graph: ExportGraph) -> str:
 
 @cache
 def _code_digest() -> str:
-    """Of Sightline's own code, which changes between two releases, too."""
+    """Digest of Sightline's own code, which also changes between two releases."""
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):

@@ -1,4 +1,4 @@
-"""What an exported file says about itself."""
+"""Metadata of an exported file."""
 
 import json
 from collections.abc import Mapping
@@ -6,30 +6,30 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 
 PREFIX = "sightline."
-"""Before every key in a file, so that ours cannot be mistaken for another tool's."""
+"""Prefix of our keys in a file, to distinguish them from other tools' keys."""
 
 _REQUIRED = tuple(PREFIX + name for name in ("task", "config", "version", "stride", "provenance"))
 PROCESSING_KEY = PREFIX + "processing"
 """Key of the steps around the network, as JSON; older files lack it."""
 KEYS = (*_REQUIRED, PROCESSING_KEY)
-"""Under which a file holds its metadata."""
+"""Keys of the metadata in a file."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ExportMetadata:
-    """With it a file alone is enough to run a network."""
+    """Metadata with which a file alone is enough to run a network."""
 
     task: str
     """Name of the task, e.g. depth-completion."""
     config: Mapping[str, object]
-    """The network's configuration; plain values, as JSON has them."""
+    """The network's configuration as plain JSON values."""
     stride: int
-    """Height and width of the images must be multiples of it."""
+    """Number that must divide height and width of the images."""
     provenance: Mapping[str, str] = field(default_factory=dict)
-    """Where the weights come from."""
+    """Origin of the weights."""
     processing: Mapping[str, object] = field(default_factory=dict)
-    """Inputs, outputs and the steps before and after the network, with every number that they take;
-    plain values, as JSON has them. docs/guides/export.md has the steps in order."""
+    """Inputs, outputs and the steps before and after the network, with all their numbers, as plain
+    JSON values. docs/guides/export.md lists the steps in order."""
     sightline_version: str = field(default_factory=lambda: version("sightline"))
     """Version that wrote the file."""
 
@@ -39,7 +39,7 @@ class ExportMetadata:
             raise ValueError(f"stride must be at least 1, got {self.stride}")
 
     def to_properties(self) -> dict[str, str]:
-        """The text that a file holds under each key."""
+        """Text for each key of a file."""
         values = (
             self.task,
             json.dumps(self.config, sort_keys=True),
@@ -52,14 +52,14 @@ class ExportMetadata:
 
 
 def parse_metadata(properties: Mapping[str, str], source: str) -> ExportMetadata:
-    """The inverse of `ExportMetadata.to_properties`.
+    """Parse metadata; the inverse of `ExportMetadata.to_properties`.
 
     Args:
-        properties: Text under each key; keys of others are passed over.
-        source: What they were read from, for the error.
+        properties: Text of each key; foreign keys are ignored.
+        source: Name of the source in errors.
 
     Raises:
-        ValueError: A key is missing or its text makes no sense.
+        ValueError: A key is missing or its text is invalid.
     """
     missing = [key for key in _REQUIRED if key not in properties]
     if missing:

@@ -1,21 +1,21 @@
-"""Tensors by name: what goes into a module or an engine, and what comes out."""
+"""Named tensors: inputs and outputs of modules and engines."""
 
 from collections.abc import Mapping
 
 from torch import Tensor
 
 SINGLE_OUTPUT = "output"
-"""Name of the output of a module that returns a bare tensor."""
+"""Output name of a module that returns a single tensor."""
 
 
 def named_outputs(output: object) -> dict[str, Tensor]:
-    """The tensors of a module's output by name, in order; those that are None are left out.
+    """Name the tensors of a module's output, in order; None values are left out.
 
     Args:
         output: A tensor, or a NamedTuple of tensors and None.
 
     Raises:
-        ValueError: It is something else, or holds no tensor.
+        ValueError: The output has another type, or contains no tensor.
     """
     if isinstance(output, Tensor):
         return {SINGLE_OUTPUT: output}
@@ -34,12 +34,12 @@ def named_outputs(output: object) -> dict[str, Tensor]:
 
 
 def check_inputs(inputs: Mapping[str, Tensor], names: tuple[str, ...], stride: int) -> None:
-    """Refuses inputs that an engine would choke on without saying why.
+    """Refuses invalid inputs, for which engines have unclear errors.
 
     Args:
-        inputs: What shall go in.
-        names: What the engine takes.
-        stride: What height and width of the images, the tensors with four axes, divide by.
+        inputs: Inputs by name.
+        names: Names of the engine's inputs.
+        stride: Number that must divide height and width of the images, the tensors with four axes.
 
     Raises:
         ValueError: A name is missing or unknown, or a size is no multiple of the stride.

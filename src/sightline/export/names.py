@@ -1,12 +1,12 @@
-"""What can run a network, and the files it can be written as; imports nothing."""
+"""Names of engines and file formats; imports nothing."""
 
 from typing import Final, Literal
 
 EngineName = Literal["torch", "onnxruntime", "openvino"]
 EngineChoice = Literal["auto", "torch", "onnxruntime", "openvino"]
-"""An engine by name, or that which `choice.choose_engine` takes."""
+"""Name of an engine; `auto`: the engine that `choice.choose_engine` selects."""
 Precision = Literal["float32", "bfloat16"]
 Format = Literal["onnx", "openvino"]
 
 SUFFIXES: Final[dict[Format, str]] = {"onnx": ".onnx", "openvino": ".xml"}
-"""Of the file in each format; OpenVINO puts the weights beside it, as .bin."""
+"""File suffix of each format; OpenVINO writes the weights to a .bin file beside it."""

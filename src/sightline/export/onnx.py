@@ -1,4 +1,4 @@
-"""From a PyTorch module to an ONNX file, by the exporter that traces with `torch.export`."""
+"""Export of PyTorch modules to ONNX files, by the exporter based on `torch.export`."""
 
 import importlib
 import logging
@@ -18,7 +18,7 @@ from sightline.export.metadata import ExportMetadata, parse_metadata
 from sightline.export.named_tensors import check_inputs, named_outputs
 
 OPSET = 20
-"""Version of the ONNX operators; ONNX Runtime 1.17 and OpenVINO 2024.0 know it."""
+"""Version of the ONNX operators; supported from ONNX Runtime 1.17 and OpenVINO 2024.0 on."""
 
 _EXPORTER_LOG = "torch.onnx._internal.exporter._registration"
 
@@ -30,25 +30,25 @@ def export_onnx(
     *,
     metadata: ExportMetadata,
 ) -> None:
-    """Writes a module as one ONNX file that takes images of any size that the stride divides.
+    """Writes a module as one ONNX file for images of any size that the stride divides.
 
     All inputs with four axes, `batch channels height width`, share height and width; every other
-    size stays as in the example. Outputs are named after the fields of the module's NamedTuple;
-    those that are None for the example are left out. The graph is optimised and checked, and holds
-    nothing of the machine that it was made on. The file is whole or not there.
+    size is fixed by the example. Outputs are named after the fields of the module's NamedTuple;
+    outputs that are None for the example are left out. The graph is optimised and checked, and
+    contains no data about this machine. The file is written atomically.
 
     Args:
-        module: In eval mode.
-        example_inputs: By parameter of `forward`. Values do not matter, sizes only as said.
+        module: Module in eval mode.
+        example_inputs: Inputs by parameter name of `forward`. Their values do not matter.
         path: The file to write.
-        metadata: Goes into the file.
+        metadata: Metadata for the file.
 
     Raises:
         ValueError: The module is in training mode, the example's sizes are no multiples of the
             stride, an extra is missing, or the file cannot be written.
     """
     onnx = import_extra("onnx")
-    import_extra("onnxscript")  # the exporter's other half
+    import_extra("onnxscript")  # required by the exporter
     if any(part.training for part in module.modules()):
         raise ValueError("a module in training mode cannot be exported; call .eval() on it first")
     names = tuple(example_inputs)
@@ -79,10 +79,10 @@ def export_onnx(
 
 
 def read_onnx_metadata(path: Path) -> ExportMetadata:
-    """What the file says about itself.
+    """Read the metadata of a file.
 
     Raises:
-        ValueError: The file is none of ours, or `onnx` is not installed.
+        ValueError: The file is not written by Sightline, or `onnx` is not installed.
         OSError: The file cannot be read.
     """
     onnx = import_extra("onnx")
@@ -96,7 +96,7 @@ def read_onnx_metadata(path: Path) -> ExportMetadata:
 
 
 class _Flat(nn.Module):
-    """A module with tensors in by place, and tensors out without None."""
+    """Wrapper of a module with positional tensor inputs, and outputs without None."""
 
     def __init__(self, module: nn.Module, names: tuple[str, ...]) -> None:
         super().__init__()
@@ -116,13 +116,13 @@ def _dynamic_shapes(inputs: Mapping[str, Tensor], stride: int) -> tuple[dict[int
 
 @contextmanager
 def _quiet_exporter() -> Iterator[None]:
-    """Keeps the exporter from reporting what is as it should be, and checks from joining in."""
+    """Silences routine messages of the exporter, and disables shape checks during the trace."""
     log = logging.getLogger(_EXPORTER_LOG)
     level = log.level
     is_unchecked = jaxtyping.config.jaxtyping_disable
-    log.setLevel(logging.ERROR)  # it tells of operators of torchvision, which nothing here uses
-    # While it is traced, sizes are symbols: to compare them, as the checks of tests do, would fix
-    # them to the example's.
+    log.setLevel(logging.ERROR)  # it reports torchvision's operators, which are not used here
+    # Sizes are symbols during the trace: a comparison, as in the checks of tests, would fix them to
+    # the example's sizes.
     jaxtyping.config.update("jaxtyping_disable", True)
     try:
         with warnings.catch_warnings():
@@ -134,7 +134,7 @@ def _quiet_exporter() -> Iterator[None]:
 
 
 def _strip_traces(model: Any) -> None:  # noqa: ANN401 - onnx_ir.Model, which an extra brings
-    """Takes off each node's record of source lines: they name folders of this machine."""
+    """Removes the source lines from each node: they contain folders of this machine."""
     for node in model.graph.all_nodes():
         node.metadata_props.clear()
         node.doc_string = None

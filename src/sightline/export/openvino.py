@@ -1,4 +1,4 @@
-"""From a PyTorch module, or its ONNX file, to OpenVINO's own format (IR): `.xml` and `.bin`."""
+"""Export of a PyTorch module, or its ONNX file, to OpenVINO's format (IR): `.xml` and `.bin`."""
 
 import os
 import tempfile
@@ -17,15 +17,15 @@ from sightline.export.onnx import export_onnx, read_onnx_metadata
 
 
 def shared_core() -> Any:  # noqa: ANN401 - an extra's
-    """The `openvino.Core` of this process.
+    """Return the single `openvino.Core` of this process.
 
-    There must be no second one: each gives the thread a stack for signals, and cores that end in
-    another order than the reverse of their making leave the thread one that is no longer there. The
-    next signal, such as Ctrl-C or a worker's end, would then kill the process.
+    A second core is dangerous: each core gives the thread a signal stack, and cores that are not
+    destroyed in reverse order leave the thread with a freed one. The next signal, such as Ctrl-C or
+    the end of a worker, would then kill the process.
 
     Raises:
         ValueError: OpenVINO is not installed, or was used before this process was forked: its
-            threads are started once for all, and a fork has lost them.
+            threads are started only once, and do not exist in a fork.
     """
     process, core = _first_core()
     if process != os.getpid():
@@ -38,7 +38,7 @@ def shared_core() -> Any:  # noqa: ANN401 - an extra's
 
 @cache
 def _first_core() -> tuple[int, Any]:
-    """The core, and the process that it was made in."""
+    """Create the core; also returns the id of its process."""
     return os.getpid(), import_extra("openvino").Core()
 
 
@@ -49,16 +49,16 @@ def export_openvino(
     *,
     metadata: ExportMetadata,
 ) -> None:
-    """Writes a module in OpenVINO's format, by way of ONNX; arguments as for `export_onnx`.
+    """Writes a module in OpenVINO's format through ONNX; arguments as in `export_onnx`.
 
     Args:
-        module: In eval mode.
-        example_inputs: By parameter of `forward`.
-        path: The .xml file to write; the weights go beside it, with the suffix .bin.
-        metadata: Goes into the .xml file.
+        module: Module in eval mode.
+        example_inputs: Inputs by parameter name of `forward`.
+        path: The .xml file to write; the weights are written beside it, with the suffix .bin.
+        metadata: Metadata for the .xml file.
 
     Raises:
-        ValueError: As `export_onnx`, or `path` does not end in .xml.
+        ValueError: See `export_onnx`; or `path` does not end in .xml.
     """
     import_extra("openvino")  # before the export, which takes a while
     with tempfile.TemporaryDirectory() as folder:
@@ -68,14 +68,14 @@ def export_openvino(
 
 
 def convert_to_openvino(onnx_path: Path, path: Path) -> None:
-    """Writes an ONNX file of ours in OpenVINO's format, weights in full precision.
+    """Converts an ONNX file of Sightline to OpenVINO's format, with weights in full precision.
 
     Raises:
-        ValueError: `onnx_path` is no file of ours, or `path` does not end in .xml.
+        ValueError: `onnx_path` is not written by Sightline, or `path` does not end in .xml.
     """
     openvino = import_extra("openvino")
     metadata = read_onnx_metadata(onnx_path)
-    # Not `openvino.convert_model`: that one sends usage data to Google.
+    # Not `openvino.convert_model`, which sends usage data to Google.
     model = shared_core().read_model(str(onnx_path))
     for key, value in metadata.to_properties().items():
         model.set_rt_info(value, key.split("."))
@@ -84,14 +84,14 @@ def convert_to_openvino(onnx_path: Path, path: Path) -> None:
 
 
 def read_openvino_metadata(model: Any, path: Path) -> ExportMetadata:  # noqa: ANN401 - an extra's
-    """What a model that was read from a file of ours says about itself.
+    """Read the metadata of a loaded model.
 
     Args:
         model: An `openvino.Model`.
-        path: Where it was read, for the error.
+        path: File of the model, for errors.
 
     Raises:
-        ValueError: The file is none of ours.
+        ValueError: The file is not written by Sightline.
     """
     properties = {
         key: model.get_rt_info(key.split(".")).astype(str)
@@ -103,9 +103,9 @@ def read_openvino_metadata(model: Any, path: Path) -> ExportMetadata:  # noqa: A
 
 @contextmanager
 def ir_files(path: Path) -> Iterator[Path]:
-    """Gives a place to write a `.xml` and its `.bin` to; both appear once both are whole.
+    """Yields a temporary path for a `.xml` and its `.bin`; both are moved into place when complete.
 
-    The `.bin` is renamed first: a new `.xml` never stands there without its weights.
+    The `.bin` is renamed first, so that a new `.xml` never exists without its weights.
 
     Raises:
         ValueError: `path` does not end in .xml, or its folder cannot be written to.

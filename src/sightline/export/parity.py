@@ -1,4 +1,4 @@
-"""How far the engines' outputs are from PyTorch's."""
+"""Differences of the engines' outputs to PyTorch's."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputDifference:
-    """One output of one engine on one input, in the report's unit.
+    """Difference of one output of one engine on one input, in the report's unit.
 
-    Not finite where a value of either is not: NaN or infinite.
+    NaN or infinite if a value of either output is.
     """
 
     engine: str
@@ -36,13 +36,13 @@ class ParityReport:
 
     differences: tuple[OutputDifference, ...]
     unit: str
-    """Of the differences, e.g. mm; empty where each output has its own."""
+    """Unit of the differences, e.g. mm; empty: each output has its own."""
     allowed: float | None = None
-    """Largest difference with which the table calls the engines the same; None: it does not say."""
+    """Largest difference of engines that count as equal in the table; None: no judgement."""
 
     @property
     def worst(self) -> OutputDifference:
-        """The one with the largest difference; one that is not finite comes first."""
+        """Output with the largest difference; a non-finite one counts as the largest."""
         return max(self.differences, key=lambda entry: _order(entry.max_difference))
 
     def is_within(self, bound: float) -> bool:
@@ -50,7 +50,7 @@ class ParityReport:
         return self.worst.max_difference <= bound
 
     def to_json(self) -> dict[str, object]:
-        """What the report file holds; differences that are not finite are null."""
+        """Contents of the report file; non-finite differences are null."""
         return {
             "unit": self.unit,
             "differences": [
@@ -66,7 +66,7 @@ class ParityReport:
         }
 
     def table(self) -> "Table":
-        """One row for each engine, input and output; below, the largest and whether it is small."""
+        """Lays out a row per engine, input and output; below, the largest difference, judged."""
         from rich.table import Table
 
         table = Table(
@@ -106,19 +106,19 @@ def check_parity(
     scale: float = 1.0,
     allowed: float | None = None,
 ) -> ParityReport:
-    """Runs engines on the same inputs as the reference and compares what comes out.
+    """Runs engines on the same inputs as the reference and compares the outputs.
 
     Args:
-        reference: PyTorch's engine, as a rule.
-        engines: To compare with it.
-        cases: Inputs, by a name that tells their size.
-        unit: Of the differences in the report; empty: each output has its own.
+        reference: Reference engine, usually PyTorch's.
+        engines: Engines to compare with the reference.
+        cases: Inputs, by a name that describes their size.
+        unit: Unit of the differences in the report; empty: each output has its own.
         scale: Factor from the outputs' unit to `unit`, e.g. 1000 from metres to mm.
-        allowed: Largest difference for a table that says whether they are the same, in `unit`.
+        allowed: Largest difference of engines that count as equal in the table, in `unit`.
 
     Raises:
-        ValueError: There is no engine or no input; or an engine has other outputs, or of another
-            size, than the reference.
+        ValueError: There is no engine or no input; or the names or sizes of an engine's outputs
+            differ from the reference.
     """
     if not engines or not cases:
         raise ValueError("parity needs at least one engine and one input, got none")
@@ -146,7 +146,7 @@ def check_parity(
 
 
 def _difference(output: Tensor, expected: Tensor, place: str) -> tuple[float, float]:
-    """Largest and mean absolute difference; none between outputs that hold nothing."""
+    """Largest and mean absolute difference; 0 between empty outputs."""
     if output.shape != expected.shape:
         raise ValueError(
             f"{place} has the shape {tuple(output.shape)}, expected {tuple(expected.shape)}; "

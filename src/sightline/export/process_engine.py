@@ -1,4 +1,4 @@
-"""Engines for jobs of several processes."""
+"""Engines for jobs with several processes."""
 
 import os
 import tempfile
@@ -21,10 +21,10 @@ _REASON_LENGTH = 160  # characters
 
 
 class ProcessEngine:
-    """Runs a network; may be pickled, and used in a forked process.
+    """Engine that can be pickled, and used in a forked process.
 
-    Neither threads nor a GPU's state cross over to another process. So each makes its own engine,
-    when it first runs the network; what takes long, the export, is done once, before.
+    Threads and GPU state cannot be shared with another process. So each process creates its own
+    engine when it first runs the network; the slow export is done once, before.
     """
 
     def __init__(
@@ -35,16 +35,16 @@ class ProcessEngine:
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Exports the network where the engine needs it, and it was not exported before.
+        """Exports the network if the engine needs it and it is not cached.
 
-        `auto` takes PyTorch, with a warning, for a network that cannot be exported.
+        `auto` falls back to PyTorch, with a warning, if the network cannot be exported.
 
         Raises:
-            ValueError: The engine is not installed, or runs on the CPU only, or there is no such
-                device or number of threads.
+            ValueError: The engine is not installed or runs on the CPU only, or the device or the
+                number of threads is invalid.
         """
         check_threads(threads)
-        device = str(device)  # of a torch.device, too
+        device = str(device)  # may be a torch.device
         chosen = choose_engine(name, device)
         if chosen != "torch" and device != "cpu":
             raise ValueError(
@@ -76,16 +76,16 @@ class ProcessEngine:
 
         Raises:
             ValueError: The device cannot be used, OpenVINO has run before this process was forked,
-                or as `Engine` says.
+                or see `Engine`.
         """
         process = os.getpid()
         if process not in self._made:
-            # A forked process keeps its parent's engine: to end it is to wait for its threads.
+            # A forked process keeps its parent's engine: deleting it would wait for its threads.
             self._made[process] = self._make()
         return self._made[process](inputs)
 
     def __getstate__(self) -> dict[str, object]:
-        """All but what belongs to this process."""
+        """State without the engines of this process."""
         return {**self.__dict__, "_made": {}}
 
     def _make(self) -> Engine:
@@ -98,7 +98,7 @@ class ProcessEngine:
 
 
 def _check_device(device: str) -> None:
-    """Refuses one that is not there, without waking it: a fork could not use it then."""
+    """Refuses a missing device without initialising it: a fork could not use it afterwards."""
     try:
         kind = torch.device(device).type
     except RuntimeError as error:
@@ -117,7 +117,7 @@ def _unusable(device: str, reason: object) -> ValueError:
 def _torch_engine(graph: ExportGraph, device: str, threads: int | None) -> Engine:
     try:
         module = graph.module.to(torch.device(device))
-    except (RuntimeError, AssertionError) as error:  # the latter where torch has no CUDA at all
+    except (RuntimeError, AssertionError) as error:  # AssertionError: torch without CUDA
         raise _unusable(device, error) from error
     return build_engine(
         module, graph.example_inputs, "torch", metadata=graph.metadata, threads=threads

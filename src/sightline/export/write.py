@@ -1,4 +1,4 @@
-"""Networks as files that run without PyTorch, kept only where they give the same."""
+"""Export of networks to files, kept only if their outputs agree with PyTorch's."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -18,23 +18,23 @@ def export_graphs(
     out: Path,
     format: Format,  # noqa: A002 - the flag is --format
 ) -> dict[Path, ParityReport]:
-    """Writes a network's graphs as files for ONNX Runtime or OpenVINO, and checks what they give.
+    """Writes a network's graphs as files for ONNX Runtime or OpenVINO, and checks their outputs.
 
-    The files take images of any size that the network's stride divides. They are kept, all or
-    none, if each gives on its cases what PyTorch gives.
+    The files accept images of any size that the network's stride divides. They are kept, all or
+    none, if all agree with PyTorch on their cases.
 
     Args:
-        graphs: Of one network.
-        out: File to write: .onnx, or .xml for OpenVINO, whose weights go beside it as .bin. Of
-            several graphs each gets its name added: out-NAME.onnx.
-        format: What to write.
+        graphs: Graphs of one network.
+        out: File to write: .onnx, or .xml for OpenVINO with its weights beside it as .bin. With
+            several graphs, each name is appended: out-NAME.onnx.
+        format: Format of the files.
 
     Returns:
         The differences to PyTorch, by file.
 
     Raises:
-        ValueError: `out` has another suffix than the format, the extra `export` is not installed,
-            or a file differs by more than its graph allows.
+        ValueError: The suffix of `out` does not match the format, the extra `export` is not
+            installed, or a file differs by more than its graph allows.
     """
     if out.suffix != SUFFIXES[format]:
         others = [each for each, suffix in SUFFIXES.items() if suffix == out.suffix]
@@ -54,7 +54,7 @@ def export_graphs(
 
 
 def _check(graph: ExportGraph, aside: Path, path: Path) -> ParityReport:
-    """Compares a file, written aside, with PyTorch."""
+    """Compares a temporary file with PyTorch."""
     reference = TorchEngine(graph.module, tuple(graph.example_inputs), metadata=graph.metadata)
     report = check_parity(
         reference,

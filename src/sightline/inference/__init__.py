@@ -1,1 +1,1 @@
-"""Runs any task, knows none: networks loaded, data sets answered, frames drawn, the demo."""
+"""Task-independent inference: loading networks, running them on data sets, pictures, the demo."""

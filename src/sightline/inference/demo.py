@@ -1,4 +1,4 @@
-"""The main job from end to end on the embedded frames: what a newcomer runs first."""
+"""Demo: the main job from end to end on the embedded frames, for newcomers."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -15,44 +15,44 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Headline:
-    """What stands on top of the report."""
+    """Headline of the report."""
 
     text: str
-    """In one sentence."""
+    """Headline text, one sentence."""
     picture: Path
-    """That shows it."""
+    """Picture that illustrates the headline."""
     caption: str
-    """What the picture is."""
+    """Caption of the picture."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DemoPart:
-    """What a task shows of itself."""
+    """A task's part of the demo."""
 
     title: str
-    """What it does, in a word or two."""
+    """Name of the task in a word or two."""
     result: str
-    """Its best figures, in one line."""
+    """Best figures of the task, in one line."""
     files: tuple[tuple[str, Path], ...]
-    """What it wrote, each file or folder with a word for what it is."""
+    """Written files or folders, each with a short description."""
     html: str
-    """Its part of the report, below its title."""
+    """HTML for the report, below the title."""
     headline: Headline | None = None
-    """For the report's top; the first part's that has one stands there."""
+    """Headline for the report; the first part with one provides it."""
 
 
 def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]) -> str:
-    """Checks the embedded frames and lets tasks show what they make of them.
+    """Checks the embedded frames and runs the tasks' demos on them.
 
     Args:
-        out: Folder for all of it.
-        parts: Each takes the frames' folder and `out`; one that has nothing to show gives None.
+        out: Folder of all results.
+        parts: Functions of the frames' folder and `out`; None: nothing to show.
 
     Returns:
-        What was written, for a person.
+        Summary of the written files for the user.
 
     Raises:
-        ValueError: `out` cannot be written to or holds links that lead out of it, or the embedded
+        ValueError: `out` cannot be written to or contains links that lead outside, or the embedded
             frames are damaged.
     """
     check_links(out)

@@ -1,4 +1,4 @@
-"""The demo's report: one HTML file beside its pictures, for a screen or a phone."""
+"""Report of the demo: one HTML file beside its pictures, for a screen or a phone."""
 
 from collections.abc import Sequence
 from html import escape
@@ -62,14 +62,14 @@ def demo_page(
     results: Sequence[tuple[str, str]],
     sections: Sequence[tuple[str, str]],
 ) -> str:
-    """The whole report.
+    """Lay out the whole report.
 
     Args:
-        about: What this is, of which version and date.
-        headline: The result that is told first.
-        picture: HTML of the picture below it; empty where there is none.
-        results: Titles of parts, with their best figures.
-        sections: Titles of parts, with their HTML.
+        about: Description with version and date.
+        headline: Main result, at the top.
+        picture: HTML of the picture below the headline; empty: none.
+        results: Titles of the parts with their best figures.
+        sections: Titles of the parts with their HTML.
     """
     return _PAGE.format(
         style=_STYLE,
@@ -87,12 +87,12 @@ def demo_page(
 
 
 def picture_html(picture: Path, caption: str, *, is_wide: bool = False) -> str:
-    """A picture that stands beside the report, and leads to itself at full size.
+    """HTML of a picture beside the report, with a link to its full size.
 
     Args:
-        picture: Its file.
-        caption: Below it.
-        is_wide: Whether a phone shows a part of it, to be moved sideways, and not all of it small.
+        picture: File of the picture.
+        caption: Caption below the picture.
+        is_wide: Whether a phone scrolls the picture sideways instead of shrinking it.
     """
     name, said = escape(picture.name), escape(caption)
     shown = f'<a href="{name}"><img src="{name}" alt="{said}"></a>'

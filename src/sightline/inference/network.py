@@ -22,52 +22,52 @@ Network_co = TypeVar("Network_co", bound=nn.Module, covariant=True)
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class NetworkTask(Protocol[Network_co]):
-    """A task, as far as its network goes."""
+    """Part of a task's interface that concerns its network."""
 
     @property
     def name(self) -> str:
-        """Stands in its weights files."""
+        """Name of the task in weights files."""
         ...
 
     def config_type(self) -> type[Any]:
-        """The dataclass of the network's settings."""
+        """Dataclass of the network's settings."""
         ...
 
     def build(self, config: Any) -> Network_co:  # noqa: ANN401 - an instance of `config_type`
-        """The network of such settings, with weights drawn at random."""
+        """Builds a network from settings, with random weights."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LoadedNetwork(Generic[Network]):
-    """A trained network with what is known about it."""
+    """Trained network with its metadata."""
 
     network: Network
-    """For inference, on the CPU; it takes no gradients."""
+    """Network for inference, on the CPU, without gradients."""
     weights: Weights
     name: str
-    """The weights' name: that of their file, without its ending."""
+    """Name of the weights: their file name without its suffix."""
     path: Path
     sha256: str
-    """Of the file's content."""
+    """SHA-256 of the file's content."""
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Where the weights come from, and which they are."""
+        """Origin and identity of the weights."""
         return {**self.weights.provenance, "weights": self.name, "sha256": self.sha256}
 
 
 def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwork[Network]:
-    """Builds a task's network and gives it its weights.
+    """Builds a task's network and loads its weights.
 
     Args:
-        task: Whose network.
-        weights: Name of weights that come with the package, or a file: one of ours
-            (.safetensors) or a checkpoint of a training (.ckpt).
+        task: Task of the network.
+        weights: Name of weights in the package, or a file: our weights file (.safetensors) or a
+            training checkpoint (.ckpt).
 
     Raises:
-        ValueError: There are no such weights, they are of another task's network, or of a network
-            that this version cannot build.
+        ValueError: There are no such weights, they belong to another task's network, or to a
+            network that this version cannot build.
     """
     path = find_weights(weights)
     read = read_weights(path)
@@ -82,7 +82,7 @@ def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwo
             network = task.build(config)
         fill_network(network, read.tensors)
     except Exception as error:
-        # Settings that nobody thought of raise nearly anything: OverflowError, TypeError, ..
+        # Unforeseen settings can raise almost anything: OverflowError, TypeError, ..
         made_by = shortened(read.provenance.get("sightline", "another version"), 24)
         remedy = "use that version, or train the weights again"
         if made_by == version("sightline"):

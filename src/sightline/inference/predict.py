@@ -1,4 +1,4 @@
-"""Runs a task over a whole data set: files out for each sample, resumable and in parallel."""
+"""Prediction of a whole data set to files for each sample, resumable and in parallel."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from sightline.inference.predictor import AnsweringTask, Output, Predictor
 from sightline.structures.sample import CameraLidarSample
 
 Places = tuple[tuple[Output, Path], ...]
-"""What is written of each answer, and into which folder."""
+"""Outputs to write, each with its folder."""
 
 
 def predict(
@@ -40,31 +40,30 @@ def predict(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
-    """Answers every sample of a recording or of one of KITTI's trees, and writes files.
+    """Predicts every sample of a recording or of one of KITTI's trees, and writes files.
 
-    A file appears whole or not at all, and samples whose files are there are skipped, so a job
-    that was stopped goes on where it was: run it again. Each folder's sightline.json says what made
-    the files, and from which data; those of two makers, or of two data sets, never share one.
+    Files are written atomically, and samples with existing files are skipped: to resume a stopped
+    job, run it again. Each folder's sightline.json records the predictor and the data of the files;
+    a folder never mixes two predictors or two data sets.
 
     Args:
-        task: Says which files there are.
-        predictor: Answers; the task's own.
+        task: Task that defines the files.
+        predictor: Predictor of the task.
         data: Folder of the data set; see `open_dataset`.
-        out: Folder for the task's first output; made where it is missing.
+        out: Folder for the task's first output; created if missing.
         also: Folders for further outputs, by name.
-        switches: Names of those of the task's switches that are on.
-        sample_list: Which samples; see `read_sample_list`. None: all.
+        switches: Names of the task's switches that are on.
+        sample_list: List of the samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
-        workers: Processes that work; 1 is this process alone.
-        overwrite: Whether to make files anew that are there already.
-        shard_index: Which part of the samples to do, from 0.
-        num_shards: Number of parts; each part can be done on another machine, at the same time.
+        workers: Number of worker processes; 1: only this process.
+        overwrite: Whether to replace existing files.
+        shard_index: Index of the shard to process, from 0.
+        num_shards: Number of shards; shards can run on different machines at the same time.
 
     Raises:
-        ValueError: The data cannot be read, a folder lies in them, holds what something else made
-            or cannot be written to, the predictor does not give an output, there is no such switch,
-            or the numbers of workers and shards make no sense. Errors about a sample name it;
-            samples done before stay done.
+        ValueError: The data cannot be read, a folder lies in them, contains other results or cannot
+            be written to, the predictor lacks an output, there is no such switch, or the numbers of
+            workers and shards are invalid. Errors about a sample name it; finished samples stay.
     """
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
@@ -94,7 +93,7 @@ def predict(
 
 @dataclass(frozen=True, slots=True)
 class _SampleWork:
-    """Answers a sample and writes its files."""
+    """Work item: predicts a sample and writes its files."""
 
     dataset: SampleDataset
     index: int
@@ -115,7 +114,7 @@ class _SampleWork:
 
 
 def _changes(task: AnsweringTask, switches: Collection[str]) -> dict[str, Callable[[Any], Any]]:
-    """What the switches that are on do to an answer, by their names, in the task's order."""
+    """Changes of the prediction by active switches, by name, in the task's order."""
     by_name = {switch.name: switch.change for switch in task.switches}
     for name in switches:
         if name not in by_name:
@@ -127,7 +126,7 @@ def _changes(task: AnsweringTask, switches: Collection[str]) -> dict[str, Callab
 def output_places(
     task: AnsweringTask, predictor: Predictor, out: Path, also: Mapping[str, Path]
 ) -> Places:
-    """Each output that is asked for with its folder.
+    """Assign a folder to each requested output.
 
     Raises:
         ValueError: The task or the predictor has no such output, or two would share a folder.
@@ -165,7 +164,7 @@ def claims_of(
     *,
     switches: Collection[str] = (),
 ) -> list[Claim]:
-    """For each folder what says that the predictor makes its files of the data, and how."""
+    """Claims on the output folders for the predictor, the data and the switches."""
     made_from = {"data": data_name(data), "velodyne": velodyne}
     made_by = {
         "sightline": version("sightline"),
@@ -181,13 +180,13 @@ def claims_of(
 
 
 def write_answer(places: Places, sample: CameraLidarSample, answer: object) -> None:
-    """Writes the files of one answer."""
+    """Writes the files of one prediction."""
     for output, folder in places:
         output.write(folder / f"{sample.sample_id}{output.suffix}", sample, answer)
 
 
 def answered_samples(places: Places) -> set[str]:
-    """Names of the samples all of whose files are there."""
+    """Names of the samples with all files."""
     return set.intersection(
         *({path.stem for path in folder.glob(f"*{output.suffix}")} for output, folder in places)
     )

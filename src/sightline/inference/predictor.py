@@ -1,4 +1,4 @@
-"""What answers, and what becomes of the answers; imports neither PyTorch nor any task."""
+"""Interfaces of predictors and their outputs; imports neither PyTorch nor any task."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -13,66 +13,67 @@ if TYPE_CHECKING:
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Predictor(Protocol):
-    """A task's answer to a sample, by a network or by a method that needs none.
+    """Predictor of a task for one sample, by a network or by a method without training.
 
-    Picklable where workers are started afresh (macOS, Windows).
+    Must be picklable on systems that spawn workers (macOS, Windows).
     """
 
     @property
     def name(self) -> str:
-        """Of the method or of the weights."""
+        """Name of the method or of the weights."""
         ...
 
     @property
     def parts(self) -> "Collection[Part]":
-        """What it looks at of a sample."""
+        """Used parts of a sample."""
         ...
 
     @property
     def needs(self) -> "Collection[Part]":
-        """Those of the parts without which it has no answer."""
+        """Required parts of a sample."""
         ...
 
     @property
     def gives(self) -> Collection[str]:
-        """Names of those of the task's outputs that its answers have."""
+        """Names of the task's outputs that it predicts."""
         ...
 
     @property
     def made_by(self) -> Mapping[str, str]:
-        """What a manifest says beside the name: the weights' hash and the engine, say."""
+        """Further entries of a manifest, beside the name: e.g. the weights' hash and the engine."""
         ...
 
     def __call__(self, sample: "CameraLidarSample") -> Any:  # noqa: ANN401 - each task's own
-        """Answers.
+        """Predicts for a sample.
 
         Raises:
-            ValueError: The sample lacks what is needed.
+            ValueError: The sample lacks a required part.
         """
         ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Output:
-    """One kind of file that a task writes for each sample."""
+    """Kind of file that a task writes for each sample."""
 
     name: str
-    """E.g. depth; also the flag that names the folder, where it is not a task's first output."""
+    """Name, e.g. depth; also the flag for the folder, except for a task's first output."""
     suffix: str
-    """Of the files, with its dot."""
+    """Suffix of the files, with its dot."""
     summary: str
-    """What the folder holds, in one sentence."""
+    """Contents of the folder, in one sentence."""
     write: "Callable[[Path, CameraLidarSample, Any], None]"
-    """Writes the answer to a sample, whole or not at all; picklable."""
+    """Writes the prediction for a sample atomically; picklable."""
     read: "Callable[[Path, CameraLidarSample, Perception], Perception] | None" = None
-    """Adds what such a file tells of a sample to what the outputs before this one have told; None
-    where a file tells nothing that is drawn."""
+    """Adds the contents of a file to the perception from the outputs before this one; None: the
+    file contains nothing to draw."""
 
 
 def lacking_parts(predictor: Predictor, sample: "CameraLidarSample") -> "tuple[Part, ...]":
-    """For want of which parts a predictor has no answer to a sample; empty: it has one.
+    """Missing parts of a sample that prevent a prediction; empty: a prediction is possible.
 
-    Those that it needs; where it can do without each of its parts, all of them if none is there.
+    These are the missing required parts; for a predictor without required parts, all its parts if
+    the sample has none of them.
     """
     absent = [part for part in predictor.parts if getattr(sample, part) is None]
     if len(absent) == len(predictor.parts):
@@ -82,31 +83,31 @@ def lacking_parts(predictor: Predictor, sample: "CameraLidarSample") -> "tuple[P
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Switch:
-    """A way to write a task's answers that is off unless it is asked for."""
+    """Optional change of a task's written predictions, off by default."""
 
     name: str
-    """E.g. valid_only; also the flag, and what manifests say."""
+    """Name, e.g. valid_only; also the flag and the entry in manifests."""
     summary: str
-    """What it does to the files, in one sentence."""
+    """Effect on the files, in one sentence."""
     change: Callable[[Any], Any]
-    """From an answer to the one that is written; picklable."""
+    """Changes a prediction before it is written; picklable."""
 
 
 @runtime_checkable
 class AnsweringTask(Protocol):
-    """A task, as far as its answers go."""
+    """Part of a task's interface that concerns its predictions."""
 
     @property
     def name(self) -> str:
-        """Stands in manifests."""
+        """Name of the task in manifests."""
         ...
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        """What is written of an answer; the first is what everybody wants."""
+        """Outputs to write; the first is the main one."""
         ...
 
     @property
     def switches(self) -> tuple[Switch, ...]:
-        """How else answers may be written."""
+        """Optional changes of the written predictions."""
         ...

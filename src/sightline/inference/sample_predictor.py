@@ -1,4 +1,4 @@
-"""Base of the predictors of samples: one sample in, one answer out, or lists of both."""
+"""Base class of predictors, for one sample or a list of samples."""
 
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar, overload
@@ -14,7 +14,7 @@ _Samples = list[CameraLidarSample] | tuple[CameraLidarSample, ...]
 
 
 class SamplePredictor(ABC, Generic[Answer]):
-    """Callable with a sample or with a list of samples; a subclass writes `predict`."""
+    """Predictor of a sample or a list of samples; a subclass implements `predict`."""
 
     __slots__ = ()
 
@@ -23,7 +23,7 @@ class SamplePredictor(ABC, Generic[Answer]):
         """Predict for one sample.
 
         Raises:
-            ValueError: The sample lacks what is needed.
+            ValueError: The sample lacks a required part.
         """
 
     @overload
@@ -33,19 +33,20 @@ class SamplePredictor(ABC, Generic[Answer]):
     def __call__(self, sample: object, *others: object) -> Answer | list[Answer]:
         """Predict for a sample, or for each sample of a list, in its order.
 
-        The samples of a list may differ in size and in what they lack: each is predicted by itself,
-        so that its answer does not depend on the others.
+        The samples of a list may differ in size and in missing parts: each prediction is
+        independent of the other samples.
 
         Args:
             sample: One sample, or a list or tuple of them.
-            others: None: several samples are given as a list.
+            others: Must be empty: several samples are given as a list.
 
         Returns:
-            The answer, or a list with an answer for each sample.
+            The prediction, or a list with a prediction for each sample.
 
         Raises:
-            TypeError: It is neither; names the type, and in a list the place. Or there are others.
-            ValueError: A sample lacks what is needed.
+            TypeError: `sample` is neither (the error contains the type, and in a list the
+                position), or there are `others`.
+            ValueError: A sample lacks a required part.
         """
         if others:
             raise TypeError(

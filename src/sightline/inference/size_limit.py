@@ -1,4 +1,4 @@
-"""Builds networks from settings that nobody vouches for, without taking all memory or minutes."""
+"""Limit on memory and time for building networks from untrusted settings."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,24 +10,24 @@ from torch.nn.modules.module import (
     register_module_parameter_registration_hook,
 )
 
-_SLACK_TENSORS = 64  # buffers that are not kept in files, for one
+_SLACK_TENSORS = 64  # for buffers that are not saved in files, for example
 _SLACK_NUMBERS = 2**20
 _SLACK_MODULES = 1024
-_MODULES_A_TENSOR = 16  # activations and containers hold none
+_MODULES_A_TENSOR = 16  # activations and containers have no tensors
 
 
 @contextmanager
 def size_limit(tensors: Mapping[str, Tensor]) -> Iterator[None]:
-    """Within it, a module that outgrows the weights it is to be given is not built to its end.
+    """Within the block, stops building a module that is too large for its weights.
 
-    Each layer is counted when it joins its module, before its weights are drawn: at that time the
-    system has promised their memory and given none.
+    Each layer is counted when it is added to its module, before its weights are initialised: at
+    that time their memory is reserved but not yet used.
 
     Args:
         tensors: The weights.
 
     Raises:
-        ValueError: Within: what is being built has far more or far larger parts than `tensors`.
+        ValueError: The module being built has far more or far larger parts than `tensors`.
     """
     room = {
         "tensors": 2 * len(tensors) + _SLACK_TENSORS,

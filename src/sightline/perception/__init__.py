@@ -1,1 +1,1 @@
-"""All tasks together: over a data set, as one line a frame, in pictures."""
+"""All tasks together: run on a data set, written as one line per frame, drawn in pictures."""

@@ -1,6 +1,6 @@
-"""Lines and times of `perceive`, read back from its folder: checked, as anybody may have edited it.
+"""Reads lines and times of `perceive` from its folder and checks them for manual edits.
 
-What is damaged, or none of its own, counts as missing.
+Damaged or foreign entries count as missing.
 """
 
 import json
@@ -12,22 +12,22 @@ from sightline.data.object_tree import Part
 from sightline.data.plain_file import read_bytes
 
 Lines = dict[str, tuple[str, dict[str, Any]]]
-"""By frame: its line as text, and what it says."""
+"""Lines by frame: text and parsed contents."""
 
 _MAX_BYTES = 2**26
-_LARGEST = 3.5e38  # beyond single precision, in which networks answer
+_LARGEST = 3.5e38  # beyond single precision, the type of networks' outputs
 _SENSORS: Final = {"image": "camera", "points": "lidar"}
 
 _Check = Callable[[Any], bool]
 
 
 def read_lines(folder: Path) -> Lines:
-    """Read the lines that are there, by frame in order, without those that are not whole."""
+    """Read the complete lines, by frame in order."""
     return _read(folder, lambda told: _fits(told, _LINE) and _is_consistent(told))
 
 
 def read_timings(folder: Path) -> Lines:
-    """Read the times in the same way."""
+    """Read the complete times, by frame in order."""
     return _read(folder, lambda told: _fits(told, _TIMING))
 
 
@@ -38,7 +38,7 @@ def _read(folder: Path, is_whole: _Check) -> Lines:
         text = content.decode(errors="replace").strip()
         try:
             told = json.loads(text)
-            # Written again it is the same, or somebody else has written it.
+            # If serialising it changes it, it is not ours.
             is_ours = json.dumps(told, allow_nan=False) == text
         except (ValueError, RecursionError):
             continue
@@ -48,7 +48,7 @@ def _read(folder: Path, is_whole: _Check) -> Lines:
 
 
 def _is_consistent(line: Mapping[str, Any]) -> bool:
-    """Whether tasks lack only what the frame is said to lack."""
+    """Whether the parts that tasks lack agree with the missing parts of the frame."""
     return not any(
         line["sensors"].get(_SENSORS.get(part), False)
         for task in line["tasks"].values()
@@ -57,7 +57,7 @@ def _is_consistent(line: Mapping[str, Any]) -> bool:
 
 
 def _fits(value: object, form: object) -> bool:
-    """Whether a value has a form: a check, or a dictionary, list or tuple of forms."""
+    """Whether a value matches a form: a check, or a dictionary, list or tuple of forms."""
     if callable(form):
         return bool(form(value))
     if isinstance(form, dict):

@@ -1,6 +1,6 @@
-"""Lines of JSON for each frame: what all tasks found, and the time that each took.
+"""JSON lines for each frame: predictions of all tasks, and the time of each task.
 
-docs/perception.md tells what stands in them.
+docs/perception.md describes their contents.
 """
 
 import json
@@ -14,18 +14,18 @@ from sightline.structures.predictions import DepthMap, Detections2D, Detections3
 from sightline.structures.sample import CameraLidarSample
 
 _PX, _M, _RAD, _SCORE, _MS = 2, 3, 4, 4, 1  # decimals
-_TIME_DIGITS = 9  # of seconds: nanoseconds
+_TIME_DIGITS = 9  # decimals of seconds: nanoseconds
 
 
 def frame_line(
     sample: CameraLidarSample, answered: FrameAnswers, made_by: Mapping[str, str]
 ) -> str:
-    """The line of a frame, without its end.
+    """Write the line of a frame, without the line end.
 
     Args:
         sample: The frame.
-        answered: What tasks made of it.
-        made_by: Each task's weights or method.
+        answered: Predictions of the tasks.
+        made_by: Weights or method of each task.
     """
     told = answered.perception
     at = sample.timestamp_s
@@ -49,7 +49,7 @@ def frame_line(
 
 
 def timing_line(sample: CameraLidarSample, answered: FrameAnswers) -> str:
-    """Write how long each task took, apart from `frame_line`, which is the same in every run."""
+    """Write the time of each task; separate from `frame_line`, which is the same in every run."""
     milliseconds = {name: round(each, _MS) for name, each in answered.milliseconds.items()}
     return json.dumps({"frame": sample.sample_id, "milliseconds": milliseconds})
 
@@ -81,7 +81,7 @@ def _objects_3d(found: Detections3D) -> list[dict[str, Any]]:
 
 
 def _depth_summary(depth: DepthMap) -> dict[str, float | None]:
-    """Of the pixels that may be believed; None where there is none, or no estimate."""
+    """Summary of the valid pixels; None: there are none, or there is no estimate."""
     believed = depth.depth_m[depth.valid]
     summary: dict[str, float | None] = {
         "valid_share": round(float(depth.valid.float().mean()), 4),

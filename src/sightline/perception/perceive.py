@@ -1,4 +1,4 @@
-"""Runs all tasks over a whole data set: result files and one line a frame, resumable, parallel."""
+"""Runs all tasks on a whole data set, resumable and in parallel, with one line per frame."""
 
 import warnings
 from collections.abc import Collection, Mapping, Sequence
@@ -35,10 +35,10 @@ from sightline.perception.results import JOB_NAME
 from sightline.tasks import find_task
 
 LINES_NAME: Final = "perception.jsonl"
-"""File in the output folder with a line for each frame, by name."""
+"""File in the output folder with a line for each frame, sorted by name."""
 
 TIMINGS_NAME: Final = "timings.jsonl"
-"""File beside it with the time of each answer: the only bytes that differ from run to run."""
+"""File with the time of each prediction: the only output that differs between runs."""
 
 _LINES_FOLDER = "lines"
 _TIMINGS_FOLDER = "timings"
@@ -46,10 +46,10 @@ _TIMINGS_FOLDER = "timings"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PerceiveResult(JobResult):
-    """What a job did, and said."""
+    """Result of a job, with counts of predicted frames."""
 
     answered: Mapping[str, int]
-    """By task: how many of these frames it had an answer to."""
+    """Number of predicted frames by task."""
 
 
 def perceive(
@@ -69,15 +69,14 @@ def perceive(
     fps: float = 10.0,
     min_score: float = 0.3,
 ) -> PerceiveResult:
-    """Asks all tasks about every frame of a data set, each of which is loaded once.
+    """Runs all tasks on every frame of a data set; each frame is loaded once.
 
-    `out` then holds a folder of result files for each task, the same as `sightline predict`
-    writes, perception.jsonl: docs/perception.md tells what stands in a line, and timings.jsonl. A
-    frame without a sensor is answered by the tasks that can do without it.
+    `out` then contains a folder of result files for each task, as from `sightline predict`,
+    perception.jsonl (docs/perception.md describes its lines) and timings.jsonl. For a frame without
+    a sensor, only the tasks that can work without it predict.
 
-    A file appears whole or not at all, and frames that are done are skipped, so a job that was
-    stopped goes on where it was: run it again. Lines and times that are damaged are left out, of
-    which a warning tells.
+    Files are written atomically, and finished frames are skipped: to resume a stopped job, run it
+    again. Damaged lines and times are left out with a warning.
 
     Examples:
         >>> import json, sightline, tempfile
@@ -93,24 +92,24 @@ def perceive(
 
     Args:
         data: Folder of the data set; see `open_dataset`.
-        out: Folder for all results; made where it is missing.
-        perceiver: Which tasks, and by what. None: all, by their default weights.
-        sample_list: Which frames; see `read_sample_list`. None: all.
+        out: Folder for all results; created if missing.
+        perceiver: The tasks with their predictors. None: all, with their default weights.
+        sample_list: List of the frames; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
-        all_outputs: Whether to write the further outputs of tasks, too: expected errors, gates.
-        workers: Processes that work; 1 is this process alone.
-        overwrite: Whether to make files anew that are there already.
-        shard_index: Which part of the frames to do, from 0.
-        num_shards: Number of parts; each part can be done on another machine, at the same time.
-        video: An MP4 of all frames to write, too; see `PictureFiles`.
-        rerun: A file of the Rerun viewer (.rrd) to write, too; likewise.
+        all_outputs: Whether to write also the further outputs of tasks: expected errors, gates.
+        workers: Number of worker processes; 1: only this process.
+        overwrite: Whether to replace existing files.
+        shard_index: Index of the shard to process, from 0.
+        num_shards: Number of shards; shards can run on different machines at the same time.
+        video: Additional MP4 file of all frames; see `PictureFiles`.
+        rerun: Additional file of the Rerun viewer (.rrd); see `PictureFiles`.
         fps: Frames per second of the video.
-        min_score: Detections that are less sure are in the results, and in neither picture.
+        min_score: Score threshold of drawn detections; the results contain all of them.
 
     Raises:
-        ValueError: The data cannot be read, `out` lies in them, holds what something else made or
-            cannot be written to, a number makes no sense, or a library for the pictures is missing.
-            Errors about a frame name it; frames done before stay done.
+        ValueError: The data cannot be read, `out` lies in them, contains other results or cannot be
+            written to, a number is invalid, or a library for the pictures is missing. Errors about
+            a frame name it; finished frames stay.
     """
     pictures = PictureFiles.checked(video, rerun, fps=fps, min_score=min_score)
     if num_shards > 1 and pictures:
@@ -158,7 +157,7 @@ def perceive(
 
 @dataclass(frozen=True, slots=True)
 class _FrameWork:
-    """Asks all tasks about a frame and writes its files, last the line, which says: done."""
+    """Work item: runs all tasks on a frame and writes its files; the line comes last."""
 
     dataset: SampleDataset
     index: int
@@ -184,7 +183,7 @@ class _FrameWork:
 
 
 def _places(perceiver: Perceiver, out: Path, *, all_outputs: bool) -> dict[str, Places]:
-    """By task: a folder of its name for its first output, and one for each further output."""
+    """Folders by task: one named after the task for its first output, one per further output."""
     places = {}
     for name, predictor in perceiver.predictors.items():
         task = find_task(name)
@@ -200,7 +199,7 @@ def _places(perceiver: Perceiver, out: Path, *, all_outputs: bool) -> dict[str, 
 def _claim(
     perceiver: Perceiver, places: Mapping[str, Places], data: Path, out: Path, velodyne: Velodyne
 ) -> None:
-    """Claims the folder as a whole, and each task's as `predict` does."""
+    """Claims the whole folder, and each task's folder as `predict` does."""
     made_by = {
         name: {"method": predictor.name, **predictor.made_by}
         for name, predictor in perceiver.predictors.items()
@@ -222,9 +221,9 @@ def _claim(
 def _done_frames(
     dataset: SampleDataset, perceiver: Perceiver, places: Mapping[str, Places], folder: Path
 ) -> set[str]:
-    """The frames that have a line of these tasks, and all files of those with an answer.
+    """Frames with a line of these tasks and all files of the tasks that predicted.
 
-    That a task lacked a sensor is believed only where the data still has no file of it.
+    A missing sensor in a line is accepted only if the data still has no file of the sensor.
     """
     present = {task: answered_samples(task_places) for task, task_places in places.items()}
     lines = read_lines(folder)
@@ -247,7 +246,7 @@ def _done_frames(
 
 
 def _join_lines(out: Path) -> Lines:
-    """Writes all frames' lines into one file, those included that others write meanwhile."""
+    """Joins all frames' lines in one file, including lines written by other shards meanwhile."""
     while True:
         lines = read_lines(out / _LINES_FOLDER)
         atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
@@ -258,7 +257,7 @@ def _join_lines(out: Path) -> Lines:
 
 
 def _join_timings(out: Path) -> Lines:
-    """Writes the times of all frames into one file, as `_join_lines` does the lines."""
+    """Joins the times of all frames in one file; see `_join_lines`."""
     timings: Lines | None = None
     while timings != (timings := read_timings(out / _TIMINGS_FOLDER)):
         atomic_write_text(out / TIMINGS_NAME, "".join(f"{text}\n" for text, _ in timings.values()))
@@ -266,7 +265,7 @@ def _join_timings(out: Path) -> Lines:
 
 
 def _warn_of_missing(out: Path, lines: Lines, timings: Lines) -> None:
-    """Warns of what is not in the joined files, though something of it is in the folder."""
+    """Warns of frames that have files in the folder but no entry in the joined files."""
     files = sorted(path.stem for path in (out / _LINES_FOLDER).glob("*.json"))
     for what, names, joined in (
         ("line", [name for name in files if name not in lines], LINES_NAME),
@@ -282,5 +281,5 @@ def _warn_of_missing(out: Path, lines: Lines, timings: Lines) -> None:
 
 
 def _answering(line: Mapping[str, Any]) -> Collection[str]:
-    """The tasks that had an answer to the frame of a line."""
+    """Names of the tasks that predicted for the frame of a line."""
     return [name for name, told in line["tasks"].items() if "lacks" not in told]

@@ -1,4 +1,4 @@
-"""Several tasks' answers to one frame."""
+"""Predictions of several tasks for one frame."""
 
 import time
 from collections.abc import Mapping
@@ -17,33 +17,33 @@ if TYPE_CHECKING:
     from sightline.data.object_tree import Part
 
 LEFT_OUT: Final = "none"
-"""Named as a task's weights: the task is not asked."""
+"""Name of weights that disables a task."""
 
 _SENSOR_PARTS: "Final[tuple[Part, ...]]" = ("image", "points")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameAnswers:
-    """What tasks made of one frame."""
+    """Predictions of tasks for one frame."""
 
     answers: Mapping[str, Any]
-    """By task; of those that had an answer."""
+    """Predictions by task, for the tasks that made one."""
     lacks: "Mapping[str, tuple[Part, ...]]"
-    """The others, with the parts of the sample that they would have needed."""
+    """Missing parts of the sample by task, for the tasks without a prediction."""
     milliseconds: Mapping[str, float]
-    """How long each answer took, loading and writing aside; the first one of a process includes
-    the start of its engine."""
+    """Time of each prediction by task, without loading and writing; the first one of a process
+    includes the start of its engine."""
 
     @property
     def perception(self) -> Perception:
-        """What the answers tell, in the terms that all tasks share."""
+        """The predictions in the format shared by all tasks."""
         return Perception.joined(
             find_task(name).perception(answer) for name, answer in self.answers.items()
         )
 
 
 class Perceiver(SamplePredictor[Perception]):
-    """Asks several tasks about a frame: those that can do without a sensor go on where it fails.
+    """Runs several tasks on a frame; if a sensor fails, the tasks that do not need it continue.
 
     Examples:
         >>> import dataclasses, sightline
@@ -58,14 +58,14 @@ class Perceiver(SamplePredictor[Perception]):
         >>> "Car" in blind.detections2d.class_names, blind.detections3d, blind.depth
         (True, None, None)
 
-    May be pickled, and called in a forked process.
+    Can be pickled, and called in a forked process.
     """
 
     def __init__(self, predictors: Mapping[str, Predictor]) -> None:
-        """Takes each task's predictor, by the task's name.
+        """Stores the predictors by task name.
 
         Raises:
-            ValueError: There is none, or no such task.
+            ValueError: There are no predictors, or there is no such task.
         """
         if not predictors:
             raise ValueError(f"all tasks are left out; ask at least one of {', '.join(REGISTRY)}")
@@ -82,19 +82,19 @@ class Perceiver(SamplePredictor[Perception]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Perceiver":
-        """Loads weights for each task: those that are named, else the task's default.
+        """Loads weights for each task: the given ones, else the task's default.
 
         Args:
-            weights: By task: the name of weights that come with the package, a file, the name of
-                one of the task's methods, or "none" or None: the task is left out.
-            engine: What runs the networks: torch, onnxruntime or openvino; auto is openvino where
-                it is installed, on the CPU, and torch elsewhere.
-            device: cpu or cuda, where PyTorch runs them.
-            threads: Of the CPU; None: the engine's own choice.
+            weights: Weights by task: the name of weights in the package, a file, the name of one of
+                the task's methods, or "none" or None to leave the task out.
+            engine: Engine of the networks: torch, onnxruntime or openvino; auto is openvino on the
+                CPU if it is installed, else torch.
+            device: Device for PyTorch: cpu or cuda.
+            threads: Number of CPU threads; None: the engine's default.
 
         Raises:
-            ValueError: There is no such task or are no such weights, all tasks are left out, or
-                the engine is not installed or cannot run on the device.
+            ValueError: A task or weights do not exist, all tasks are left out, or the engine is not
+                installed or cannot run on the device.
         """
         if weights is not None and not isinstance(weights, Mapping):
             raise ValueError(
@@ -122,16 +122,16 @@ class Perceiver(SamplePredictor[Perception]):
 
     @property
     def parts(self) -> "tuple[Part, ...]":
-        """What its tasks look at of a sample, together."""
+        """Parts of a sample that its tasks use."""
         seen = {part for predictor in self.predictors.values() for part in predictor.parts}
         return tuple(part for part in _SENSOR_PARTS if part in seen)
 
     def predict(self, sample: CameraLidarSample) -> Perception:
-        """What the tasks tell of a sample; nothing of those that lack a sensor."""
+        """Predicts with all tasks; tasks that lack a sensor contribute nothing."""
         return self.answer(sample).perception
 
     def answer(self, sample: CameraLidarSample) -> FrameAnswers:
-        """The tasks' own answers, and how long they took."""
+        """Returns the tasks' own predictions and their times."""
         answers, lacks, milliseconds = {}, {}, {}
         for name, predictor in self.predictors.items():
             missing = lacking_parts(predictor, sample)

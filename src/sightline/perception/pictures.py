@@ -1,4 +1,4 @@
-"""Videos and files of the Rerun viewer, made of results on disk."""
+"""Videos and Rerun files from results on disk."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ from sightline.visualization.video import check_video, write_video
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PictureFiles:
-    """What is drawn of a data set and its results, and where it is written; whole or not at all."""
+    """Picture files of a data set and its results; written atomically."""
 
     video: Path | None
-    """MP4: camera with boxes, depth and bird's-eye view of each frame; see `draw_row`."""
+    """MP4 file: camera with boxes, depth and bird's-eye view of each frame; see `draw_row`."""
     rerun: Path | None
-    """For the Rerun viewer: image, depth, points, boxes on a time line; see `write_rerun`."""
+    """Rerun file: image, depth, points, boxes on a time line; see `write_rerun`."""
     fps: float
     min_score: float
 
@@ -33,11 +33,11 @@ class PictureFiles:
     def checked(
         cls, video: Path | str | None, rerun: Path | str | None, *, fps: float, min_score: float
     ) -> "PictureFiles | None":
-        """What is asked for, if it can be made at all; None where nothing is asked for.
+        """Checks the requested files; returns None if nothing is requested.
 
         Raises:
-            ValueError: A name has the wrong ending, a file cannot be written there, a library is
-                missing, or the rate or the score makes no sense.
+            ValueError: A name has the wrong suffix, a file cannot be written, a library is missing,
+                or the rate or the score is invalid.
         """
         if video is None and rerun is None:
             return None
@@ -57,7 +57,7 @@ class PictureFiles:
         )
 
     def write(self, dataset: SampleDataset, results: Path) -> None:
-        """Draws all frames, in their order.
+        """Draws all frames in order.
 
         Raises:
             ValueError: A frame or a result cannot be read, or a file cannot be written.

@@ -1,4 +1,4 @@
-"""Result files on disk, read back for pictures."""
+"""Reader of result files for pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,40 +14,40 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
 
 JOB_NAME: Final = "perceive"
-"""What the manifest of a folder of several tasks' results calls the job that made it."""
+"""Name of the job in the manifest of a folder with results of several tasks."""
 
 
-_LONGEST_NAME: Final = 500  # characters: of a folder and its parent, 255 bytes each
+_LONGEST_NAME: Final = 500  # characters: a folder and its parent, 255 bytes each
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ResultFolder:
-    """A folder of one kind of result files."""
+    """Folder with one kind of result files."""
 
     folder: Path
     output: Output
     made_by: str
-    """Name of the weights or the method; empty where the folder does not say."""
+    """Name of the weights or the method; empty: unknown."""
     data: str
-    """What `data_name` calls the data that they were made from; likewise."""
+    """Name of the source data by `data_name`; empty: unknown."""
     position: int
-    """Of the output among its task's: further ones add to what the first tells."""
+    """Index among the outputs of its task: further ones add to the first."""
 
     def path(self, name: str) -> Path:
-        """The file of a frame."""
+        """File of a frame."""
         return self.folder / f"{name}{self.output.suffix}"
 
 
 def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
-    """What there is to draw in folders that `perceive` or `predict` have written, or others.
+    """Find drawable results in folders from `perceive`, `predict` or other programs.
 
-    A folder's sightline.json tells what its files are. Without one, all tasks that write files of
-    the same suffix read them: .txt as KITTI's results in 2D and 3D, .png as depth maps. What is
-    not drawn, gates for one, is passed over.
+    A folder's sightline.json describes its files. Without it, all tasks that write the same suffix
+    read them: .txt as KITTI's results in 2D and 3D, .png as depth maps. Outputs that are not drawn,
+    such as gates, are ignored.
 
     Raises:
-        ValueError: A folder is not there, or holds nothing that can be drawn, or two hold the same
-            kind of results.
+        ValueError: A folder is missing or contains nothing to draw, or two contain the same kind of
+            results.
     """
     opened: list[ResultFolder] = []
     for folder in folders:
@@ -66,7 +66,7 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
 
 
 def _check_once(opened: Sequence[ResultFolder], found: Sequence[ResultFolder]) -> None:
-    """Refuses what is there twice, where the folders say what they hold."""
+    """Refuse duplicate kinds of results in folders with manifests."""
     for new in found:
         for old in opened:
             if new.output is old.output and new.made_by and old.made_by:
@@ -77,10 +77,10 @@ def _check_once(opened: Sequence[ResultFolder], found: Sequence[ResultFolder]) -
 
 
 def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) -> Perception:
-    """What the results tell of a sample; nothing where they have no file of it.
+    """Read the results of a sample; empty if they have no file of it.
 
     Raises:
-        ValueError: A file is damaged, or of another image size.
+        ValueError: A file is damaged or has another image size.
     """
     told = Perception()
     for each in results:
@@ -91,7 +91,7 @@ def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) 
 
 
 def _of_claim(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
-    """As the manifest tells."""
+    """Results described by the folder's manifest."""
     inner = claim.get("folders")
     if claim.get("job") == JOB_NAME and isinstance(inner, list):
         source = folder / MANIFEST_NAME
@@ -102,7 +102,7 @@ def _of_claim(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
 
 
 def _of_task(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
-    """The results of one task, as their manifest tells."""
+    """Results of one task, described by their manifest."""
     task_name, output_name = claim.get("task"), claim.get("output")
     if not isinstance(task_name, str) or task_name not in REGISTRY:
         return []
@@ -121,7 +121,7 @@ def _of_task(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
 
 
 def _by_suffix(folder: Path) -> list[ResultFolder]:
-    """By what the files look like, where nobody has told what they are."""
+    """Results identified by file suffix, without a manifest."""
     outputs = [find_task(name).outputs[0] for name in task_names()]
     return [
         ResultFolder(folder=folder, output=output, made_by="", data="", position=0)

@@ -1,4 +1,4 @@
-"""Frames with what was found in them, as one picture: by a predictor, or from result files."""
+"""Picture of frames with predictions, from a predictor or from result files."""
 
 import warnings
 from collections.abc import Sequence
@@ -18,24 +18,24 @@ from sightline.visualization.sheet import frame_sheet
 
 
 class Answers:
-    """What a task's predictor tells of samples; nothing of those that lack a sensor it needs."""
+    """Predictions of a task's predictor; empty for samples that lack a required sensor."""
 
     def __init__(self, task: Task, predictor: Predictor) -> None:
         self.depth_name = predictor.name
         self._task, self._predictor = task, predictor
 
     def __call__(self, sample: CameraLidarSample) -> Perception:
-        """Asks the predictor."""
+        """Runs the predictor."""
         if lacking_parts(self._predictor, sample):
             return Perception()
         return self._task.perception(self._predictor(sample))
 
 
 class Results:
-    """What result files tell of samples."""
+    """Predictions from result files."""
 
     def __init__(self, folders: Sequence[Path], data: Path) -> None:
-        """Opens the folders; warns of those that say that they were made from other data."""
+        """Opens the folders; warns of results from other data."""
         self._folders = tuple(folders)
         self._opened = open_results(self._folders)
         foreign = [each for each in self._opened if each.data not in ("", data_name(data))]
@@ -48,14 +48,14 @@ class Results:
 
     @property
     def depth_name(self) -> str:
-        """By what the depth maps were made, if they are known."""
+        """Name of the depth maps' method or weights, if known."""
         return next((each.made_by for each in self._opened if _is_depth(each)), "")
 
     def __call__(self, sample: CameraLidarSample) -> Perception:
         """Reads the files.
 
         Raises:
-            ValueError: There is none of the sample, or one is damaged.
+            ValueError: The sample has no file, or a file is damaged.
         """
         if not any(each.path(sample.sample_id).is_file() for each in self._opened):
             raise ValueError(
@@ -74,21 +74,21 @@ def write_frames_picture(
     min_score: float,
     velodyne: Velodyne | None = None,
 ) -> Path:
-    """Draws one frame with all there is to know of it, or several side by side, to a PNG or JPEG.
+    """Draws one frame with all its predictions, or several side by side, to a PNG or JPEG file.
 
     Args:
         data: Folder of the data set; see `open_dataset`.
         frames: Names of the frames.
-        out: The picture.
-        tell: What is drawn beside the data's own labels.
-        min_score: Detections that are less sure are not drawn.
+        out: The picture file.
+        tell: Source of the predictions to draw beside the data's labels.
+        min_score: Score threshold of drawn detections.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
     Returns:
         `out`.
 
     Raises:
-        ValueError: The data or the results lack a frame, a file is at fault, or `out` cannot be
+        ValueError: The data or the results lack a frame, a file is faulty, or `out` cannot be
             written.
     """
     dataset = open_dataset(data, sample_list=tuple(frames), velodyne=velodyne)

@@ -1,1 +1,1 @@
-"""The nouns of the project: frozen dataclasses that check themselves."""
+"""Data structures of the project: frozen dataclasses that check themselves."""

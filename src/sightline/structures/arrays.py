@@ -1,4 +1,4 @@
-"""Pictures and point clouds as users have them, made into what a sample holds."""
+"""Conversion of users' pictures and point clouds to the tensors of a sample."""
 
 import warnings
 from contextlib import suppress
@@ -26,27 +26,27 @@ from sightline.geometry.projection import project_points
 
 
 def plain_number(name: str, value: SupportsFloat) -> float:
-    """A number of any type, of NumPy's or a tensor as well.
+    """Convert a number of any type, including NumPy's and tensors, to a float.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The value is no number.
     """
     if not isinstance(value, str | bytes | bool | np.bool_):
-        # RuntimeError: PyTorch's of several numbers.
+        # RuntimeError: PyTorch raises it for several numbers.
         with suppress(TypeError, ValueError, OverflowError, RuntimeError):
             return float(value)
     raise ValueError(f"{name} is {shown(value)}, expected a number; give one")
 
 
 def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
-    """A picture as RGB, channels first.
+    """Convert a picture to RGB, channels first.
 
     Args:
         image: 8 bits, colour or grey; an array of height, width (, 3 or 1), or a tensor of
             3, height, width.
 
     Raises:
-        ValueError: It is something else.
+        ValueError: The picture has another type or shape.
     """
     plain = given_array("the image", image)
     planes = plain
@@ -63,7 +63,7 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
 
 
 def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -> str:
-    """What makes a picture of what was given, of a tensor with channels first."""
+    """Remedy for an invalid picture: the conversion that makes it valid."""
     height_first = given.ndim == 3 and given.shape[0] in (1, 3, 4) and given.shape[2] > 4
     if given.ndim < 2:
         return "read the file first, by PIL or OpenCV, say"
@@ -85,22 +85,22 @@ def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -
 def sweep_points(
     points: np.ndarray | Tensor, max_intensity: SupportsFloat = 1.0
 ) -> Float32[Tensor, "num_points 4"]:
-    """A cloud as x, y, z [m] and reflectance in [0, 1].
+    """Convert a point cloud to x, y, z [m] and reflectance in [0, 1].
 
-    Left out are rows that no echo made: x, y, z are not finite, or all zero; an intensity that is
-    not finite becomes 0. A warning counts such intensities, and rows that are left out where they
-    are most of the cloud. What is brighter than max_intensity, as retroreflectors are, gets 1; one
-    that all intensities stay far below is warned of.
+    Rows without an echo are left out: x, y, z are not finite or all zero. Non-finite intensities
+    become 0. A warning counts such intensities, and the left-out rows if they are most of the
+    cloud. Intensities above max_intensity, such as of retroreflectors, become 1; a warning is given
+    if all intensities are far below it.
 
     Args:
-        points: x, y, z and intensity first; a warning tells of a lacking intensity, for which 0 is
-            taken, and of further columns, which are left out. Rows, or rows of rows.
-        max_intensity: What stands for a reflectance of 1.
+        points: x, y, z and intensity first, as rows or rows of rows. A missing intensity becomes 0
+            and further columns are left out, both with a warning.
+        max_intensity: Intensity of a reflectance of 1.
 
     Raises:
         ValueError: There are fewer than three columns, most points lie beyond 300 m, an intensity
-            is negative, more than one in a hundred lies above max_intensity, or they are ring
-            numbers.
+            is negative, more than one in a hundred lies above max_intensity, or the intensities are
+            ring numbers.
     """
     columns = cloud_columns(given_array("the points", without_masked(points)))
     max_intensity = plain_number("max_intensity", max_intensity)
@@ -124,9 +124,9 @@ def sweep_points(
 
 
 def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_points 4"]:
-    """Take x, y, z and intensity (else 0) from rows of three columns or more, as they are.
+    """Extract x, y, z and intensity (0 if missing) unchanged from rows of at least three columns.
 
-    A warning tells of a lacking intensity and of further columns.
+    Warns of a missing intensity and of further columns.
 
     Raises:
         ValueError: There are no such rows.
@@ -151,14 +151,14 @@ def warn_of_view(
     camera: str = "camera_matrix",
     stacklevel: int = 3,
 ) -> None:
-    """Warns, with the likely cause, where hardly a point falls into the image, or it is scaled.
+    """Warn, with the likely cause, if almost no point falls into the image or the image is scaled.
 
     Args:
-        points: In the LiDAR frame.
-        calibration: As it is given for them.
+        points: Points in the LiDAR frame.
+        calibration: Calibration given for the points.
         image_size: Height, width [px].
-        camera: Name of the argument that the camera's matrix was given by.
-        stacklevel: From here to whoever gave them.
+        camera: Name of the argument with the camera's matrix.
+        stacklevel: Stack level of the user's call.
     """
     scale = resolution_doubt(calibration.image_from_camera.numpy(), image_size)
     if scale is not None:
@@ -181,6 +181,6 @@ def warn_of_view(
 def share_in_image(
     points: Float32[Tensor, "num_points 4"], calibration: Calibration, image_size: tuple[int, int]
 ) -> float:
-    """Which share of a sweep's points the image shows, 0 to 1; 0 of an empty sweep."""
+    """Share of a sweep's points inside the image, 0 to 1; 0 for an empty sweep."""
     shown = project_points(points[:, :3], calibration).in_image(image_size)
     return float(shown.float().mean()) if len(points) else 0.0

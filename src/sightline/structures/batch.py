@@ -12,20 +12,20 @@ BatchT = TypeVar("BatchT", bound="FieldwiseBatch")
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class Batch(Protocol):
-    """Samples that a network takes together. Each task has a type of its own."""
+    """Batch of samples for a network. Each task has its own type."""
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
-        """The samples' names, in order."""
+        """Names of the samples, in order."""
 
     def __len__(self) -> int:
         """Number of samples."""
 
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "Batch":
-        """The same batch on another device."""
+        """Copies the batch to another device."""
 
     def pin_memory(self) -> "Batch":
-        """The same batch in memory that a GPU can fetch by itself."""
+        """Copies the batch to pinned memory, which a GPU can read directly."""
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -40,15 +40,15 @@ class Losses(Protocol):
 
 
 class FieldwiseBatch:
-    """Makes a `Batch` of a frozen dataclass, whose fields hold something for each sample.
+    """Base class that makes a frozen dataclass with fields per sample a `Batch`.
 
-    A field is a tensor whose first axis counts the samples; or a tuple with one entry a sample,
-    where samples differ in size (their boxes, their points); or None, where no sample has it.
-    Entries may be tensors (their axes anonymous, `" _"`, as they differ), dataclasses that hold
-    tensors, or anything else, which stays as it is.
+    A field is a tensor whose first axis is the samples; or a tuple with one entry per sample, if
+    samples differ in size (boxes, points); or None, if no sample has it. Entries may be tensors
+    (with anonymous axes, `" _"`, as they differ), dataclasses with tensors, or any other values,
+    which stay unchanged.
 
     Raises:
-        ValueError: A field holds more or fewer samples than there are names.
+        ValueError: The number of samples in a field differs from the number of names.
     """
 
     __slots__ = ()
@@ -69,15 +69,15 @@ class FieldwiseBatch:
         """Number of samples."""
         return len(self.sample_ids)
 
-    # Not `Self`, which beartype takes in decorated classes only.
+    # Not `Self`, which beartype accepts in decorated classes only.
     def to(  # noqa: PYI019 - see above
         self: BatchT, device: torch.device | str, *, non_blocking: bool = False
     ) -> BatchT:
-        """The same batch on another device."""
+        """Copies the batch to another device."""
         return _with_tensors(self, lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
     def pin_memory(self: BatchT) -> BatchT:  # noqa: PYI019 - see above
-        """The same batch in memory that a GPU can fetch by itself."""
+        """Copies the batch to pinned memory, which a GPU can read directly."""
         return _with_tensors(self, Tensor.pin_memory)
 
 
@@ -85,10 +85,10 @@ Value = TypeVar("Value")
 
 
 def concatenate(batches: Sequence[BatchT]) -> BatchT:
-    """One batch of several, in order.
+    """Concatenate batches in order.
 
     Raises:
-        ValueError: There are none, their tensors differ in size, or only some have a field.
+        ValueError: There are no batches, their tensors differ in size, or only some have a field.
     """
     if not batches:
         raise ValueError("there is no batch to concatenate; give at least one")
@@ -116,7 +116,7 @@ def _joined(name: str, given: Sequence[Any]) -> Any:  # noqa: ANN401 - a field o
 
 
 def _with_tensors(value: Value, change: Callable[[Tensor], Tensor]) -> Value:
-    """The value with every tensor in it changed, however deep in tuples and dataclasses."""
+    """Apply a change to every tensor in a value, at any depth of tuples and dataclasses."""
     changed: Any = value
     if isinstance(value, Tensor):
         changed = change(value)

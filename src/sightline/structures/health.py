@@ -1,4 +1,4 @@
-"""How well sensors work, as told from what they delivered."""
+"""Health of sensors, estimated from their data."""
 
 from dataclasses import dataclass
 
@@ -6,22 +6,23 @@ import numpy as np
 from jaxtyping import Bool
 
 ALARM_SCORE = 0.5
-"""Below it a sensor is not to be trusted; of sound frames so few are that the limits allow for."""
+"""Score below which a sensor is not trusted; the limits accept a small share of such sound
+frames."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Health:
-    """Of one sensor, or of how two of them lie to each other.
+    """Health of one sensor, or of the alignment of two sensors.
 
     Raises:
         ValueError: The score is not in [0, 1].
     """
 
     score: float
-    """1: nothing is wrong; `ALARM_SCORE`: as bad as few sound frames are; 0: it delivered
+    """1: no fault; `ALARM_SCORE`: as bad as only few sound frames; 0: the sensor delivered
     nothing."""
     worst_check: str
-    """The check that says the worst: a field of the checks, or `absent`."""
+    """Check with the lowest score: a field of the checks, or `absent`."""
 
     def __post_init__(self) -> None:
         """Checks the range."""
@@ -30,39 +31,40 @@ class Health:
 
     @property
     def is_alarm(self) -> bool:
-        """Whether this one look says that it is not to be trusted."""
+        """Whether the sensor is not to be trusted, by this frame alone."""
         return self.score < ALARM_SCORE
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SampleHealth:
-    """Of the sensors of one sample, and where they are bad."""
+    """Health of the sensors of one sample, and their faulty regions."""
 
     sample_id: str
     camera: Health
     lidar: Health
     alignment: Health | None
-    """None where it cannot be told: a sensor is absent or bad, or there are no edges."""
+    """Health of the alignment; None: unknown, as a sensor is absent or bad, or there are no
+    edges."""
     yaw_deg: float | None
-    """The LiDAR's turn about z that best joins the edges of both; None likewise."""
+    """Rotation of the LiDAR about z that best aligns the edges of both; None: unknown."""
     camera_regions: Bool[np.ndarray, "rows columns"]
-    """Blocks of the image, evenly spread over it, that show nothing."""
+    """Mask of the image blocks, on a regular grid, that show nothing."""
     lidar_regions: Bool[np.ndarray, "cell_rows cell_columns"]
-    """Cells ahead without points, highest and leftmost first; see `health.regions`."""
+    """Mask of the cells ahead without points, highest and leftmost first; see `health.regions`."""
     blind_sectors: Bool[np.ndarray, " num_sectors"]
-    """Sectors of a whole turn without points, counter-clockwise from behind; none of a sweep that
-    is cut to the camera's view."""
+    """Mask of the sectors of a full turn without points, counter-clockwise from behind; all False
+    if the sweep is cropped to the camera's view."""
 
     @property
     def worst_score(self) -> float:
-        """The least score of what can be told."""
+        """Lowest of the known scores."""
         known = [each.score for each in (self.camera, self.lidar, self.alignment) if each]
         return min(known)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Alarms:
-    """Which alarms are on."""
+    """Active alarms."""
 
     camera: bool
     lidar: bool
@@ -71,8 +73,8 @@ class Alarms:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FrameHealth:
-    """One frame of a drive."""
+    """Health of one frame of a drive."""
 
     health: SampleHealth
     alarms: Alarms
-    """After this frame."""
+    """Alarms after this frame."""

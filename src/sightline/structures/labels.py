@@ -1,4 +1,4 @@
-"""What is known about the objects of a frame."""
+"""Object labels of a frame."""
 
 from dataclasses import dataclass
 
@@ -26,20 +26,20 @@ class ObjectLabels:
     """
 
     class_names: tuple[str, ...]
-    """KITTI's names, e.g. Car, Pedestrian, DontCare."""
+    """KITTI's class names, e.g. Car, Pedestrian, DontCare."""
     boxes2d: Boxes2D
-    """In the image of camera 2."""
+    """Boxes in the image of camera 2."""
     boxes3d: Boxes3D
-    """LiDAR frame; a row of zeros where an object (DontCare, say) has no 3D part."""
+    """Boxes in the LiDAR frame; zeros for objects without a 3D part, such as DontCare."""
     truncation: Float64[Tensor, " num_objects"]
-    """Share outside the image, 0 to 1; -1 where unknown."""
+    """Share outside the image, 0 to 1; -1: unknown."""
     occlusion: Int64[Tensor, " num_objects"]
     """0 visible, 1 partly, 2 largely occluded, 3 unknown; -1 for DontCare."""
     alpha: Float64[Tensor, " num_objects"]
-    """Observation angle [rad], KITTI's: rotation_y less the bearing; -10 where unknown."""
+    """KITTI's observation angle [rad]: rotation_y minus the bearing; -10: unknown."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns belong together."""
+        """Checks that the columns have equal lengths."""
         lengths = {
             "class_names": len(self.class_names),
             "boxes2d": len(self.boxes2d),
@@ -55,11 +55,11 @@ class ObjectLabels:
 
     @property
     def has_box3d(self) -> Bool[Tensor, " num_objects"]:
-        """Which objects have a 3D part."""
+        """Mask of the objects with a 3D part."""
         return (self.boxes3d.sizes > 0).all(dim=-1)
 
     def select(self, mask: Bool[Tensor, " num_objects"]) -> "ObjectLabels":
-        """The objects that the mask marks."""
+        """Selects the objects of a mask."""
         kept = torch.nonzero(mask)[:, 0].tolist()
         return ObjectLabels(
             class_names=tuple(self.class_names[index] for index in kept),

@@ -1,7 +1,7 @@
-"""Samples and boxes of LiDARs that are tilted or turned, in the level frame of detectors.
+"""Conversion of samples and boxes between a tilted or rotated LiDAR's frame and the level frame.
 
-A sample and all that is found in it are in the LiDAR's own frame. `level_from_lidar` of the sample
-leads to the level one: x along the camera's view, z up.
+Samples and predictions are in the LiDAR's own frame. `level_from_lidar` of the sample transforms
+to the level frame, in which detectors work: x along the camera's view, z up.
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def level_sample(sample: CameraLidarSample) -> CameraLidarSample:
-    """The sample in its level frame; the sample itself where the LiDAR's own frame is level."""
+    """Transform a sample to its level frame; unchanged if the LiDAR's own frame is level."""
     level_from_lidar = sample.level_from_lidar
     if level_from_lidar is None:
         return sample
@@ -42,7 +42,7 @@ def level_sample(sample: CameraLidarSample) -> CameraLidarSample:
 
 
 def level_from_mount(calibration: Calibration, tilt: Tilt | None) -> Float64[Tensor, "4 4"] | None:
-    """`level_ahead` of a calibration; None where the LiDAR's own frame will do."""
+    """Compute `level_ahead` of a calibration; None: the LiDAR's own frame is level enough."""
     level_from_lidar = level_ahead(calibration.camera_from_lidar.numpy(), tilt)
     return None if level_from_lidar is None else torch.from_numpy(level_from_lidar)
 
@@ -50,7 +50,7 @@ def level_from_mount(calibration: Calibration, tilt: Tilt | None) -> Float64[Ten
 def level_calibration(
     calibration: Calibration, level_from_lidar: Float64[Tensor, "4 4"] | None
 ) -> Calibration:
-    """The calibration of a LiDAR whose frame is the level one."""
+    """Transform a calibration to the level frame."""
     if level_from_lidar is None:
         return calibration
     return Calibration(
@@ -60,14 +60,14 @@ def level_calibration(
 
 
 def level_detections(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
-    """Detections in a sample, from the LiDAR's own frame to the level one."""
+    """Transform detections from the LiDAR's own frame to the level frame."""
     if sample.level_from_lidar is None:
         return found
     return replace(found, boxes=found.boxes.to_level(sample.level_from_lidar))
 
 
 def mounted_detections(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
-    """Detections in a sample, from its level frame to the LiDAR's own."""
+    """Transform detections from the level frame to the LiDAR's own frame."""
     if sample.level_from_lidar is None:
         return found
     return replace(found, boxes=found.boxes.from_level(sample.level_from_lidar))
@@ -76,7 +76,7 @@ def mounted_detections(found: Detections3D, sample: CameraLidarSample) -> Detect
 def mounted_labels(
     objects: ObjectLabels, level_from_lidar: Float64[Tensor, "4 4"] | None
 ) -> ObjectLabels:
-    """Labels of the level frame in the LiDAR's own."""
+    """Transform labels from the level frame to the LiDAR's own frame."""
     if level_from_lidar is None:
         return objects
     mounted = objects.boxes3d.from_level(level_from_lidar)
@@ -84,7 +84,7 @@ def mounted_labels(
 
 
 def level_view(sample: CameraLidarSample, told: Perception) -> tuple[CameraLidarSample, Perception]:
-    """A sample and what is known of it in the level frame, to be drawn."""
+    """Transform a sample and its predictions to the level frame, for drawing."""
     found = told.detections3d
     if found is not None:
         told = replace(told, detections3d=level_detections(found, sample))

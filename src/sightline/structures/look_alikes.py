@@ -1,4 +1,4 @@
-"""Classes of KITTI that look like one that is detected."""
+"""Classes of KITTI that look like a detected class."""
 
 from collections.abc import Collection
 from types import MappingProxyType
@@ -7,14 +7,14 @@ from typing import Final
 LOOK_ALIKES: Final = MappingProxyType(
     {"Van": "Car", "Truck": "Car", "Person_sitting": "Pedestrian"}
 )
-"""What each may be taken for, so that detectors may be neither asked for it nor told it is none."""
+"""Detected class of each look-alike; training can ignore look-alikes of a class."""
 
 
 def check_look_alikes(names: Collection[str]) -> None:
-    """Refuses names of settings that are none of these.
+    """Refuses names in settings that are no look-alikes.
 
     Raises:
-        ValueError: There is one.
+        ValueError: A name is no look-alike.
     """
     unknown = set(names) - set(LOOK_ALIKES)
     if unknown:

@@ -1,4 +1,4 @@
-"""How the LiDAR of a sweep is mounted, by its user and by the road in its points."""
+"""Mounting of a sweep's LiDAR, given by the user or estimated from the road in its points."""
 
 import warnings
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ from sightline.structures.arrays import plain_number
 
 
 def plain_height(lidar_height_m: SupportsFloat) -> float:
-    """A LiDAR's height [m] above the road, of any type of number.
+    """Convert a LiDAR's height [m] above the road from any type of number.
 
     Raises:
-        ValueError: It is none, or no LiDAR sits so high.
+        ValueError: The value is no number, or no plausible height.
     """
     height_m = plain_number("lidar_height_m", lidar_height_m)
     if not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M:
@@ -39,10 +39,10 @@ def plain_height(lidar_height_m: SupportsFloat) -> float:
 
 
 def plain_tilt(lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor) -> Tilt:
-    """A LiDAR's roll and pitch [degrees] against the road, of any type of numbers.
+    """Convert a LiDAR's roll and pitch [degrees] against the road from any type of numbers.
 
     Raises:
-        ValueError: They are not two numbers, or no LiDAR is tilted so far.
+        ValueError: The values are not two numbers, or no plausible tilt.
     """
     try:
         angles = [plain_number("lidar_tilt_deg", angle) for angle in lidar_tilt_deg]
@@ -60,10 +60,10 @@ def plain_tilt(lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor) ->
 def pose_of_sweep(
     sweep: Float32[Tensor, "num_points 4"], height_m: float | None, tilt: Tilt | None
 ) -> LidarPose:
-    """Height and tilt of a sweep's LiDAR: what is given, the rest by the road in its points.
+    """Determine height and tilt of a sweep's LiDAR: the given values, else from the road.
 
-    Warns where a tilt is found, where a height has to be assumed, and where the road in the points
-    contradicts what is given.
+    Warns if a tilt is found, if a height has to be assumed, and if the road in the points
+    contradicts the given values.
     """
     for doubt in mount_doubts([sweep.numpy()], height_m, tilt):
         warnings.warn(doubt, stacklevel=3)
@@ -91,7 +91,7 @@ def pose_of_sweep(
 def warn_of_axes(
     sweep: Float32[Tensor, "num_points 4"], calibration: Calibration, *, stacklevel: int = 3
 ) -> bool:
-    """Warns of a sweep whose z axis does not point up, with what to convert; whether it does so."""
+    """Warn, with the remedy, if a sweep's z axis does not point up; returns whether it warned."""
     doubt = axes_doubt(sweep.numpy(), calibration.camera_from_lidar.numpy())
     if doubt is None:
         return False

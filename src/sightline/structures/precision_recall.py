@@ -1,4 +1,4 @@
-"""Precision over recall, as KITTI's object evaluation counts both."""
+"""Precision-recall curves by the rules of KITTI's object evaluation."""
 
 from dataclasses import dataclass
 
@@ -11,22 +11,22 @@ NUM_SLOTS = 41
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PrecisionRecall:
-    """The curve of one class, metric and difficulty; all from 0 to 1, but for the percentages.
+    """Precision-recall curve of one class, metric and difficulty; from 0 to 1, AP in percent.
 
-    It has two forms. What was measured is a point for each threshold. What AP is the mean of are
-    the slots: the points in turn, each at the next recall position, whatever recall it has. With
+    It has two forms. The measured form is a point for each threshold. AP is the mean over the
+    slots: the points in order, each at the next recall position, regardless of its recall. With
     fewer objects than positions the slots end before the measured recall does.
     """
 
     recall: Float64[np.ndarray, " num_thresholds"]
-    """Share of the objects that are found at each threshold, scores descending."""
+    """Share of the objects found at each threshold, scores descending."""
     precision: Float64[np.ndarray, " num_thresholds"]
-    """Share of the detections there that are true; 0 where none counts."""
+    """Share of true detections at each threshold; 0 if no detection counts."""
     slots: Float64[np.ndarray, "41"]
-    """The best precision of this and later thresholds, by recall position; 0 where none is left."""
+    """Best precision of this and later thresholds, by recall position; 0 if none is left."""
     ap_r40: float
     """Mean of the slots 1 to 40, percent."""
     ap_r11: float
     """Mean of the slots 0, 4, ..., 40, percent."""
     num_objects: int
-    """Labelled objects that count."""
+    """Number of labelled objects that count."""

@@ -1,4 +1,4 @@
-"""What the tasks answer."""
+"""Predictions of the tasks."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from sightline.geometry.checked import checked
 @checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthMap:
-    """A dense depth map and where it may be believed.
+    """Dense depth map with a validity mask.
 
     Examples:
         >>> import torch
@@ -28,16 +28,16 @@ class DepthMap:
     depth_m: Float32[Tensor, "height width"]
     """Metres along the camera's optical axis; 0 = no value."""
     valid: Bool[Tensor, "height width"]
-    """Where the method stands by its value; a value elsewhere is a guess."""
+    """Mask of the trusted values; other values are guesses."""
     uncertainty_m: Float32[Tensor, "height width"] | None = None
-    """Expected absolute error, infinite where there is no value; None where the method has no
-    estimate of it."""
+    """Expected absolute error, infinite where there is no value; None if the method has no
+    estimate."""
 
 
 @checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Detections2D:
-    """Objects found in one image.
+    """2D detections in one image.
 
     Examples:
         >>> import torch
@@ -54,14 +54,14 @@ class Detections2D:
     class_names: tuple[str, ...]
     boxes: Boxes2D
     scores: Float[Tensor, " num_detections"]
-    """Confidence; higher is surer."""
+    """Confidence; higher is more certain."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns belong together."""
+        """Checks that the columns have equal lengths."""
         _check_lengths(self.class_names, self.boxes, self.scores)
 
     def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections2D":
-        """Those of the indices, in their order."""
+        """Selects detections by indices, in their order."""
         return Detections2D(
             class_names=tuple(self.class_names[index] for index in kept.tolist()),
             boxes=self.boxes[kept],
@@ -69,14 +69,14 @@ class Detections2D:
         )
 
     def surer_than(self, min_score: float) -> "Detections2D":
-        """Those of a score of `min_score` or more, in their order."""
+        """Selects detections with a score of at least `min_score`, in their order."""
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
 
 @checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Detections3D:
-    """Objects found in one sweep.
+    """3D detections in one sweep.
 
     Examples:
         >>> import torch
@@ -89,16 +89,16 @@ class Detections3D:
 
     class_names: tuple[str, ...]
     boxes: Boxes3D
-    """LiDAR frame."""
+    """Boxes in the LiDAR frame."""
     scores: Float[Tensor, " num_detections"]
-    """Confidence; higher is surer."""
+    """Confidence; higher is more certain."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns belong together."""
+        """Checks that the columns have equal lengths."""
         _check_lengths(self.class_names, self.boxes, self.scores)
 
     def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections3D":
-        """Those of the indices, in their order."""
+        """Selects detections by indices, in their order."""
         return Detections3D(
             class_names=tuple(self.class_names[index] for index in kept.tolist()),
             boxes=self.boxes[kept],
@@ -106,13 +106,13 @@ class Detections3D:
         )
 
     def surer_than(self, min_score: float) -> "Detections3D":
-        """Those of a score of `min_score` or more, in their order."""
+        """Selects detections with a score of at least `min_score`, in their order."""
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Perception:
-    """What is known of one frame once tasks have looked at it; None where none has told.
+    """Predictions of all tasks for one frame; None: no task has predicted it.
 
     Examples:
         >>> from sightline import Perception
@@ -122,14 +122,14 @@ class Perception:
     """
 
     detections2d: Detections2D | None = None
-    """In the frame's pixels."""
+    """Detections in pixels of the frame's image."""
     detections3d: Detections3D | None = None
     depth: DepthMap | None = None
-    """Of the frame's image size."""
+    """Depth map of the frame's image size."""
 
     @classmethod
     def joined(cls, parts: "Iterable[Perception]") -> "Perception":
-        """All that the parts know; where two know of one thing, the first is believed."""
+        """Joins several perceptions; the first one with a prediction wins."""
         joined = cls()
         for part in parts:
             joined = cls(
@@ -140,7 +140,7 @@ class Perception:
         return joined
 
     def surer_than(self, min_score: float) -> "Perception":
-        """Without the detections that are less sure."""
+        """Removes detections with scores below `min_score`."""
         return replace(
             self,
             detections2d=self.detections2d and self.detections2d.surer_than(min_score),

@@ -1,4 +1,4 @@
-"""How often detections of a score are right."""
+"""Reliability of detection scores."""
 
 from dataclasses import dataclass
 
@@ -8,21 +8,21 @@ from jaxtyping import Float64, Int64
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Reliability:
-    """Detections by score, in bins of equal width over [0, 1]; a bin holds its lower edge.
+    """Detections by score, in bins of equal width over [0, 1]; a bin includes its lower edge.
 
     Raises:
-        ValueError: The columns are not of one length.
+        ValueError: The columns have different lengths.
     """
 
     counts: Int64[np.ndarray, " num_bins"]
     mean_score: Float64[np.ndarray, " num_bins"]
-    """NaN where the bin is empty."""
+    """Mean score of each bin; NaN: the bin is empty."""
     mean_target: Float64[np.ndarray, " num_bins"]
-    """What the score should have told: the share of true detections, or their mean overlap times
-    that share. NaN where the bin is empty."""
+    """Mean target of the score: the share of true detections, or their mean overlap times that
+    share. NaN: the bin is empty."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns belong together."""
+        """Checks that the columns have equal lengths."""
         if not len(self.counts) == len(self.mean_score) == len(self.mean_target):
             raise ValueError(
                 f"bins need columns of one length, got {len(self.counts)}, {len(self.mean_score)} "
@@ -36,7 +36,7 @@ class Reliability:
 
     @property
     def error(self) -> float | None:
-        """Mean distance of score and target over the bins, by their counts; None without any."""
+        """Mean distance of score and target, weighted by the bins' counts; None: no detections."""
         filled = self.counts > 0
         total = int(self.counts.sum())
         if total == 0:

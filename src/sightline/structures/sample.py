@@ -1,4 +1,4 @@
-"""One moment as the sensors saw it."""
+"""Sample of camera and LiDAR."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from sightline.structures.mounting import plain_height, plain_tilt, pose_of_swee
 class CameraLidarSample:
     """A camera image and the LiDAR sweep taken with it.
 
-    LiDAR frame: x forward, y left, z up; it may be turned about z and tilted, where
-    `level_from_lidar` says how. Camera frame: x right, y down, z forward. Metres and
-    radians; pixel (0, 0) is the centre of the top-left pixel. A sensor that delivered nothing is
-    None; a sweep of zero points is a sweep.
+    LiDAR frame: x forward, y left, z up; it may be rotated about z and tilted by the inverse of
+    `level_from_lidar`. Camera frame: x right, y down, z forward. Metres and radians; pixel (0, 0)
+    is the centre of the top-left pixel. A sensor that delivered nothing is None; a sweep of zero
+    points is valid.
 
     Examples:
         >>> import dataclasses, sightline
@@ -38,7 +38,7 @@ class CameraLidarSample:
         ((375, 1242), 4)
 
     Raises:
-        ValueError: The image or the depth map is not of `image_size`.
+        ValueError: The image or the depth map does not have `image_size`.
     """
 
     sample_id: str
@@ -46,26 +46,26 @@ class CameraLidarSample:
     image_size: tuple[int, int]
     """Height, width [px] of the camera, with or without an image."""
     image: UInt8[Tensor, "3 height width"] | None = None
-    """RGB."""
+    """RGB image."""
     points: Float32[Tensor, "num_points 4"] | None = None
-    """LiDAR frame: x, y, z, reflectance in [0, 1]."""
+    """Points in the LiDAR frame: x, y, z, reflectance in [0, 1]."""
     objects: ObjectLabels | None = None
-    """None where the split has no labels."""
+    """Object labels; None: the split has none."""
     depth: Float32[Tensor, "height width"] | None = None
-    """Ground truth: metres along the optical axis, 0 = unknown."""
+    """Ground truth of depth: metres along the optical axis, 0 = unknown."""
     world_from_lidar: Float64[Tensor, "4 4"] | None = None
-    """Where the sweep was taken, in the frame of its drive."""
+    """Pose of the LiDAR in the frame of its drive."""
     timestamp_s: float | None = None
     """Seconds since the drive's first frame."""
     lidar_height_m: float | None = None
-    """Of the LiDAR above the road; None: it is taken to be as high as KITTI's."""
+    """Height of the LiDAR above the road; None: KITTI's height is assumed."""
     level_from_lidar: Float64[Tensor, "4 4"] | None = None
-    """Rotation into a frame with x along the camera's view and z up, of a LiDAR that is mounted
-    tilted or turned. None: its own frame is one. Predictors work in that frame; what they find is
-    in the LiDAR's own, as points and labels are."""
+    """Rotation from a tilted or rotated LiDAR's frame to the level frame: x along the camera's
+    view, z up. None: the LiDAR's own frame is level. Predictors work in the level frame; their
+    predictions are in the LiDAR's own frame, like points and labels."""
 
     def __post_init__(self) -> None:
-        """Checks that all maps are of one size."""
+        """Checks that all maps have one size."""
         for name, picture in (("image", self.image), ("depth", self.depth)):
             if picture is not None and tuple(picture.shape[-2:]) != self.image_size:
                 raise ValueError(
@@ -76,7 +76,7 @@ class CameraLidarSample:
 
     @property
     def higher_than_kitti_m(self) -> float:
-        """How much higher than KITTI's, by which detectors have learned, the LiDAR is mounted."""
+        """Height of the LiDAR above that of KITTI's, on which detectors are trained [m]."""
         height_m = self.lidar_height_m
         return 0.0 if height_m is None else height_m - KITTI_LIDAR_HEIGHT_M
 
@@ -93,10 +93,10 @@ class CameraLidarSample:
         lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor | None = None,
         sample_id: str = "sample",
     ) -> "CameraLidarSample":
-        """A sample of arrays of your own; warns where they hardly fit, and of what is assumed.
+        """Creates a sample from your arrays; warns of doubtful input and of assumptions.
 
-        The camera may look aside of the LiDAR's x axis, and the LiDAR may be tilted by up to some
-        20 degrees. Points and all answers stay in the LiDAR's own frame.
+        The camera may point away from the LiDAR's x axis, and the LiDAR may be tilted by up to some
+        20 degrees. Points and all predictions stay in the LiDAR's own frame.
 
         Examples:
             >>> import numpy as np, sightline
@@ -114,29 +114,29 @@ class CameraLidarSample:
             [20.0, -3.0, 0.5, 1.0]
 
         Args:
-            calibration: `Calibration.from_matrices` makes one.
+            calibration: Calibration, such as from `Calibration.from_matrices`.
             image: RGB or grey of 8 bits: an array of height, width (, 3), or a tensor of
                 3, height, width. OpenCV reads BGR: give image[..., ::-1]. None: there is no
                 camera.
-            points: x, y, z [m] and intensity first; numbers of any type. Rows that are not finite
-                or lie at the origin, where no echo came back, are left out. Without an intensity 0
-                is taken, further columns are left out, both with a warning. Rows that a
-                masked array masks are no echoes, either. None: no LiDAR.
-            image_size: Height, width [px]; needed only where there is no image.
-            max_intensity: What stands for a reflectance of 1: often 1, 255 or 65535.
-            lidar_height_m: Of the LiDAR above the road; 0 where the points' origin lies on it.
-                None: by the road in the points; where they show too little of it, 1.73 m, KITTI's,
-                with a warning.
-            lidar_tilt_deg: Roll and pitch of the LiDAR against the road, as a URDF has them: a
-                positive pitch lowers its front. None: by the road in the points, from 4 degrees on,
-                with a warning; hills and verges make single sweeps differ by some 3.
-            sample_id: What errors call it.
+            points: x, y, z [m] and intensity first; numbers of any type. Rows without an echo (not
+                finite, at the origin, or masked in a masked array) are left out. A missing
+                intensity becomes 0 and further columns are left out, both with a warning. None:
+                no LiDAR.
+            image_size: Height, width [px]; needed only without an image.
+            max_intensity: Intensity of a reflectance of 1: often 1, 255 or 65535.
+            lidar_height_m: Height of the LiDAR above the road; 0 if the points' origin lies on it.
+                None: estimated from the road in the points; if too little of it is visible,
+                KITTI's 1.73 m with a warning.
+            lidar_tilt_deg: Roll and pitch of the LiDAR against the road, as in a URDF: a positive
+                pitch lowers its front. None: estimated from the road in the points, from 4 degrees
+                on, with a warning; hills and verges change single sweeps by some 3 degrees.
+            sample_id: Name of the sample in errors.
 
         Raises:
-            TypeError: The calibration or the name is something else.
-            ValueError: An array is of another shape or type, there is neither image nor image_size,
-                the image is of another size, intensities do not lie from 0 to max_intensity, the
-                points are hardly in metres, or no LiDAR sits so high or so tilted.
+            TypeError: The calibration or the name has another type.
+            ValueError: An array has another shape or type, there is neither image nor image_size,
+                the image has another size, intensities are not in [0, max_intensity], the points
+                are hardly in metres, or height or tilt is not plausible.
         """
         calibration = plain_calibration(calibration)
         sample_id = plain_text("sample_id", sample_id)
@@ -166,7 +166,7 @@ class CameraLidarSample:
 def _size_of(
     image: UInt8[Tensor, "3 height width"] | None, image_size: Sequence[SupportsIndex] | None
 ) -> tuple[int, int]:
-    """Height and width [px] of the image, or, where there is none, those that are given."""
+    """Height and width [px] of the image, or the given ones without an image."""
     if image_size is None and image is None:
         raise ValueError("a sample without an image needs image_size: give height and width")
     seen = None if image is None else (image.shape[1], image.shape[2])

@@ -1,10 +1,10 @@
-"""What no sweep that a task looks at may hold."""
+"""Check of a task's input sweeps."""
 
 from sightline.structures.sample import CameraLidarSample
 
 
 def check_finite_points(sample: CameraLidarSample) -> None:
-    """Refuses a sweep with points that are not finite: one NaN would spread through a network.
+    """Refuses a sweep with non-finite points: one NaN would spread through a network.
 
     Raises:
         ValueError: A coordinate or a reflectance is NaN or infinite.

@@ -1,1 +1,1 @@
-"""Trains any task and knows none: batches of data, the loop, checkpoints, weights, the commands."""
+"""Task-independent training: batches of data, the loop, checkpoints, weights, the commands."""

@@ -1,4 +1,4 @@
-"""What the training commands know of their arguments before PyTorch is there."""
+"""Arguments of the training commands, parsed before PyTorch is imported."""
 
 import json
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ Subcommand = Literal["fit", "validate", "test"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RunOption:
-    """An argument of a run, beside those of trainer, model and data."""
+    """Argument of a run, in addition to those of trainer, model and data."""
 
     flag: str
     kind: type
@@ -75,13 +75,13 @@ _UNNAMED = "unnamed"  # a run without a recipe
 
 
 def asks_for_help(arguments: Sequence[str]) -> bool:
-    """Whether help on the command itself is wanted, not on the settings of a recipe."""
+    """Whether help on the command itself is requested, not on the settings of a recipe."""
     has_recipe = any(argument.partition("=")[0] in ("--config", "-c") for argument in arguments)
     return not has_recipe and any(argument in ("--help", "-h") for argument in arguments)
 
 
 def help_text(subcommand: Subcommand, recipes: Path) -> str:
-    """The help on a command."""
+    """Help text of a command."""
     listed = {path.stem: _first_sentence(path) for path in sorted(recipes.glob("*.yaml"))}
     width = max(map(len, listed), default=0)
     options = (
@@ -101,10 +101,10 @@ def help_text(subcommand: Subcommand, recipes: Path) -> str:
 
 
 def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str], str]:
-    """The arguments with files for names of recipes, and the name of the last recipe.
+    """Replace names of recipes by files; also returns the name of the last recipe.
 
     Raises:
-        ValueError: There is no such recipe, or none is named, nor a model.
+        ValueError: There is no such recipe, or neither a recipe nor a model is given.
     """
     resolved: list[str] = []
     name = _UNNAMED
@@ -128,7 +128,7 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
 
 
 def _without_recipe(arguments: Sequence[str], recipes: Path) -> str:
-    """Remedy where no recipe is named: the settings that stand in the run's folder, or a choice."""
+    """Remedy for a missing recipe: the settings in the run's folder, or a list of recipes."""
     words = " ".join(arguments).replace(f"{RUN_FOLDER.flag}=", f"{RUN_FOLDER.flag} ").split()
     for flag, folder in pairwise(words):
         settings = Path(folder) / "config.yaml"
@@ -138,10 +138,10 @@ def _without_recipe(arguments: Sequence[str], recipes: Path) -> str:
 
 
 def nulls_as_configs(arguments: Sequence[str]) -> list[str]:
-    """The arguments with each `--SETTING null` as a configuration of that setting alone.
+    """Replace each `--SETTING null` by a configuration of that setting alone.
 
-    jsonargparse 4.53 takes nulls in configurations, but refuses them as flags of settings within
-    settings (`--model.init_args.network.regions null`).
+    jsonargparse 4.53 accepts nulls in configurations, but not as flags of nested settings
+    (`--model.init_args.network.regions null`).
     """
     changed: list[str] = []
     for argument in arguments:
@@ -180,7 +180,7 @@ def _choice(recipes: Path) -> str:
 
 
 def _first_sentence(recipe: Path) -> str:
-    """Of the comment at a recipe's head."""
+    """First sentence of the comment at a recipe's head."""
     head = []
     for line in recipe.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):

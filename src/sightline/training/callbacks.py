@@ -1,4 +1,4 @@
-"""What goes on around the training: random states kept, weights written."""
+"""Callbacks of the training: keep random states, log steps, write weights."""
 
 import math
 import random
@@ -16,17 +16,17 @@ from sightline.data.weights import read_checkpoint_weights, write_weights
 from sightline.training.last_checkpoint import LastCheckpoint
 
 _STATES_KEY = "sightline_random_states"
-_FEWEST_POINTS = 20  # of a curve in TensorBoard
+_FEWEST_POINTS = 20  # per curve in TensorBoard
 
 
 class RandomState(Callback):
-    """Keeps the states of all global random generators in checkpoints, each rank's own.
+    """Keeps the states of all global random generators of each rank in checkpoints.
 
-    Our code draws from generators that are passed in; dropout and other people's layers do not.
+    Our code uses generators passed as arguments; dropout and third-party layers do not.
     """
 
     def __init__(self) -> None:
-        """Has nothing to restore yet."""
+        """Starts without states to restore."""
         self._restored: dict[str, Any] | None = None
 
     def on_save_checkpoint(
@@ -42,14 +42,14 @@ class RandomState(Callback):
     def on_load_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Takes the states of this rank, if there was such a rank."""
+        """Stores the states of this rank, if the checkpoint contains them."""
         del pl_module
         states = checkpoint.get(_STATES_KEY, [])
         if trainer.global_rank < len(states):
             self._restored = states[trainer.global_rank]
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Restores them: after all that comes before the training, before its first batch."""
+        """Restores the states, directly before the first training batch."""
         del trainer, pl_module
         if self._restored is not None:
             _set_random_states(self._restored)
@@ -60,7 +60,7 @@ class LogShortRuns(Callback):
     """Logs often enough that a short run leaves a curve too."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Looks at the length of the run."""
+        """Sets the logging interval by the length of the run."""
         del pl_module
         steps = trainer.estimated_stepping_batches
         if math.isfinite(steps):
@@ -70,14 +70,14 @@ class LogShortRuns(Callback):
 
 
 class LogSteps(Callback):
-    """Logs how the steps go: learning rate, norm of the gradients before clipping, seconds a step.
+    """Logs learning rate, norm of the gradients before clipping, and seconds per step.
 
-    The seconds are the mean since the last point of the curve, loading of data included and
-    validations left out.
+    The seconds are the mean since the last point of the curve, with data loading, without
+    validations.
     """
 
     def __init__(self) -> None:
-        """Starts without steps."""
+        """Starts with zero steps."""
         self._begun_s = 0.0
         self._steps = 0
 
@@ -87,14 +87,14 @@ class LogSteps(Callback):
         self._restart()
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Starts the clock anew."""
+        """Restarts the clock."""
         del trainer, pl_module
         self._restart()
 
     def on_before_optimizer_step(
         self, trainer: Trainer, pl_module: LightningModule, optimizer: Optimizer
     ) -> None:
-        """Logs rate and norm, at the steps that the logger takes."""
+        """Logs rate and norm at the logger's interval."""
         if not _is_logged(trainer, trainer.global_step + 1):
             return
         groups = optimizer.param_groups
@@ -112,7 +112,7 @@ class LogSteps(Callback):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Logs the time, at the steps that the logger takes."""
+        """Logs the time at the logger's interval."""
         del outputs, batch, batch_idx
         self._steps += 1
         if _is_logged(trainer, trainer.global_step):
@@ -130,13 +130,13 @@ def _is_logged(trainer: Trainer, step: int) -> bool:
 
 
 class WriteWeights(Checkpoint):
-    """Writes the best weights so far, without a validation the last ones, as weights.safetensors.
+    """Writes weights.safetensors: the best weights so far, or the last ones without a validation.
 
-    They are taken from the checkpoints, so that they are averages where weights are averaged.
+    The weights come from the checkpoints, so they are averages if weights are averaged.
     """
 
     def __init__(self, folder: Path, last: LastCheckpoint, best: ModelCheckpoint | None) -> None:
-        """Takes where to, and who writes the checkpoints; those must come before this callback."""
+        """Stores the folder and the checkpoint callbacks, which must come before this callback."""
         self.path = folder / "weights.safetensors"
         self._last = last
         self._best = best
@@ -153,7 +153,7 @@ class WriteWeights(Checkpoint):
             self._write(trainer, Path(self._best.best_model_path), {str(self._best.monitor): score})
 
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes if nothing was validated, even if a resumed run was already over."""
+        """Writes if nothing was validated, even if the resumed run was already complete."""
         del pl_module
         if self._best is None or self._best.best_model_score is None:
             self._write(trainer, self._last.path, {})
@@ -175,13 +175,12 @@ class WriteWeights(Checkpoint):
 def checkpoint_callbacks(
     folder: Path, *, every_n_steps: int, monitored: tuple[str, Literal["min", "max"]] | None
 ) -> list[Callback]:
-    """The callbacks that make a run resumable and write its weights, in the order that they need.
+    """Create the callbacks that make a run resumable and write its weights, in the required order.
 
     Args:
-        folder: Of the run.
-        every_n_steps: How often last.ckpt is written besides.
-        monitored: The score that tells the best weights, and which way is better; None where
-            nothing is validated.
+        folder: Folder of the run.
+        every_n_steps: Interval of additional writes of last.ckpt.
+        monitored: Score that selects the best weights, and its direction; None: no validation.
     """
     last = LastCheckpoint(folder, every_n_steps=every_n_steps)
     if monitored is None:
@@ -191,17 +190,17 @@ def checkpoint_callbacks(
         "best",
         monitor=monitored[0],
         mode=monitored[1],
-        save_on_train_epoch_end=False,  # but when validated, before the weights
+        save_on_train_epoch_end=False,  # saves after validations, before the weights
         enable_version_counter=False,
     )
     return [RandomState(), best, last, WriteWeights(folder, last, best)]
 
 
 def _random_states() -> dict[str, Any]:
-    """Plain values and tensors, which a checkpoint may hold."""
+    """Random states as plain values and tensors, which checkpoints may contain."""
     version, internal, gauss = random.getstate()
     name, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002 - the
-    # global generator is what is kept here
+    # global generator's state is kept here
     return {
         "python": [version, list(internal), gauss],
         "numpy": [str(name), torch.from_numpy(np.array(keys, dtype=np.int64)), position],

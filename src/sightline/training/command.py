@@ -1,4 +1,4 @@
-"""The commands fit, validate and test, up to where PyTorch is needed: its import takes seconds."""
+"""Commands fit, validate and test, before PyTorch is needed: its import takes seconds."""
 
 import sys
 from collections.abc import Sequence
@@ -15,24 +15,24 @@ from sightline.training.interruption import ending_like_ctrl_c
 
 
 def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path) -> int:
-    """Trains, validates or tests what a recipe describes.
+    """Trains, validates or tests with a recipe.
 
-    `--config NAME` takes a recipe of `recipes` by its name, or any YAML file; other arguments
-    replace its settings (`--trainer.max_epochs 5`); `--print_config` shows what comes of them, and
-    `--help` all there are. The run's folder gets the settings, TensorBoard's events, last.ckpt,
-    best.ckpt and weights.safetensors; `--ckpt_path last` goes on from there.
+    `--config NAME` reads a recipe of `recipes` by its name, or any YAML file; other arguments
+    replace its settings (`--trainer.max_epochs 5`). `--print_config` shows the resulting settings,
+    `--help` all settings. The run's folder gets the settings, TensorBoard's events, last.ckpt,
+    best.ckpt and weights.safetensors; `--ckpt_path last` resumes the run.
 
     Args:
-        subcommand: What to do.
-        arguments: Of the command line, behind the subcommand.
+        subcommand: fit, validate or test.
+        arguments: Arguments of the command line after the subcommand.
         recipes: Folder of YAML files.
 
     Returns:
         Exit status.
 
     Raises:
-        ValueError: The settings or the data are refused; in one sentence.
-        Interruption: Ctrl-C or SIGTERM; the message tells how to go on.
+        ValueError: The settings or the data are refused, in one sentence.
+        Interruption: Ctrl-C or SIGTERM; the message explains how to resume.
     """
     if asks_for_help(arguments):
         print(help_text(subcommand, recipes))

@@ -1,7 +1,7 @@
-"""Batches for training, validation and test out of any mixture of data sets.
+"""Batches for training, validation and test from any mixture of data sets.
 
-Random numbers depend on the seed, the epoch and the sample alone: neither on the number of worker
-processes nor on interruptions.
+Random numbers depend only on the seed, the epoch and the sample, not on the number of worker
+processes or on interruptions.
 """
 
 from abc import ABC, abstractmethod
@@ -26,25 +26,25 @@ from sightline.training.sampling import (
 )
 from sightline.training.sources import SourceConfig, data_tree, open_source
 
-_OF_UPDATE = 1  # in a batch's seed, which is that of its first sample but for this
-_OF_TRAINING = 2  # likewise in the whole training's
+_OF_UPDATE = 1  # distinguishes a batch's seed from the seed of its first sample
+_OF_TRAINING = 2  # the same for the seed of the whole training
 
 
 class SamplePreparation(ABC):
-    """What a task makes of samples before the network sees them; runs in the worker processes."""
+    """Preparation of samples for a task's network; runs in the worker processes."""
 
     parts: Collection[Part] = frozenset({"image", "points"})
-    """What the samples shall hold."""
+    """Parts of the samples to load."""
 
     @abstractmethod
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> FieldwiseBatch:
-        """Makes one sample ready: a batch of one.
+        """Prepares one sample as a batch of one.
 
         Args:
-            sample: As read.
-            rng: Where all randomness comes from: another in each epoch of a training, always the
+            sample: Sample as read.
+            rng: Generator of all random numbers: different in each epoch of a training, always the
                 same outside of training.
             training: Whether to augment.
         """
@@ -52,14 +52,14 @@ class SamplePreparation(ABC):
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
     ) -> "SamplePreparation":
-        """What prepares the samples of a training: gathers what they are to share.
+        """Creates the preparation of a training, with data shared by all samples.
 
-        Called before each start of a training, a resumed one too, in each of its processes: what is
-        gathered must depend on the data and the generator alone.
+        Called in each process before each start of a training, also a resumed one: the shared data
+        must depend only on the data sets and the generator.
 
         Args:
-            datasets: All that is trained on.
-            rng: The training's own; the same at each start.
+            datasets: All training data sets.
+            rng: Generator of the training; the same at each start.
 
         Returns:
             By default itself: nothing is shared.
@@ -68,25 +68,25 @@ class SamplePreparation(ABC):
         return self
 
     def for_update(self, rng: np.random.Generator) -> "SamplePreparation":
-        """What prepares the samples of one training batch: draws what they are to share.
+        """Creates the preparation of one training batch, with random draws shared by its samples.
 
         Args:
-            rng: The batch's own.
+            rng: Generator of the batch.
 
         Returns:
-            By default itself: each sample draws for itself.
+            By default itself: each sample has its own draws.
         """
         del rng
         return self
 
     def collate(self, prepared: Sequence[Any]) -> Batch:
-        """Makes one batch of several, as `concatenate` does it."""
+        """Joins several batches into one, by default with `concatenate`."""
         batch: FieldwiseBatch = concatenate(prepared)
         return batch
 
 
 class PreparedSamples(Dataset[FieldwiseBatch]):
-    """Several sources behind each other, prepared; an index is a pair of epoch and position."""
+    """Concatenated and prepared sources; an index is a pair of epoch and position."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         seed: int,
         training: bool,
     ) -> None:
-        """Takes open data sets, each with how often its samples come."""
+        """Stores open data sets, each with its number of repeats."""
         self._datasets = tuple(dataset for dataset, _ in datasets)
         self._lengths = np.array([len(dataset) for dataset, _ in datasets], dtype=np.int64)
         self._ends = np.cumsum(self._lengths * np.array([repeat for _, repeat in datasets]))
@@ -105,7 +105,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         self._training = training
 
     def __len__(self) -> int:
-        """Number of samples, repeats counted."""
+        """Number of samples, including repeats."""
         return int(self._ends[-1])
 
     def __getitem__(self, key: SampleKey) -> FieldwiseBatch:
@@ -121,7 +121,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         return preparation.prepare(sample, rng, training=self._training)
 
     def __getitems__(self, keys: Sequence[SampleKey]) -> "Batch | Unusable | None":
-        """Reads and prepares a batch; None if it has no samples. PyTorch's loader asks for this."""
+        """Reads and prepares a batch; None if it has no samples. PyTorch's loader calls this."""
         if not keys:
             return None
         preparation = self._preparation
@@ -131,16 +131,15 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
             preparation = preparation.for_update(rng)
         try:
             return preparation.collate([self._prepared(key, preparation) for key in keys])
-        except (ValueError, OSError) as error:  # raised by a worker it would be a traceback
+        except (ValueError, OSError) as error:  # a worker would print a traceback
             return Unusable(str(error))
 
 
 class CameraLidarData(lightning.LightningDataModule):
-    """Batches out of camera-LiDAR data, for any task.
+    """Batches of camera-LiDAR data for any task.
 
-    On several devices the batches of a step are one larger batch, dealt out to them: training on
-    two devices with batches of 4 sees what training on one with batches of 8 does. Scoring sees
-    every sample once.
+    On several devices the batches of a step form one larger batch: two devices with batches of 4
+    train on the same samples per step as one with batches of 8. Scoring uses every sample once.
     """
 
     def __init__(
@@ -157,22 +156,22 @@ class CameraLidarData(lightning.LightningDataModule):
         seed: int = 0,
         samples_per_epoch: int | None = None,
     ) -> None:
-        """Keeps the settings; folders are opened when they are needed.
+        """Stores the settings; folders are opened when they are needed.
 
         Args:
-            preparation: What the task makes of samples.
-            root: Folder that the sources' relative paths start from.
-            training: Sources to train on. On the command line, as in a second configuration, they
-                replace all of the recipe's: what an entry does not say has its default, not what
-                the recipe's entry says.
-            validation: Sources to validate on.
-            test: Sources to test on.
-            batch_size: Samples a training batch on one device.
-            validation_batch_size: Samples a batch of validation and test; more than 1 only where
-                the images are of one size.
-            workers: Processes that read and prepare samples, for each device; 0: none besides.
-            seed: Of the order and of all that is drawn for samples.
-            samples_per_epoch: How many of the training samples make an epoch, others in each.
+            preparation: The task's preparation of samples.
+            root: Base folder of the sources' relative paths.
+            training: Training sources. On the command line, as in a second configuration, they
+                replace all sources of the recipe: missing fields of an entry have their defaults,
+                not the recipe's values.
+            validation: Validation sources.
+            test: Test sources.
+            batch_size: Samples per training batch on one device.
+            validation_batch_size: Samples per batch in validation and test; more than 1 only if the
+                images have one size.
+            workers: Processes per device that read and prepare samples; 0: the main process does.
+            seed: Seed of the order and of all random draws for samples.
+            samples_per_epoch: Number of training samples per epoch, different ones in each epoch.
                 None: all.
 
         Raises:
@@ -199,10 +198,10 @@ class CameraLidarData(lightning.LightningDataModule):
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
 
     def setup(self, stage: str) -> None:
-        """Trains without validation where there are no samples for it.
+        """Trains without validation if there are no samples for it.
 
         Raises:
-            ValueError: Samples to train on are lacking; told before a first validation.
+            ValueError: There are no training samples; raised before a first validation.
         """
         if stage == "fit" and self.trainer is not None:
             if not self.sources["validation"]:
@@ -210,9 +209,9 @@ class CameraLidarData(lightning.LightningDataModule):
             self._training = self._training_samples()
 
     def train_dataloader(self) -> ResumableLoader:
-        """Shuffled batches, another order in each epoch; what does not fill a batch is left out."""
+        """Shuffled batches, reordered in each epoch; an incomplete last batch is left out."""
         samples, batches = self._training or self._training_samples()
-        self._training = None  # another loader has a place of its own
+        self._training = None  # another loader has its own position
         position = EpochPosition(self.trainer, len(batches))
         return ResumableLoader(samples, batches, position, workers=self.workers, seed=self.seed)
 

@@ -1,4 +1,4 @@
-"""The weights that a training starts from: of the whole network, or of a part of it."""
+"""Initial weights of a training, for the whole network or a part of it."""
 
 import sys
 from collections.abc import Mapping
@@ -12,15 +12,15 @@ from sightline.data.weights import Weights, fill_network, read_weights
 
 
 def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | None) -> ConfigT:
-    """A network's settings: those given, else those of the weights that it starts from.
+    """Choose a network's settings: the given ones, else those of the initial weights.
 
     Args:
-        given: As the recipe has them; None where it leaves them to the weights.
-        kind: What settings the network takes.
-        weights: Name or file; None: none, and the settings are the defaults.
+        given: Settings of the recipe; None: those of the weights.
+        kind: Class of the network's settings.
+        weights: Name or file of the initial weights; None: no weights, default settings.
 
     Raises:
-        ValueError: The weights cannot be read or are another network's.
+        ValueError: The weights cannot be read or belong to another network.
     """
     if given is not None:
         return given
@@ -38,17 +38,18 @@ def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | 
 def fill_from(
     source: Path, network: nn.Module, config: NetworkConfig, *, task_name: str, part: str | None
 ) -> None:
-    """Fills a network, or a part of it, with weights.
+    """Load weights into a network or a part of it.
 
     Args:
         source: Name of shipped weights, file or checkpoint.
-        network: Its weights are replaced.
-        config: Its settings.
-        task_name: Its task.
-        part: Name of a module of the network and of the setting that it is built by. None: all.
+        network: Network whose weights are replaced.
+        config: Settings of the network.
+        task_name: Task of the network.
+        part: Name of a module of the network and of the setting that builds it. None: all.
 
     Raises:
-        ValueError: The weights cannot be read or are another network's, or there is no such part.
+        ValueError: The weights cannot be read or belong to another network, or there is no such
+            part.
     """
     weights = read_weights(source)
     name = str(source)
@@ -83,17 +84,17 @@ def fill_from(
 def check_network(
     source: str, task: str, given: Mapping[str, object], *, task_name: str, config: NetworkConfig
 ) -> None:
-    """Refuses a checkpoint of another network than the one that goes on from it.
+    """Refuses a checkpoint whose task or settings differ from the network's.
 
     Args:
-        source: What errors call it.
-        task: The task that it names.
-        given: The settings that it holds.
-        task_name: The network's task.
-        config: The network's settings.
+        source: Name of the checkpoint in errors.
+        task: Task of the checkpoint.
+        given: Settings of the checkpoint.
+        task_name: Task of the network.
+        config: Settings of the network.
 
     Raises:
-        ValueError: The task or a setting is another.
+        ValueError: The task or a setting is different.
     """
     _check_task(source, task, task_name)
     differing = differing_settings(given, config)
@@ -114,10 +115,10 @@ def _check_task(source: str, task: str, task_name: str) -> None:
 def _with_training_parts(
     network: nn.Module, tensors: Mapping[str, Tensor], source: str
 ) -> dict[str, Tensor]:
-    """The tensors, with the network's own for modules that only a training runs.
+    """Complete the tensors with the network's own for modules used only in training.
 
-    Weights for use come without those modules, which then start at random; where the network has
-    none, those of the weights are left out.
+    Weights for inference lack those modules, which then start at random. If the network lacks them,
+    the tensors of the weights are left out.
     """
     names = getattr(network, "training_parts", ())
     starts = tuple(f"{name}." for name in names)
@@ -136,7 +137,7 @@ def _with_training_parts(
 
 
 def _of_part(weights: Weights, part: str) -> tuple[Mapping[str, object], dict[str, Tensor]]:
-    """Settings and weights of a part of a whole network."""
+    """Extract settings and weights of a part of a network."""
     given, start = weights.config.get(part), f"{part}."
     tensors = {
         key.removeprefix(start): tensor

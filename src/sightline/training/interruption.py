@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM, which batch systems send: a run ends between two steps, for both alike."""
+"""Interruption by Ctrl-C or a batch system's SIGTERM; both end a run between two steps."""
 
 import signal
 from collections.abc import Iterator
@@ -8,25 +8,25 @@ from typing import Any, Final
 
 
 class Interruption(KeyboardInterrupt):
-    """A run that was ended from outside; the message tells how to go on."""
+    """A run that was ended from outside; the message explains how to resume it."""
 
     def __init__(self, message: str, number: int) -> None:
-        """Takes the message and the number of the signal."""
+        """Stores the message and the number of the signal."""
         super().__init__(message)
         self.number = number
 
     @property
     def exit_status(self) -> int:
-        """What a shell reports for a program that the signal ended."""
+        """Exit status of a program that was ended by the signal, as shells report it."""
         return 128 + self.number
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""What ends a run."""
+"""Signals that end a run."""
 
 
 _LONGEST_STEP_S: Final = 25.0
-"""What a step may still take when the run is to end; batch systems kill after 30 s."""
+"""Longest duration of a step after the signal; batch systems kill after 30 s."""
 
 
 def interrupt(number: int, frame: FrameType | None = None) -> None:
@@ -37,7 +37,7 @@ def interrupt(number: int, frame: FrameType | None = None) -> None:
 
 @contextmanager
 def ending_like_ctrl_c() -> Iterator[None]:
-    """Lets SIGTERM end the block as Ctrl-C does, and leaves both as they were before."""
+    """Lets SIGTERM end the block as Ctrl-C does; restores both handlers afterwards."""
     previous: dict[int, Any] = {number: signal.getsignal(number) for number in SIGNALS}
     signal.signal(signal.SIGTERM, interrupt)
     try:
@@ -48,31 +48,30 @@ def ending_like_ctrl_c() -> Iterator[None]:
 
 
 class InterruptionNote:
-    """Notes the first of the signals, so that a step can end; a second one ends it at once.
+    """Notes the first signal, so that a step can end; a second one ends the step at once.
 
-    A step that goes on for longer than batch systems wait before they kill, as it hangs say, is
-    ended, too.
+    A step that takes longer than batch systems wait, such as a hanging one, is ended, too.
     """
 
     def __init__(self) -> None:
-        """Has noted nothing, and is not listening yet."""
+        """Starts without a noted signal and without listening."""
         self.number: int | None = None
         self._previous: dict[int, Any] = {}
 
     def listen(self) -> None:
-        """Takes over the signals."""
+        """Installs the signal handlers."""
         if not self._previous:
             self._previous = {number: signal.signal(number, self._note) for number in SIGNALS}
 
     def give_back(self) -> None:
-        """Leaves the signals to whom they were before, and ends no step any more."""
+        """Restores the previous signal handlers and the unlimited duration of steps."""
         for number, handler in self._previous.items():
             signal.signal(number, handler)
         self._previous = {}
         self.stop_waiting()
 
     def stop_waiting(self) -> None:
-        """Lets what follows the step, the writing of a checkpoint, take its time."""
+        """Removes the time limit, for the writing of a checkpoint after the step."""
         if self.number is not None:
             signal.setitimer(signal.ITIMER_REAL, 0)
 
@@ -80,7 +79,7 @@ class InterruptionNote:
         """Ends the current work if a signal has been noted.
 
         Raises:
-            Interruption: One has.
+            Interruption: A signal has been noted.
         """
         self.stop_waiting()
         if self.number is not None:
@@ -95,10 +94,10 @@ class InterruptionNote:
 
 
 def leave_interruption_to_the_parent() -> None:
-    """For worker processes: Ctrl-C and a batch system's SIGTERM reach every process of a job.
+    """Ignores interruptions in a worker process: they reach every process of a job.
 
-    Without its workers the parent could not finish its step. A second SIGTERM is the parent's own,
-    to a worker that did not end when it was told to.
+    Without its workers the parent could not finish its step. A second SIGTERM comes from the
+    parent, for a worker that did not end on request.
     """
 
     def overhear(number: int, frame: FrameType | None) -> None:

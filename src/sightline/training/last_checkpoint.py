@@ -1,4 +1,4 @@
-"""The checkpoint from which a run resumes, and ending a run from outside."""
+"""Checkpoint for resuming a run, and interruption of a run from outside."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -14,21 +14,21 @@ _OWED_KEY = "sightline_owed_validation"
 
 
 class LastCheckpoint(Checkpoint):
-    """Writes last.ckpt every so many steps, before validations, after epochs and when stopped.
+    """Writes last.ckpt at an interval of steps, before validations, after epochs and when stopped.
 
-    A checkpoint of a step that is validated afterwards owes that validation: a run that resumes
-    from it validates first. So a run that is ended at any moment finds the same best weights later.
+    A checkpoint written before a validation owes that validation: a run that resumes from it
+    validates first. So a run that is interrupted at any moment later finds the same best weights.
 
-    Ctrl-C and SIGTERM end the training after the step that they come in, a second one at once, as
-    does a step that takes long. On
-    several devices the latest written checkpoint stands: the ranks would not stop in the same step.
+    Ctrl-C and SIGTERM end the training after the current step; a second signal, or a step that
+    takes too long, ends it at once. On several devices the latest written checkpoint remains: the
+    ranks would not stop in the same step.
     """
 
     def __init__(self, folder: Path, *, every_n_steps: int) -> None:
-        """Takes where to and how often.
+        """Stores the folder and the interval.
 
         Raises:
-            ValueError: It is to be written every 0 steps.
+            ValueError: The interval is 0 steps.
         """
         if every_n_steps < 1:
             raise ValueError(f"checkpoint_every_n_steps must be at least 1, got {every_n_steps}")
@@ -51,26 +51,26 @@ class LastCheckpoint(Checkpoint):
     def on_load_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Notes at which step one owes a validation."""
+        """Notes the step of a checkpoint that owes a validation."""
         del trainer, pl_module
         if checkpoint.get(_OWED_KEY):
             self._resumed_owing_at = checkpoint["global_step"]
 
     def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Lets an owed validation come after the last step: the Trainer would stop at once."""
+        """Adds a step if the last step owes a validation: the Trainer would stop at once."""
         del pl_module
         if self._resumed_owing_at is not None and self._resumed_owing_at == trainer.max_steps:
             trainer.fit_loop.epoch_loop.max_steps += 1
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Takes the extra step of `on_fit_start` back."""
+        """Removes the extra step of `on_fit_start`."""
         del pl_module
         if self._resumed_owing_at is not None and self._resumed_owing_at == trainer.max_steps - 1:
             trainer.fit_loop.epoch_loop.max_steps -= 1
         self._resumed_owing_at = None
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Takes over the signals."""
+        """Installs the signal handlers."""
         del pl_module
         self._step = trainer.global_step
         if trainer.world_size == 1:
@@ -84,7 +84,7 @@ class LastCheckpoint(Checkpoint):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Writes where it is time, and ends the training where that was asked for."""
+        """Writes at the interval, and ends the training if requested."""
         del pl_module, outputs, batch, batch_idx
         if trainer.global_step == self._step:
             return  # gradients are being accumulated; no checkpoint holds those
@@ -108,24 +108,24 @@ class LastCheckpoint(Checkpoint):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Ends the training where that was asked for: last.ckpt owes this validation."""
+        """Ends the training if requested: last.ckpt owes this validation."""
         del trainer, pl_module, outputs, batch, batch_idx, dataloader_idx
         self._note.raise_noted()
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes."""
+        """Writes the checkpoint."""
         del pl_module
         self._write(trainer)
 
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Gives the signals back."""
+        """Restores the signal handlers."""
         del trainer, pl_module, stage
         self._note.give_back()
 
     def on_exception(
         self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
     ) -> None:
-        """Gives the signals back."""
+        """Restores the signal handlers."""
         del trainer, pl_module, exception
         self._note.give_back()
 
@@ -137,9 +137,9 @@ class LastCheckpoint(Checkpoint):
 
 
 def _enter_validation(fit_loop: dict[str, Any]) -> None:
-    """Makes the Trainer's progress at the end of a step that within the validation after it.
+    """Moves the Trainer's progress from the end of a step into the validation after it.
 
-    It resumes such a checkpoint by validating; one from the end of a step by the next step.
+    The Trainer then resumes such a checkpoint with the validation instead of the next step.
     """
     trained, validated = (
         fit_loop[f"epoch_loop.{name}batch_progress"] for name in ("", "val_loop.")

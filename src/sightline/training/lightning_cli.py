@@ -41,16 +41,16 @@ _CONFIG_NAMES = {
 
 
 def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: Path) -> None:
-    """Trains, validates or tests what the arguments describe.
+    """Trains, validates or tests with Lightning's arguments.
 
     Args:
-        subcommand: What to do.
-        arguments: As Lightning's command line takes them.
-        run_folder: Where to, if the arguments name no folder.
+        subcommand: fit, validate or test.
+        arguments: Arguments of Lightning's command line.
+        run_folder: Folder of the run, if the arguments name none.
 
     Raises:
-        ValueError: The settings or the data are refused; in one sentence.
-        Interruption: Ctrl-C or SIGTERM; the message tells how to go on.
+        ValueError: The settings or the data are refused, in one sentence.
+        Interruption: Ctrl-C or SIGTERM; the message explains how to resume.
     """
     with quiet_lightning(), ExitStack() as claims:
         run = _Run(run_folder, claims)
@@ -61,7 +61,7 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
             raise ValueError(f"{said}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
             raise ValueError(told_by_parser(str(error))) from error
-        except OSError as error:  # of best.ckpt and the events, which others write
+        except OSError as error:  # from writing best.ckpt and the events, in other libraries
             fault = disk_fault(error, run.folder)
             if fault is None:
                 raise
@@ -77,14 +77,14 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
 
 @dataclass
 class _Run:
-    """What is known of a run before its command line is whole."""
+    """State of a run before its command line is fully parsed."""
 
     folder: Path
     claims: ExitStack
 
 
 def _told(interrupt: KeyboardInterrupt, run: _Run, subcommand: Subcommand) -> Interruption:
-    """The same, with what can be done about it."""
+    """Add the remedy to an interruption."""
     how = "run the same command again"
     if subcommand == "fit":
         is_resumable = (run.folder / "last.ckpt").is_file()
@@ -98,11 +98,11 @@ def _told(interrupt: KeyboardInterrupt, run: _Run, subcommand: Subcommand) -> In
 
 
 class _RefusedError(Exception):
-    """Arguments that cannot be understood. Not a ValueError, which jsonargparse catches."""
+    """Invalid arguments. Not a ValueError, which jsonargparse catches."""
 
 
 class _Parser(LightningArgumentParser):
-    """Raises instead of leaving the process, and takes no flag that is cut short."""
+    """Parser that raises instead of exiting, and refuses abbreviated flags."""
 
     def __init__(self, *positional: Any, **named: Any) -> None:  # noqa: ANN401 - as base
         super().__init__(*positional, **{"allow_abbrev": False, **named})
@@ -114,7 +114,7 @@ class _Parser(LightningArgumentParser):
 
 
 class _SaveConfig(SaveConfigCallback):
-    """Writes the settings into the run's folder, where `fit --config` reads them again."""
+    """Writes the settings into the run's folder, for `fit --config`."""
 
     def __init__(
         self,
@@ -124,7 +124,7 @@ class _SaveConfig(SaveConfigCallback):
         path: Path,
         initial_weights: Path | None,
     ) -> None:
-        """Takes where to, and the weights that the run was begun from."""
+        """Stores the folder and the initial weights of the run."""
         super().__init__(parser, config, save_to_log_dir=False)
         self._path = path
         self._initial_weights = initial_weights
@@ -133,7 +133,7 @@ class _SaveConfig(SaveConfigCallback):
         """Does nothing yet: the checkpoint to go on from may be refused after this."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes the settings, as the first of these three to be called does."""
+        """Writes the settings at the start of a training."""
         super().setup(trainer, pl_module, "fit")
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -145,7 +145,7 @@ class _SaveConfig(SaveConfigCallback):
     def save_config(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         del trainer, pl_module, stage
         config = self.config.clone()
-        # To repeat the run, not to go on from its middle.
+        # For repeating the run, not for resuming it.
         config["ckpt_path"] = None
         if self._initial_weights is not None:
             config["model"]["init_args"]["initial_weights"] = self._initial_weights
@@ -153,7 +153,7 @@ class _SaveConfig(SaveConfigCallback):
 
 
 def _check_apart(settings: Namespace, folder: Path) -> None:
-    """Refuses a run's folder in a data set of one of its sources; nothing is made yet."""
+    """Refuses a run's folder inside a data set of its sources, before anything is created."""
     for use in ("training", "validation", "test"):
         for source in settings[use] or ():
             given = source.get("init_args", source)
@@ -183,7 +183,7 @@ class _TrainingCLI(LightningCLI):
 
     @staticmethod
     def subcommands() -> dict[str, set[str]]:
-        """Those of a Trainer that this command line has, each with the arguments to leave out."""
+        """Available subcommands of the Trainer, each with the arguments to leave out."""
         skipped = {"model", "datamodule"}
         return {
             "fit": skipped | {"train_dataloaders", "val_dataloaders", "weights_only"},
@@ -192,7 +192,7 @@ class _TrainingCLI(LightningCLI):
         }
 
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
-        """Adds what a run has beside model, data and trainer."""
+        """Adds the arguments of a run beside model, data and trainer."""
         defaults = {RUN_FOLDER: self._run.folder}
         for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS):
             default = defaults.get(option, option.default)
@@ -200,7 +200,7 @@ class _TrainingCLI(LightningCLI):
         parser.link_arguments("seed_everything", "data.init_args.seed", compute_fn=int)
 
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:  # noqa: ANN401 - as base
-        """Parses; Lightning's own warns about arguments that do not come from sys.argv."""
+        """Parses the arguments; Lightning's method warns if they do not come from sys.argv."""
         self.config = parser.parse_args(args)
 
     def _parse_ckpt_path(self) -> None:
@@ -209,8 +209,8 @@ class _TrainingCLI(LightningCLI):
     def before_instantiate_classes(self) -> None:
         """Finds the checkpoint; refuses misplaced nulls, and a run that would overwrite another.
 
-        A checkpoint takes the place of the weights that its run started from where these are gone:
-        it holds all that was taken from them.
+        If the initial weights of the run are gone, its checkpoint replaces them: it contains
+        everything that was loaded from them.
         """
         config = self.config[self.subcommand]
         for component in ("model", "data"):
@@ -240,13 +240,13 @@ class _TrainingCLI(LightningCLI):
                 f"there is no checkpoint {path}; name one with --ckpt_path, or the folder of "
                 "another run with --run_folder"
             )
-        read_checkpoint_weights(path)  # says in one line what may be wrong with it
+        read_checkpoint_weights(path)  # its error is one line
         config["ckpt_path"] = str(path)
         if self._initial_weights is not None and not has_weights(self._initial_weights):
             config["model"]["init_args"]["initial_weights"] = path
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:  # noqa: ANN401 - as base
-        """Adds the logger and the callbacks of a run to what the recipe asks for."""
+        """Adds the logger and the callbacks of a run to those of the recipe."""
         config = self.config[self.subcommand]
         folder: Path = config["run_folder"]
         self.save_config_kwargs = {
@@ -271,7 +271,7 @@ class _TrainingCLI(LightningCLI):
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
     def after_fit(self) -> None:
-        """Says where the weights are."""
+        """Prints the path of the weights."""
         if self.trainer.is_global_zero:
             print(f"{self._run.folder}: the weights are in weights.safetensors")
 
@@ -307,7 +307,7 @@ class _TrainingCLI(LightningCLI):
         )
 
     def _scored(self, folder: Path) -> str | None:
-        """Which checkpoint of a run to score; None: none is there, but weights to start from."""
+        """Choose the checkpoint of a run to score; None: there are only initial weights."""
         names = [name for name in ("best", "last") if (folder / f"{name}.ckpt").is_file()]
         if names or self._initial_weights is None:
             return (names or ["last"])[0]

@@ -1,4 +1,4 @@
-"""Loaders of batches whose workers never let a training wait for ever."""
+"""Batch loaders that never wait for ever for their workers."""
 
 import io
 import os
@@ -20,39 +20,39 @@ from sightline.training.interruption import leave_interruption_to_the_parent
 from sightline.training.sampling import EpochPosition, TrainingBatches
 
 _LONGEST_BATCH_S: Final = 1800.0
-"""Time without a batch after which workers count as hanging."""
+"""Time without a batch [s] after which workers count as hanging."""
 _NO_WORKERS: Final = "set --data.init_args.workers 0"
 _CANNOT_HAND_ON: Final = 3
-"""Exit status of a worker whose batches do not reach the training."""
+"""Exit status of a worker that cannot send its batches to the training."""
 
 
 @dataclass(frozen=True)
 class Unusable:
-    """Comes in place of a batch that cannot be made."""
+    """Replacement for a batch that could not be made."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class _Parcel:
-    """A batch that goes through a pipe, as shared memory has no room for it."""
+    """Batch sent through a pipe, because shared memory is full."""
 
     content: bytes
     lacking: str
-    """Why shared memory could not be used."""
+    """Reason why shared memory could not be used."""
 
 
 class BatchLoader(DataLoader[Any]):
-    """A loader that says in one sentence what is wrong with a sample, with workers or without.
+    """Loader with one-sentence errors about samples, with workers or without.
 
-    Workers hand batches on through shared memory (/dev/shm), and through pipes where that is full:
-    a container has 64 MB of it unless it is started with more.
+    Workers send batches through shared memory (/dev/shm), or through pipes if it is full: a
+    container has 64 MB of it by default.
     """
 
     def __init__(
         self, dataset: Dataset[Any], batches: Sampler[Any], *, workers: int, seed: int
     ) -> None:
-        """Takes what to load, in which order, by how many processes besides this one."""
+        """Stores the data set, the order of batches and the number of worker processes."""
         collate: Callable[[Any], Any] = _handed_on if workers else _as_it_is
         super().__init__(
             dataset,
@@ -63,12 +63,12 @@ class BatchLoader(DataLoader[Any]):
             pin_memory=torch.cuda.is_available(),
             timeout=_LONGEST_BATCH_S if workers else 0,
             worker_init_fn=_set_up_worker,
-            # Else each epoch's start would draw from the global generator.
+            # Otherwise the start of each epoch would draw from the global generator.
             generator=torch.Generator().manual_seed(seed),
         )
 
     def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
-        """The batches.
+        """Yields the batches.
 
         Raises:
             ValueError: A sample cannot be read or prepared.
@@ -87,7 +87,7 @@ class BatchLoader(DataLoader[Any]):
             yield _unpacked(batch) if isinstance(batch, _Parcel) else batch
 
     def _started(self) -> Iterator[Any]:
-        """The batches, of workers that have been started."""
+        """Yield the batches of the started workers."""
         if not self.num_workers:
             return super().__iter__()
         try:
@@ -101,12 +101,12 @@ class BatchLoader(DataLoader[Any]):
 
 
 class ResumableLoader(BatchLoader):
-    """A loader of training batches that starts at the training's current position.
+    """Loader of training batches that starts at the training's current position.
 
-    Lightning's own way, `load_state_dict`, comes too late or not at all: a schedule that asks for
-    the number of steps has the loader's iterator made before any state is restored. So the
-    position is asked for when the first batch is; the two methods are there because Lightning takes
-    a loader without them for one that cannot resume.
+    Lightning calls `load_state_dict` too late or not at all: a schedule that needs the number of
+    steps creates the loader's iterator before any state is restored. So the position is read with
+    the first batch. The two state methods exist because Lightning does not resume loaders without
+    them.
     """
 
     def __init__(
@@ -118,29 +118,29 @@ class ResumableLoader(BatchLoader):
         workers: int,
         seed: int,
     ) -> None:
-        """Takes what to load, in which order, and who knows how far the training is."""
+        """Stores the data set, the order of batches and the source of the training's position."""
         super().__init__(dataset, batches, workers=workers, seed=seed)
         self._batches = batches
         self._position = position
 
     def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
-        """The rest of the epoch that the training is in."""
+        """Yields the rest of the current epoch."""
         self._batches.start_at(*self._position())
         yield from super().__iter__()
 
     def state_dict(self) -> dict[str, int]:
-        """Epoch and batch that come next; for people, nothing is read from it."""
+        """Next epoch and batch; for people only, nothing reads it."""
         epoch, batch = self._position()
         return {"epoch": epoch, "batch": batch}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Does nothing: the Trainer's own progress tells the position."""
+        """Does nothing: the position comes from the Trainer's progress."""
 
 
 def _handed_on(batch: object) -> object:
-    """Put a batch into shared memory while its worker can still do something about a failure.
+    """Put a batch into shared memory where the worker can handle a failure.
 
-    PyTorch does so in a thread of the worker, whose failure leaves the training waiting.
+    PyTorch does this in a thread of the worker; after a failure there the training waits for ever.
     """
     try:
         _SharingPickler(io.BytesIO()).dump(batch)
@@ -151,7 +151,7 @@ def _handed_on(batch: object) -> object:
 
 
 class _SharingPickler(pickle.Pickler):
-    """Moves every tensor of what it pickles into shared memory."""
+    """Pickler that moves every tensor into shared memory."""
 
     def persistent_id(self, obj: object) -> int | None:
         if not isinstance(obj, Tensor):
@@ -170,7 +170,7 @@ def _unpacked(parcel: _Parcel) -> object:
 
 
 def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
-    """What to say of workers that are gone or hang; None where the error is another one."""
+    """Error for workers that are gone or hang; None: the error has another cause."""
     if "DataLoader timed out" in str(error):
         return ChildProcessError(
             f"no worker process has given a batch for {_LONGEST_BATCH_S:g} s; {_NO_WORKERS}"
@@ -188,16 +188,16 @@ def _as_it_is(batch: object) -> object:
 
 
 def _set_up_worker(worker: int) -> None:
-    """Leaves signals to the Trainer, and the cores to the other workers."""
+    """Leaves signals to the Trainer; limits the worker to one BLAS thread."""
     del worker
     leave_interruption_to_the_parent()
     one_blas_thread()
-    # Of this process alone. Python's own prints a traceback and lets the training wait.
+    # Only in this process. Python's handler prints a traceback and lets the training wait.
     Queue._on_queue_feeder_error = staticmethod(_end_worker)  # type: ignore[attr-defined] # noqa: SLF001
 
 
 def _end_worker(error: Exception, obj: object) -> NoReturn:
-    """End the worker, which the training sees; called where a batch cannot be sent."""
+    """End the worker if a batch cannot be sent; the training detects its end."""
     del obj
     reason = " ".join(str(error).split()) or type(error).__name__
     print(f"sightline: a worker cannot hand a batch on: {reason}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""What every task's training has in common: network, steps, scores, checkpoints."""
+"""Base class of every task's training: network, steps, scores, checkpoints."""
 
 import math
 from abc import ABC, abstractmethod
@@ -25,29 +25,29 @@ from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_s
 from sightline.visualization.lettering import with_title
 
 _NUM_STEPS_KEY = "sightline_num_steps"
-_STEPS_A_LOOK = 50  # at whether the loss is finite, on a GPU
-_NUM_PICTURES = 4  # validation batches of which the first sample is drawn
+_STEPS_A_LOOK = 50  # interval of checks for a finite loss on a GPU
+_NUM_PICTURES = 4  # number of validation batches whose first sample is drawn
 
 
 class TrainingModule(lightning.LightningModule, ABC):
-    """A network in training; a task says what its losses, scores and pictures are.
+    """Network in training; a task defines its losses, scores and pictures.
 
-    A task sets the class variables and writes `network_config`, `losses`, `score` and, where there
-    is something to see, `picture`. Nothing but plain values and tensors goes into a checkpoint, so
-    that it is read without running code from it.
+    A task sets the class variables and implements `network_config`, `losses`, `score` and
+    optionally `picture`. Checkpoints contain only plain values and tensors, so that reading one
+    runs no code from it.
     """
 
     task_name: ClassVar[str]
     """The task's name in checkpoints and weights files."""
     monitored: ClassVar[tuple[str, Literal["min", "max"]]]
-    """The score of a validation that decides which weights are best, such as validation/rmse_mm,
-    and which way is better."""
+    """Validation score that selects the best weights, such as validation/rmse_mm, and its
+    direction."""
     monitored_beside: ClassVar[tuple[str, ...]] = ()
-    """Scores that people are shown beside the monitored one."""
+    """Further scores shown beside the monitored one."""
     notes: tuple[str, ...] = ()
-    """What the scores of the last validation or test must be read with."""
+    """Notes on the scores of the last validation or test."""
     is_resumed: bool = False
-    """Set before a fit that goes on from a checkpoint, which replaces the weights: Lightning tells
+    """Set before a fit that resumes from a checkpoint, which replaces the weights; Lightning loads
     it after `setup`."""
 
     def __init__(
@@ -59,25 +59,25 @@ class TrainingModule(lightning.LightningModule, ABC):
         initial_weights: Path | None = None,
         initial_part: str | None = None,
     ) -> None:
-        """Takes the network.
+        """Stores the network.
 
         Args:
-            network: What is trained.
-            metric: What `score` updates; it computes scores by name.
-            optimizer: How.
+            network: Network to train.
+            metric: Metric that `score` updates; it computes scores by name.
+            optimizer: Settings of the optimiser.
             initial_weights: Weights to start from: name of shipped ones, file or checkpoint.
-            initial_part: The part of the network that the weights fill, a first stage for one: the
-                name of a module of the network and of the setting that it is built by. None: all.
+            initial_part: Part of the network to load the weights into, such as a first stage: the
+                name of a module of the network and of the setting that builds it. None: all.
 
         Raises:
-            ValueError: The initial weights cannot be read or are another network's.
+            ValueError: The initial weights cannot be read or belong to another network.
         """
         super().__init__()
-        # Convolutions on a CPU, and with halved precision on a GPU, are up to twice as fast so.
+        # Makes convolutions up to twice as fast, on a CPU and with half precision on a GPU.
         self.network = network.to(memory_format=torch.channels_last)
         self.metric = metric
         self.optimizer = optimizer
-        self._num_steps: int | None = None  # that the schedule is made for
+        self._num_steps: int | None = None  # length of the schedule
         if initial_weights is not None:
             fill_from(
                 initial_weights,
@@ -93,23 +93,23 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     @abstractmethod
     def network_config(self) -> NetworkConfig:
-        """The settings that build the network again."""
+        """Settings for rebuilding the network."""
 
     @abstractmethod
     def losses(self, batch: Any) -> Losses:  # noqa: ANN401 - the task's own batch
-        """The loss of a batch and its terms."""
+        """Computes the loss of a batch and its terms."""
 
     @abstractmethod
     def score(self, batch: Any) -> Any:  # noqa: ANN401 - the task's own batch and answer
-        """Updates `metric` by a batch; gives what the network answered."""
+        """Updates `metric` with a batch; returns the network's prediction."""
 
     def scores(self) -> Mapping[str, Tensor]:
-        """All scores to log, by name, once every batch has been scored."""
+        """All scores to log, by name, after every batch has been scored."""
         scores: Mapping[str, Tensor] = self.metric.compute()
         return scores
 
     def score_notes(self) -> tuple[str, ...]:
-        """Sentences to read the scores with that `scores` gave last."""
+        """Notes on the last scores of `scores`, as sentences."""
         return ()
 
     def picture(
@@ -117,12 +117,12 @@ class TrainingModule(lightning.LightningModule, ABC):
         batch: Any,  # noqa: ANN401 - the task's own batch
         answer: Any,  # noqa: ANN401 - what `score` gave
     ) -> UInt8[np.ndarray, "height width 3"] | None:
-        """The first sample of a batch and what the network made of it; None: nothing to see."""
+        """Draws the first sample of a batch and its prediction; None: no picture."""
         del batch, answer
         return None
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        """The loss of a batch; logs it and its terms.
+        """Computes and logs the loss of a batch and its terms.
 
         Raises:
             ValueError: The training has diverged.
@@ -137,7 +137,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         return losses.total
 
     def validation_step(self, batch: Batch | None, batch_idx: int) -> None:
-        """Scores a batch, and draws the first few. None: only other ranks have samples left."""
+        """Scores a batch; draws the first few. Batch None: only other ranks have samples left."""
         if batch is None:
             return
         with self._divergence_told():
@@ -159,7 +159,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         self._log_scores("validation")
 
     def test_step(self, batch: Batch | None, batch_idx: int) -> None:
-        """Scores a batch. None: only other ranks have samples left."""
+        """Scores a batch. Batch None: only other ranks have samples left."""
         del batch_idx
         if batch is not None:
             with self._divergence_told():
@@ -170,7 +170,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         self._log_scores("test")
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
-        """Makes the optimiser and, over all steps of the training, its schedule."""
+        """Creates the optimiser and its schedule over all steps of the training."""
         optimizer = make_optimizer(
             [parameter for parameter in self.parameters() if parameter.requires_grad],
             self.optimizer,
@@ -232,7 +232,7 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     @contextmanager
     def _divergence_told(self) -> Iterator[None]:
-        """Says so where what is wrong with a batch is that the weights are no numbers any more."""
+        """Reports a divergence if a batch fails because the weights are not finite."""
         try:
             yield
         except ValueError as error:
@@ -241,11 +241,11 @@ class TrainingModule(lightning.LightningModule, ABC):
             raise _diverged("its weights are not finite") from error
 
     def _check_finite(self, loss: Tensor) -> None:
-        """Ends a training that has diverged, instead of going on with what are no numbers."""
+        """Ends a diverged training, whose loss is not finite."""
         trainer = self._trainer
         if trainer is not None and trainer.precision == "16-mixed":
-            return  # its scaler passes over such steps
-        # A GPU is waited for by each look, a CPU is not.
+            return  # its scaler skips such steps
+        # Each check synchronises a GPU; on a CPU it is free.
         is_looked_at = loss.device.type == "cpu" or self.global_step % _STEPS_A_LOOK == 0
         if is_looked_at and not loss.isfinite():
             raise _diverged(f"its loss is {loss.item()} in step {self.global_step}")
@@ -254,7 +254,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         # float32: not every accelerator has more
         scores = {f"{stage}/{name}": score.float() for name, score in self.scores().items()}
         self.notes = self.score_notes()
-        with torch.inference_mode(mode=False):  # else training could not go on with its tensors
+        with torch.inference_mode(mode=False):  # otherwise training could not use its tensors
             self.metric.reset()
         shown, _ = self.monitored
         for name, score in scores.items():

@@ -1,4 +1,4 @@
-"""Refuses nulls in settings: jsonargparse takes them for any setting of a configuration."""
+"""Check for nulls in settings: jsonargparse accepts them for any setting of a configuration."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
@@ -13,11 +13,11 @@ def check_nulls(component: str, settings: Namespace | None) -> None:
     """Refuses nulls of settings that must have a value.
 
     Args:
-        component: What is set, as on the command line: model or data.
-        settings: Its class_path and init_args. Settings of unknown types are not looked at.
+        component: Component of the settings, as on the command line: model or data.
+        settings: Its class_path and init_args. Settings of unknown types are not checked.
 
     Raises:
-        ValueError: A setting is null that must not be.
+        ValueError: A setting is null that must have a value.
     """
     misplaced = next(_misplaced(Any, settings, component), None)
     if misplaced is not None:
@@ -25,7 +25,7 @@ def check_nulls(component: str, settings: Namespace | None) -> None:
 
 
 def _misplaced(kind: Any, value: object, name: str) -> Iterator[str]:  # noqa: ANN401 - a type
-    """Names of the settings within a value, or of itself, that are null and must not be."""
+    """Names of the null settings within a value, including itself, that must have a value."""
     kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     if value is None:
         if not any(each in (NoneType, Any, object) for each in kinds):
@@ -34,7 +34,7 @@ def _misplaced(kind: Any, value: object, name: str) -> Iterator[str]:  # noqa: A
         types = _types(value, kinds)
         if "class_path" in value:
             value = value.get("init_args")
-            if not any(map(is_dataclass, kinds)):  # of which people write the fields alone
+            if not any(map(is_dataclass, kinds)):  # recipes contain only the fields of these
                 name += ".init_args"
         for key, inner in vars(value).items() if value else ():
             yield from _misplaced(types.get(key, Any), inner, f"{name}.{key}")
@@ -45,7 +45,7 @@ def _misplaced(kind: Any, value: object, name: str) -> Iterator[str]:  # noqa: A
 
 
 def _types(value: Namespace, kinds: Sequence[Any]) -> Mapping[str, Any]:
-    """Types of what a class or a dataclass takes, by name; none where they cannot be told."""
+    """Types of the arguments of a class or dataclass, by name; empty if they are unknown."""
     if "class_path" in value:
         described = getattr(locate(value["class_path"]), "__init__", None)
     else:

@@ -1,4 +1,4 @@
-"""How a training updates the weights: the optimiser and the schedule of its learning rate."""
+"""Optimiser of a training and its learning rate schedule."""
 
 import math
 from collections.abc import Sequence
@@ -9,32 +9,32 @@ from torch import nn
 from torch.optim import SGD, Adam, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
 
-_FEWEST_STEPS: Final = 4  # of a one-cycle schedule: two of warm-up, two of cooling down
+_FEWEST_STEPS: Final = 4  # for a one-cycle schedule: two of warm-up, two of cooling down
 
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizerConfig:
-    """How the weights are updated. Clipping is the Trainer's: `trainer.gradient_clip_val`."""
+    """Settings of the optimiser. The Trainer clips gradients: `trainer.gradient_clip_val`."""
 
     name: Literal["adam", "adamw", "sgd"] = "adamw"
     """adam: Kingma and Ba 2015 (arXiv:1412.6980); adamw: Loshchilov and Hutter 2019
     (arXiv:1711.05101); sgd: gradient descent with momentum."""
     learning_rate: float = 1e-3
-    """The highest rate of the schedule."""
+    """Highest learning rate of the schedule."""
     weight_decay: float = 0.0
-    """Of all weights; adam and sgd add it to the gradient, adamw takes it off the weights."""
+    """Decay of all weights; adam and sgd add it to the gradient, adamw subtracts it directly."""
     momentum: float = 0.9
-    """Of sgd."""
+    """Momentum of sgd."""
     schedule: Literal["constant", "one_cycle", "cosine", "steps"] = "constant"
-    """The learning rate after the warm-up: stays, falls to 0 by the last step, or is multiplied by
+    """Learning rate after the warm-up: constant, falling to 0 by the last step, or multiplied by
     `drop_factor` at each of `drop_shares`. one_cycle (Smith and Topin 2018, arXiv:1708.07120) also
-    moves the (first) momentum."""
+    varies the (first) momentum."""
     warm_up_share: float = 0.0
     """Share of all steps during which the learning rate rises."""
     drop_shares: tuple[float, ...] = ()
-    """Shares of all steps after which schedule steps lowers the rate, in their order."""
+    """Shares of all steps after which the schedule `steps` lowers the rate, in ascending order."""
     drop_factor: float = 0.1
-    """Factor by which the schedule steps multiplies the learning rate."""
+    """Factor by which the schedule `steps` multiplies the learning rate."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -62,7 +62,7 @@ class OptimizerConfig:
 
 
 def make_optimizer(parameters: Sequence[nn.Parameter], config: OptimizerConfig) -> Optimizer:
-    """What updates the parameters."""
+    """Create the optimiser of the parameters."""
     rate, decay = config.learning_rate, config.weight_decay
     if config.name == "sgd":
         return SGD(parameters, lr=rate, momentum=config.momentum, weight_decay=decay)
@@ -71,12 +71,12 @@ def make_optimizer(parameters: Sequence[nn.Parameter], config: OptimizerConfig) 
 
 
 def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:
-    """The learning rate over `total_steps` updates; stepped after each.
+    """Create the learning rate schedule over `total_steps` updates; step it after each update.
 
     Args:
-        optimizer: Its learning rate is set.
-        config: Which schedule.
-        total_steps: Length of the training; a one-cycle schedule takes four at least.
+        optimizer: Optimiser whose learning rate is set.
+        config: Settings of the schedule.
+        total_steps: Length of the training; a one-cycle schedule needs at least four.
     """
     warm_up_steps = round(config.warm_up_share * total_steps)
     if config.schedule == "one_cycle":

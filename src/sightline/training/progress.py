@@ -1,4 +1,4 @@
-"""How far a run is: bars on a terminal, lines in a file."""
+"""Progress of a run: bars on a terminal, lines in a file."""
 
 import math
 import time
@@ -12,28 +12,28 @@ from rich.progress import TaskID
 from sightline.data.progress import ProgressLines, progress_bars
 from sightline.training.module import TrainingModule
 
-_LOOK_EVERY_S = 0.5  # at the loss: an accelerator has to be waited for
+_LOOK_EVERY_S = 0.5  # interval of reading the loss, which synchronises an accelerator
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class _Display(Protocol):
-    """Shows jobs of many pieces, by name, on stderr."""
+    """Display of named jobs with many pieces on stderr."""
 
     def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
-        """How many pieces of a job are done; None: nobody knows how many there are."""
+        """Shows the number of finished pieces of a job; total None: unknown."""
 
     def end(self, name: str) -> None:
-        """The job is done."""
+        """Ends the display of a job."""
 
     def say(self, text: str) -> None:
-        """A line that stays."""
+        """Prints a permanent line."""
 
     def close(self) -> None:
-        """The end: nothing else is shown."""
+        """Closes the display."""
 
 
 class _Bars:
-    """A bar for each job."""
+    """Display with one bar per job."""
 
     def __init__(self, console: Console) -> None:
         self._progress = progress_bars(console)
@@ -58,10 +58,10 @@ class _Bars:
 
 
 class RunProgress(ProgressBar):
-    """Shows the steps of the whole run, each validation's batches, and its score."""
+    """Shows the steps of the whole run, the batches of each validation, and its score."""
 
     def __init__(self) -> None:
-        """Shows nothing yet."""
+        """Starts without a display."""
         super().__init__()
         self._is_enabled = True
         self._display: _Display | None = None
@@ -69,15 +69,15 @@ class RunProgress(ProgressBar):
         self._noted: set[str] = set()
 
     def disable(self) -> None:
-        """Shows nothing in this process: another one does."""
+        """Disables the display in this process: another one has it."""
         self._is_enabled = False
 
     def enable(self) -> None:
-        """Shows again."""
+        """Enables the display again."""
         self._is_enabled = True
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Shows where the run stands."""
+        """Shows the position in the run."""
         del pl_module
         self._show_training(trainer)
 
@@ -89,12 +89,12 @@ class RunProgress(ProgressBar):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Counts."""
+        """Updates the number of finished batches."""
         del pl_module, outputs, batch, batch_idx
         self._show_training(trainer)
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Shows that it goes on."""
+        """Shows the start of the validation."""
         del pl_module
         self._show("validation", 0, self._num_batches(trainer))
 
@@ -107,12 +107,12 @@ class RunProgress(ProgressBar):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Counts."""
+        """Updates the number of finished batches."""
         del pl_module, outputs, batch, dataloader_idx
         self._show("validation", batch_idx + 1, self._num_batches(trainer))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Tells the score by which the best weights are chosen."""
+        """Prints the score that selects the best weights."""
         display = self._displayed()
         if display is None:
             return
@@ -122,7 +122,7 @@ class RunProgress(ProgressBar):
         name, _ = pl_module.monitored
         if name in trainer.callback_metrics:
             score = float(trainer.callback_metrics[name])
-            # a checkpoint that is scored alone does not tell its step
+            # the step of a checkpoint that is scored alone is unknown
             is_checkpoint = trainer.validating and trainer.ckpt_path is not None
             step = "" if is_checkpoint else f"step {trainer.global_step}: "
             beside = "".join(
@@ -145,20 +145,20 @@ class RunProgress(ProgressBar):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Counts."""
+        """Updates the number of finished batches."""
         del pl_module, outputs, batch, dataloader_idx
         total = trainer.num_test_batches[0]
         self._show("test", batch_idx + 1, int(total) if math.isfinite(total) else None)
 
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Clears the bars away."""
+        """Removes the bars."""
         del trainer, pl_module, stage
         self._close()
 
     def on_exception(
         self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
     ) -> None:
-        """Clears the bars away."""
+        """Removes the bars."""
         del trainer, pl_module, exception
         self._close()
 
@@ -186,7 +186,7 @@ class RunProgress(ProgressBar):
         return int(total) if math.isfinite(total) else None
 
     def _displayed(self) -> _Display | None:
-        """Where to show; None in a process that does not."""
+        """Display of this process; None: it has none."""
         if self._is_enabled and self._display is None:
             console = Console(stderr=True)
             self._display = _Bars(console) if console.is_terminal else ProgressLines()

@@ -18,12 +18,12 @@ LIGHTNING_NOISE = (
     r"\s*By default only one JsonargparseDeprecationWarning",
     r"\s*``instantiate_classes`` was deprecated",
 )
-"""Beginnings of Lightning's warnings that users of a recipe cannot or need not act on."""
+"""Beginnings of Lightning's warnings that users of a recipe cannot act on or can ignore."""
 
 
 @contextmanager
 def quiet_lightning() -> Iterator[None]:
-    """Within it they are quiet."""
+    """Silences routine messages within the block."""
     loggers = [logging.getLogger(f"lightning.{part}") for part in ("pytorch", "fabric")]
     levels = [logger.level for logger in loggers]
     tell_of_thread = threading.excepthook
@@ -44,6 +44,6 @@ def quiet_lightning() -> Iterator[None]:
 def _pass_over_disk(
     tell: Callable[[threading.ExceptHookArgs], object], ended: threading.ExceptHookArgs
 ) -> None:
-    """What TensorBoard's thread cannot write is raised in the main thread, too: that is enough."""
+    """Hides write errors of TensorBoard's thread, which are raised in the main thread, too."""
     if not issubclass(ended.exc_type, OSError):
         tell(ended)

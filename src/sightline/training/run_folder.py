@@ -1,4 +1,4 @@
-"""The folder of a run: one training at a time."""
+"""Claim on a run's folder for one training at a time."""
 
 import fcntl
 import os
@@ -13,13 +13,13 @@ _CLAIM = ".claim"
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Keeps other trainings out of a folder until the block ends, or the process however it ends.
+    """Locks a folder against other trainings until the block or the process ends.
 
-    The operating system holds the claim, on a file that stays; nothing is left to clear away.
+    The operating system holds the lock, on a file that stays; nothing needs cleaning up.
 
     Raises:
-        ValueError: Another process is training in the folder, or it cannot be written to, or a link
-            in it leads out of it.
+        ValueError: Another process is training in the folder, it cannot be written to, or a link in
+            it leads outside.
     """
     check_links(folder, files=True)  # Lightning and TensorBoard follow them
     try:

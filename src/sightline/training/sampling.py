@@ -1,4 +1,4 @@
-"""Which samples make which batch, on which device, in which epoch."""
+"""Distribution of samples over batches, devices and epochs."""
 
 import math
 from collections.abc import Iterator
@@ -12,10 +12,10 @@ SampleKey = tuple[int, int]
 
 
 class TrainingBatches(Sampler[list[SampleKey]]):
-    """Shuffled batches of one epoch, from a batch on.
+    """Shuffled batches of one epoch, from a given batch on.
 
-    The order is drawn from seed and epoch. Of every `world * batch_size` samples in a row, each
-    rank takes every `world`-th: together they make the batch that one device would have.
+    The order depends on seed and epoch. Of `world * batch_size` consecutive samples, each rank
+    takes every `world`-th: together they form the batch of a single device.
     """
 
     def __init__(
@@ -55,16 +55,16 @@ class TrainingBatches(Sampler[list[SampleKey]]):
         self._first = 0
 
     def __len__(self) -> int:
-        """Batches of a whole epoch on one rank."""
+        """Number of batches of a whole epoch on one rank."""
         return self._num_batches
 
     def start_at(self, epoch: int, batch: int) -> None:
-        """Sets what the next iteration begins with."""
+        """Sets the start of the next iteration."""
         self._epoch, self._first = epoch, batch
 
     def __iter__(self) -> Iterator[list[SampleKey]]:
-        """The rank's batches that are left of the epoch."""
-        # The third number is no sample's index: each of those has a generator of its own.
+        """Yields the rank's remaining batches of the epoch."""
+        # The third number is no sample's index: samples have their own generators.
         rng = np.random.default_rng((self._seed, self._epoch, self._num_samples))
         order = rng.permutation(self._num_samples)
         step = self._batch_size * self._world
@@ -74,41 +74,41 @@ class TrainingBatches(Sampler[list[SampleKey]]):
 
 
 class ScoringBatches(Sampler[list[SampleKey]]):
-    """All samples in order, dealt out to the ranks, each once.
+    """All samples in order, distributed over the ranks, each once.
 
-    Every rank has the same number of batches, for one that is done early would leave the others
-    waiting for it: where the samples do not go even, a rank's last batch is smaller, or empty.
+    Every rank has the same number of batches, because the ranks wait for each other: if the samples
+    do not divide evenly, a rank's last batch is smaller or empty.
     """
 
     def __init__(self, num_samples: int, batch_size: int, *, rank: int = 0, world: int = 1) -> None:
-        """Deals out."""
+        """Distributes the samples."""
         self._mine = range(rank, num_samples, world)
         self._most = math.ceil(num_samples / world)
         self._batch_size = batch_size
 
     def __len__(self) -> int:
-        """Batches of one rank."""
+        """Number of batches of one rank."""
         return math.ceil(self._most / self._batch_size)
 
     def __iter__(self) -> Iterator[list[SampleKey]]:
-        """The rank's batches."""
+        """Yields the rank's batches."""
         for start in range(0, self._most, self._batch_size):
             yield [(0, index) for index in self._mine[start : start + self._batch_size]]
 
 
 class EpochPosition:
-    """How far a Trainer is: the epoch, and the batch in it, that come next."""
+    """Position of a Trainer: the next epoch and the next batch in it."""
 
     def __init__(self, trainer: "lightning.Trainer | None", num_batches: int) -> None:
-        """Takes the Trainer, None where there is none, and the loader's batches an epoch."""
+        """Stores the Trainer, if there is one, and the loader's batches per epoch."""
         self._trainer = trainer
         self._num_batches = num_batches
 
     def __call__(self) -> tuple[int, int]:
         """Epoch and batch, from 0.
 
-        Derived from the count of all batches that were trained on, which a checkpoint holds; the
-        counts within an epoch mean different things depending on when it was written.
+        Derived from the checkpoint's count of all trained batches; the meaning of its counts within
+        an epoch depends on the time of writing.
         """
         if self._trainer is None:
             return 0, 0

@@ -1,4 +1,4 @@
-"""Where the samples of a training come from."""
+"""Data sources of a training."""
 
 import math
 from collections.abc import Collection
@@ -14,27 +14,27 @@ from sightline.data.recording import RecordingDataset
 from sightline.data.sample_list import read_sample_list
 
 _SPLITS = ("training", "testing")
-_VALIDATION_SHARE = 10  # one frame of so many validates where no list says which
+_VALIDATION_SHARE = 10  # one frame in ten is for validation if there is no list
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceConfig:
-    """Samples from one folder."""
+    """Settings of samples from one folder."""
 
     path: Path
-    """A recording, or KITTI's object tree, depth completion tree or raw drive, simulated ones
-    included."""
+    """Folder of a recording, or KITTI's object tree, depth completion tree or raw drive, including
+    simulated ones."""
     sample_list: str | None = None
-    """Which frames: a list in ImageSets, kitti-object-train, kitti-object-val or a text file with
-    one name a line. None: all. Where there is no list train or val, the first tenth of the frames
-    is val and the others are train."""
+    """List of frames: a list in ImageSets, kitti-object-train, kitti-object-val or a text file with
+    one name per line. None: all. If there is no list train or val, the first tenth of the frames is
+    val and the others are train."""
     velodyne: Velodyne | None = None
     """Folder of the sweeps in an object tree. None: velodyne, or else velodyne_reduced."""
     repeat: int = 1
-    """How often each frame comes in an epoch: the weight of this source beside others."""
+    """Number of times each frame is used per epoch: the weight of this source."""
     with_classes: tuple[str, ...] = ()
-    """Only frames whose labels have an object of one of these classes, as KITTI's files call them:
-    a source of its own, repeated, brings rare ones more often. (): all."""
+    """Filter: only frames with a labelled object of one of these classes, by KITTI's names. A
+    separate, repeated source shows rare classes more often. (): all."""
 
     def __post_init__(self) -> None:
         """Checks the range."""
@@ -43,7 +43,7 @@ class SourceConfig:
 
 
 def data_tree(source: SourceConfig, root: Path) -> Path:
-    """The folder of a source, one path for however it is named: a tree is that of its training."""
+    """Canonical folder of a source; the parent of a folder `training`."""
     path = (root / source.path).resolve()
     return path.parent if path.name == "training" else path
 
@@ -51,13 +51,13 @@ def data_tree(source: SourceConfig, root: Path) -> Path:
 def open_source(
     source: SourceConfig, root: Path, parts: Collection[Part], *, divides: bool
 ) -> SampleDataset:
-    """The samples of a source.
+    """Open the samples of a source.
 
     Args:
-        source: What to open.
-        root: Folder that a relative path starts from.
-        parts: What the samples shall hold.
-        divides: Whether its folder is to be validated on too.
+        source: Source to open.
+        root: Base folder of a relative path.
+        parts: Parts of the samples to load.
+        divides: Whether the folder is also used for validation.
 
     Raises:
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
@@ -92,7 +92,7 @@ def open_source(
 
 
 def _frames_with(dataset: SampleDataset, class_names: Collection[str], path: Path) -> SampleDataset:
-    """The frames that have an object of the classes."""
+    """Select the frames that have an object of the classes."""
     if not isinstance(dataset, (KittiObjectDataset, RecordingDataset)):
         raise ValueError(
             f"{path} has no labels to look for {', '.join(class_names)} in; leave out with_classes"

@@ -1,1 +1,1 @@
-"""Drives recorded elsewhere, made into recordings: ROS bags, MCAP, nuScenes."""
+"""Import of other recordings of drives: ROS bags, MCAP, nuScenes."""

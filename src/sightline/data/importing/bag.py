@@ -1,4 +1,4 @@
-"""ROS 2 bags (sqlite3 and MCAP), and those of ROS 1: topics and messages, read by `rosbags`."""
+"""Reader of ROS 2 bags (sqlite3 and MCAP) and ROS 1 bags: topics and messages, by `rosbags`."""
 
 import heapq
 from collections.abc import Collection, Iterator
@@ -37,47 +37,47 @@ _KINDS: Final = {
     ("tf2_msgs", "tfmessage"): TRANSFORMS,
     ("tf", "tfmessage"): TRANSFORMS,
 }
-"""Kinds that are read, by package and name in lower case."""
+"""Supported kinds of messages, by package and name in lower case."""
 _TIME_LIMIT_NS: Final = 2**62
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Topic:
-    """A topic of a bag."""
+    """Topic of a bag."""
 
     name: str
     kind: str
-    """E.g. sensor_msgs/msg/Image."""
+    """Kind of its messages, e.g. sensor_msgs/msg/Image."""
     count: int
     """Number of messages."""
 
     def __str__(self) -> str:
-        """As errors list it."""
+        """Describes the topic in errors."""
         kind = self.kind.rpartition("/")[2]
         return f"{shortened(self.name)} ({shortened(kind)}, {self.count})"
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message."""
+    """Message of a bag."""
 
     topic: str
     number: int
-    """Of its topic, from 0."""
+    """Index in its topic, from 0."""
     received_ns: int
     content: Any
-    """With the fields of its type."""
+    """Content with the fields of its type."""
 
     @property
     def stamp_ns(self) -> int:
-        """When its sensor took it, by its header; 0 where no clock was set."""
+        """Time of the measurement by the header [ns]; 0: no clock was set."""
         stamp = self.content.header.stamp
         return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 @dataclass(slots=True)
 class Bag:
-    """A bag that is open."""
+    """Open bag."""
 
     path: Path
     _readers: "list[Reader]"
@@ -86,10 +86,10 @@ class Bag:
     _are_messages_packed: bool
     topics: tuple[Topic, ...] = field(init=False)
     undecodable: dict[tuple[str, int], str] = field(default_factory=dict)
-    """Reasons for which messages that were met cannot be read, by topic and number."""
+    """Reasons why messages read so far cannot be decoded, by topic and number."""
 
     def __post_init__(self) -> None:
-        """Lists the topics by name; of several kinds of one name that which is read."""
+        """Lists the topics by name; if a name has several kinds, the supported one."""
         found: dict[str, Topic] = {}
         for connection in self._connections():
             kind, count = kind_of(connection.msgtype), _count(connection)
@@ -102,19 +102,19 @@ class Bag:
         self.topics = tuple(topic for _, topic in sorted(found.items()))
 
     def of_kind(self, *kinds: str) -> tuple[Topic, ...]:
-        """The topics of some kinds, by name."""
+        """Topics of some kinds, by name."""
         return tuple(topic for topic in self.topics if topic.kind in kinds and topic.count > 0)
 
     def messages(
         self, topics: Collection[str], *, wanted: Collection[tuple[str, int]] | None = None
     ) -> Iterator[Message]:
-        """Messages in the order in which they were received.
+        """Yields messages in the order of receipt.
 
-        Those that cannot be read are left out and noted in `undecodable`.
+        Messages that cannot be decoded are left out and noted in `undecodable`.
 
         Args:
             topics: Names of the topics.
-            wanted: Only these numbers of these topics are decoded and given; None: all.
+            wanted: Numbers of the messages to decode, by topic; None: all.
 
         Raises:
             ValueError: The bag is damaged.
@@ -141,7 +141,7 @@ class Bag:
             ) from error
 
     def undecodable_note(self, topics: Collection[str]) -> tuple[str, ...]:
-        """Return a line for each topic with messages that cannot be read, with their number."""
+        """Return a line for each topic with undecodable messages, with their number."""
         notes = []
         for name in topics:
             reasons = [why for (topic, _), why in self.undecodable.items() if topic == name]
@@ -153,7 +153,7 @@ class Bag:
         return tuple(notes)
 
     def nothing_readable(self, topic: str) -> ValueError:
-        """Return the error about a topic of which no message can be read."""
+        """Return the error for a topic without a decodable message."""
         notes = self.undecodable_note([topic])
         why = f": {notes[0].removeprefix('warning: ')}" if notes else ""
         return ValueError(
@@ -162,7 +162,7 @@ class Bag:
         )
 
     def _raw(self, kinds: dict[str, str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yield topic, time [ns] and bytes of the messages of some topics by time."""
+        """Yield topic, time [ns] and bytes of the messages of some kinds by time."""
 
         def of_reader(reader: "Reader") -> Iterator[tuple[str, int, bytes]]:
             chosen: list[Any] = [
@@ -170,14 +170,14 @@ class Bag:
                 for each in reader.connections
                 if kind_of(each.msgtype) == kinds.get(each.topic)
             ]
-            if chosen:  # of none ROS 1's reader gives all
+            if chosen:  # for an empty list ROS 1's reader yields all
                 for connection, received_ns, raw in reader.messages(chosen):
                     yield connection.topic, received_ns, bytes(raw)
 
         return heapq.merge(*map(of_reader, self._readers), key=lambda each: each[1])
 
     def _content(self, raw: bytes, kind: str, place: tuple[str, int]) -> Any:  # noqa: ANN401
-        """A message's content; None where it cannot be read."""
+        """Decode a message; None if it cannot be decoded."""
         if place in self.undecodable:
             return None
         try:
@@ -196,7 +196,7 @@ class Bag:
 
 
 def kind_of(msgtype: object) -> str:
-    """The kind of messages by any of the spellings of its type.
+    """Normalise the spelling of a message type.
 
     ROS 1 writes sensor_msgs/Image, ROS 2 sensor_msgs/msg/Image, DDS sensor_msgs::msg::dds_::Image_,
     and old packages tf/tfMessage. Any other type is returned as it is.
@@ -208,16 +208,16 @@ def kind_of(msgtype: object) -> str:
 
 
 def plain_frame(name: object) -> str:
-    """A coordinate frame's name without the slash that ROS 1 put before it."""
+    """Name of a coordinate frame without ROS 1's leading slash."""
     return str(name).strip().lstrip("/")
 
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Opens a bag: a folder with metadata.yaml, one .mcap, .db3 or .bag file, or a folder of such.
+    """Opens a bag: a folder with metadata.yaml, a .mcap, .db3 or .bag file, or a folder of them.
 
-    Messages are read as ROS defines their types; what a bag itself says of them is not followed,
-    since it may say anything.
+    Messages are decoded by ROS's definitions of their types; definitions in the bag are ignored as
+    untrusted.
 
     Raises:
         ValueError: `rosbags` is not installed, or the bag cannot be read.
@@ -252,7 +252,7 @@ def is_bag(path: Path) -> bool:
 
 
 def _types(*, is_ros1: bool) -> "Typestore":
-    """The types of messages as ROS defines them; of those that are read none has changed since."""
+    """Message types as ROS defines them; the supported ones have not changed between versions."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     if not is_ros1:
@@ -270,7 +270,7 @@ def _count(connection: "Connection") -> int:
 
 
 def _in_words(error: Exception) -> str:
-    """Return a library's error as one line that a terminal shows."""
+    """Return a library's error as one line for a terminal."""
     said = " ".join(str(error).split())
     if not said or len(str(error).split()) < 2:  # KeyError(7)
         said = f"{type(error).__name__} {said}".rstrip()

@@ -1,4 +1,4 @@
-"""A recording's calibration from the CameraInfo and TF messages of a bag."""
+"""Calibration of a recording from CameraInfo and TF messages of a bag."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -36,32 +36,32 @@ from sightline.geometry.tilt import Tilt
 _FILE: Final = "give a calibration file by --calibration (docs/recordings.md has an example)"
 _MOVED_M: Final = 1e-3
 _TURNED_DEG: Final = 0.05
-_COMPARED: Final = 20  # transforms that are left out to see whether others say the same
+_COMPARED: Final = 20  # transforms left out one by one to compare other chains
 _LEVEL_FRAMES: Final = ("base_footprint", "base_link")
-_LEAST_TILT_DEG: Final = 1.0  # less is what calibrations are off by
+_LEAST_TILT_DEG: Final = 1.0  # smaller tilts are within the errors of calibrations
 _MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
 
 
 def calibration_of_bag(
     bag: Bag, topics: ChosenTopics, *, undistort: bool
 ) -> tuple[RecordingCalibration, tuple[str, ...]]:
-    """The calibration of a bag's camera and LiDAR, for all frames.
+    """Read the calibration of a bag's camera and LiDAR, for all frames.
 
-    Of CameraInfo and of each transform the first that is usable is taken: drivers send zeros until
-    their calibration is loaded, and between two sensors nothing should move.
+    The first usable CameraInfo and the first usable message of each transform are used: drivers
+    send zeros until their calibration is loaded, and two sensors should not move relative to each
+    other.
 
     Args:
         bag: The bag.
-        topics: Its camera and LiDAR.
-        undistort: Whether images of a lens that distorts are to be straightened.
+        topics: Topics of its camera and LiDAR.
+        undistort: Whether to undistort images of a distorting lens.
 
     Returns:
-        The calibration, and what was chosen where there was a choice.
+        The calibration, and notes on choices.
 
     Raises:
-        ValueError: There is no CameraInfo, or no way from the LiDAR's frame to the camera's by TF;
-            or what they say is no calibration; or the lens distorts and nobody asked to straighten
-            the images.
+        ValueError: There is no CameraInfo, or no TF chain from the LiDAR's frame to the camera's;
+            or they are no valid calibration; or the lens distorts and `undistort` is False.
     """
     if topics.info is None:
         raise ValueError(
@@ -95,15 +95,15 @@ def calibration_of_bag(
 
 
 def _image_size(bag: Bag, topics: ChosenTopics) -> tuple[int, int] | None:
-    """The height and width of the images, by the first that can be read; None of none."""
+    """Height and width of the images, from the first readable one; None: there is none."""
     for message in bag.messages([topics.camera.name]):
-        with suppress(ValueError):  # told where images are written
+        with suppress(ValueError):  # reported when images are written
             return picture_size(message.content)
     return None
 
 
 def _usable_info(bag: Bag, topics: ChosenTopics) -> tuple[Any, tuple[str, ...]]:
-    """Return the first CameraInfo that is a calibration, and notes on the others."""
+    """Return the first valid CameraInfo, and notes on the others."""
     chosen, chosen_number, fault = None, 0, None
     unusable, others, total = 0, 0, 0
     for message in bag.messages([_info_name(topics)]):
@@ -146,10 +146,10 @@ def _said_by(info: Any) -> tuple[object, ...]:  # noqa: ANN401
 
 
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
-    """image_from_camera of the full resolution, and the rotation of rectified cameras.
+    """Read image_from_camera of the full resolution, and the rectifying rotation.
 
     Raises:
-        ValueError: R is no rotation; the rest of a sentence that begins with the topic.
+        ValueError: R is no rotation; the message continues a sentence that begins with the topic.
     """
     rectified_from_camera = np.eye(4)
     if topics.is_rectified:
@@ -191,9 +191,9 @@ def _lens(info: Any, topics: ChosenTopics, *, undistort: bool) -> Lens | None:  
 def _lidar_mount(
     bag: Bag, topics: ChosenTopics, camera_frames: Sequence[str]
 ) -> tuple[Rigid, Tilt | None, tuple[str, ...]]:
-    """camera_from_lidar by TF, the LiDAR's tilt in the frame of the vehicle, and what is told.
+    """Find camera_from_lidar by TF, the LiDAR's tilt in the vehicle's frame, and notes.
 
-    Of the camera's frames the first to which a way leads is taken.
+    The first camera frame with a chain of transforms is used.
     """
     lidar = _first_frame(bag, topics.lidar.name)
     transforms = _transforms(bag)
@@ -224,9 +224,9 @@ def _lidar_mount(
 
 
 def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) -> Tilt | None:
-    """The LiDAR's tilt in a frame that ROS has level (REP 105); None without one, or where level.
+    """Find the LiDAR's tilt in a level frame of ROS (REP 105); None: no such frame, or no tilt.
 
-    Frames that are called so and in which the LiDAR stands on its head are no vehicle's.
+    Frames with such a name in which the LiDAR is upside down are not the vehicle's.
     """
     for vehicle in _LEVEL_FRAMES:
         vehicle_from_lidar = find_transform(transforms, vehicle, lidar)
@@ -238,13 +238,13 @@ def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) ->
 
 @dataclass(frozen=True, slots=True)
 class _Transforms:
-    """parent_from_child by (parent, child)."""
+    """Transforms parent_from_child by (parent, child)."""
 
     first: dict[tuple[str, str], Rigid]
-    """The first usable one of each, static ones before moving ones."""
+    """First usable transform of each pair, static ones before dynamic ones."""
     last: dict[tuple[str, str], Rigid]
     faults: tuple[str, ...]
-    """Reasons for which some are no transforms."""
+    """Reasons why some transforms are invalid."""
 
 
 def _transforms(bag: Bag) -> _Transforms:
@@ -274,7 +274,7 @@ def _transforms(bag: Bag) -> _Transforms:
 def _notes_of_transforms(
     first: Rigid, last: Rigid | None, transforms: _Transforms, frames: tuple[str, str]
 ) -> tuple[str, ...]:
-    """Return notes on transforms that are not usable, sensors that move and ways that differ."""
+    """Return notes on unusable transforms, moving sensors and contradicting chains."""
     notes = []
     if transforms.faults:
         notes.append(
@@ -304,7 +304,7 @@ def _notes_of_transforms(
 
 
 def _change(first: Rigid, other: Rigid | None) -> str | None:
-    """By how much two transforms differ; None where not at all, or where there is no other."""
+    """Describe the difference of two transforms; None: no difference, or no other transform."""
     change = np.eye(4) if other is None else np.linalg.inv(first) @ other
     moved_m = float(np.linalg.norm(change[:3, 3]))
     turned_deg = float(np.degrees(Rotation.from_matrix(change[:3, :3]).magnitude()))
@@ -314,10 +314,10 @@ def _change(first: Rigid, other: Rigid | None) -> str | None:
 
 
 def _first_frame(bag: Bag, topic: str) -> str:
-    """The frame of the first message that names one; empty where none does.
+    """Frame of the first message that names one; empty: none does.
 
     Raises:
-        ValueError: None of the messages can be read.
+        ValueError: No message can be decoded.
     """
     message = None
     for message in bag.messages([topic]):
@@ -329,7 +329,7 @@ def _first_frame(bag: Bag, topic: str) -> str:
 
 
 def _field(info: Any, name: str) -> Float64[np.ndarray, " count"]:  # noqa: ANN401
-    """K, D, R or P: in capitals in ROS 1."""
+    """Read K, D, R or P, which have capital names in ROS 1."""
     value = getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
     return np.asarray(value, dtype=np.float64)
 

@@ -1,4 +1,4 @@
-"""Clock by which the messages of two sensors are paired: headers' stamps, or when they came in."""
+"""Clock for pairing messages of two sensors: header stamps or times of receipt."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from jaxtyping import Float64, Int64
 from sightline.data.plain_text import shortened
 
 Clock = Literal["header", "received"]
-"""Which time pairs messages: when a sensor took them, or when the bag got them."""
+"""Time for pairing messages: time of measurement, or of receipt by the bag."""
 
 _DAY_NS: Final = 86_400 * 10**9
 _FALL_NS: Final = 10**9
-"""Stamps that fall by less are of messages that overtook each other."""
+"""Largest decrease of stamps that is explained by reordered messages."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MessageTimes:
-    """Times of a topic's messages, in the order in which they were received."""
+    """Times of a topic's messages, in the order of receipt."""
 
     topic: str
     header_ns: Int64[np.ndarray, " count"]
@@ -27,7 +27,7 @@ class MessageTimes:
 
     @property
     def offsets_ns(self) -> Float64[np.ndarray, " count"]:
-        """By how much each stamp is after its message came in."""
+        """Time from the receipt of each message to its stamp [ns]."""
         offsets: Float64[np.ndarray, " count"] = np.subtract(
             self.header_ns, self.received_ns, dtype=np.int64
         ).astype(np.float64)
@@ -36,27 +36,27 @@ class MessageTimes:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ChosenClock:
-    """Times that count."""
+    """Times for pairing."""
 
     clock: Clock
     times_ns: tuple[Int64[np.ndarray, " _count"], ...]
-    """Of each topic's messages."""
+    """Times of each topic's messages."""
     notes: tuple[str, ...]
 
 
 def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
-    """The times by the clock that was asked for; by receipt where headers' stamps tell no time.
+    """Choose the times of the requested clock; times of receipt if header stamps are unusable.
 
-    Stamps that all sensors have from one clock of their own, such as a simulator's, are taken
-    however far it is from the time of receipt. A few that are not set (0) or are days off the
-    others are filled in by the time of receipt and the others' median delay.
+    Stamps of all sensors from one separate clock, such as a simulator's, are used at any distance
+    to the time of receipt. A few missing (0) or implausible stamps, days from the others, are
+    replaced by the time of receipt plus the others' median delay.
 
     Args:
-        topics: Of the sensors; none is empty.
-        clock: Which is asked for.
+        topics: Times of the sensors' topics; none is empty.
+        clock: The requested clock.
 
     Raises:
-        ValueError: Neither clock tells when messages were taken.
+        ValueError: Neither clock is usable.
     """
     if clock == "received":
         return _received(topics, "", "try --clock header")
@@ -88,7 +88,7 @@ def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
 
 
 def _received(topics: Sequence[MessageTimes], fault: str, remedy: str) -> ChosenClock:
-    """The times of receipt, with a warning of the stamps' fault."""
+    """Choose the times of receipt, with a warning of the stamps' fault."""
     for times in topics:
         if len(times.received_ns) > 1 and len(np.unique(times.received_ns)) == 1:
             also = f"{fault}, and " if fault else ""
@@ -103,7 +103,7 @@ def _received(topics: Sequence[MessageTimes], fault: str, remedy: str) -> Chosen
 
 
 def _stamps_fault(times: MessageTimes) -> str | None:
-    """Why a topic's stamps are those of no clock; None where they may be."""
+    """Reason why a topic's stamps are unusable; None: usable."""
     said, is_set = _stamps_of(times), _is_set(times)
     if not (times.header_ns > 0).any():
         return f"{said} are all 0" if not times.header_ns.any() else f"{said} are not above 0"
@@ -123,7 +123,7 @@ def _stamps_fault(times: MessageTimes) -> str | None:
 
 
 def _is_set(times: MessageTimes) -> np.ndarray:
-    """Whether stamps are set and in keeping with most others."""
+    """Mask of the stamps that are set and consistent with most others."""
     is_set = times.header_ns > 0
     if not is_set.any():
         return is_set

@@ -1,4 +1,4 @@
-"""Files of a bag, opened so that no more is unpacked than the memory of any machine holds."""
+"""Reader of bag files with a limit on the size of decompressed data."""
 
 import bz2
 from collections.abc import Callable, Iterator
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
     Reader = Ros1Reader | McapReader | Sqlite3Reader
 
 SUFFIXES: Final = (".mcap", ".db3", ".bag")
-"""File names of bags that are one file."""
+"""Suffixes of bags in one file."""
 METADATA_NAME: Final = "metadata.yaml"
 MAX_UNPACKED_BYTES: Final = 2**29
-"""Most that one chunk or message may unpack to: recorders close chunks of some megabytes."""
+"""Largest decompressed chunk or message: recorders write chunks of some megabytes."""
 
 _MAX_METADATA_BYTES: Final = 2**20
 _MAX_GAIN: Final = 1000
-"""Most that a whole file may unpack to, in its own size; recorded sensors are packed by 10."""
+"""Largest compression ratio of a whole file; for sensor data it is about 10."""
 _MAX_BLOB_BYTES: Final = 2**28
 _STEP_BYTES: Final = 2**22
 _REMEDY: Final = "import a bag that is whole (`ros2 bag reindex` writes its metadata.yaml anew)"
 
 
 class _Unpacker(Protocol):
-    """An incremental decompressor, as `bz2`, `lz4` and `zstd` have them."""
+    """Incremental decompressor, as in `bz2`, `lz4` and `zstd`."""
 
     eof: bool
     needs_input: bool
@@ -47,12 +47,12 @@ def unpacked(new: Callable[[], Any], packed: bytes, limit: int) -> bytes:
     """Decompress within a limit.
 
     Args:
-        new: Makes a decompressor of one frame.
-        packed: One frame or several.
-        limit: Most bytes that they may unpack to.
+        new: Creates a decompressor of one frame.
+        packed: One compressed frame or several.
+        limit: Largest number of decompressed bytes.
 
     Raises:
-        ValueError: They unpack to more, or are cut short.
+        ValueError: The frames decompress to more, or are truncated.
     """
     parts: list[bytes] = []
     room = limit
@@ -72,12 +72,12 @@ def unpacked(new: Callable[[], Any], packed: bytes, limit: int) -> bytes:
 
 
 def unpacked_zstd(packed: bytes) -> bytes:
-    """Decompress a message; errors as of `unpacked`."""
+    """Decompress a message; errors as in `unpacked`."""
     return unpacked(_zstd().ZstdDecompressor, packed, MAX_UNPACKED_BYTES)
 
 
 def lone_files(folder: Path) -> list[Path]:
-    """The files of a drive that was split, or of a bag whose metadata.yaml got lost."""
+    """List the files of a split drive, or of a bag without metadata.yaml."""
     if not folder.is_dir() or (folder / METADATA_NAME).is_file():
         return []
     return sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES)
@@ -85,13 +85,13 @@ def lone_files(folder: Path) -> list[Path]:
 
 @contextmanager
 def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
-    """Open the files of a bag, within limits on what they unpack to.
+    """Open the files of a bag, with limits on their decompressed size.
 
     Yields:
-        Their readers, and whether messages are packed one by one (zstd).
+        Their readers, and whether single messages are compressed (zstd).
 
     Raises:
-        Exception: Whatever the library has to say of a damaged file.
+        Exception: Any error of the library for a damaged file.
     """
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2.storage_mcap import McapReader
@@ -123,7 +123,7 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
 
 
 def _listed_files(folder: Path) -> tuple[list[Path], str]:
-    """Read from metadata.yaml which files a bag has, and what is packed: "", "message", "file"."""
+    """Read a bag's files and kind of compression ("", "message", "file") from metadata.yaml."""
     path = folder / METADATA_NAME
     said = read_yaml(path, _REMEDY, max_bytes=_MAX_METADATA_BYTES)
     match said:
@@ -134,7 +134,7 @@ def _listed_files(folder: Path) -> tuple[list[Path], str]:
             raise FileError(path, problem, _REMEDY)
     paths = []
     for number, name in enumerate(names, start=1):
-        # Old recorders wrote the bag's folder before the name.
+        # Old recorders wrote names with the bag's folder.
         plain = name.rpartition("/")[2] if isinstance(name, str) else name
         each = path_below(folder, plain, path, f"relative_file_paths: entry {number}")
         if not each.is_file():
@@ -153,7 +153,7 @@ def _listed_files(folder: Path) -> tuple[list[Path], str]:
 
 
 def _unpacked_file(path: Path, folder: Path) -> Path:
-    """Unpack a file into a folder, under its name without the last suffix."""
+    """Decompress a file into a folder, under its name without the last suffix."""
     target = folder / path.stem
     room = path.stat().st_size * _MAX_GAIN
     with path.open("rb") as packed, _zstd().open(packed, "rb") as source, target.open("wb") as file:
@@ -168,11 +168,11 @@ def _unpacked_file(path: Path, folder: Path) -> Path:
 
 @contextmanager
 def _bounded_library() -> Iterator[None]:
-    """Have `rosbags` unpack chunks within limits, and leave descriptions of quality of service.
+    """Make `rosbags` decompress chunks within limits, and ignore quality of service.
 
-    It offers no limit of its own: a chunk of 10 MB unpacks to whatever its bytes say. Descriptions
-    of quality of service are YAML in each topic, which nothing here needs, and any fault of which
-    would lose the bag.
+    `rosbags` has no limit of its own: a chunk of 10 MB may decompress to any size. Quality of
+    service is YAML in each topic that is not needed here; any fault in it would make the bag
+    unreadable.
     """
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as ros1
@@ -212,7 +212,7 @@ def _announced(size: int) -> int:
 
 
 def _zstd() -> Any:  # noqa: ANN401 - a module
-    """The module that `rosbags` unpacks by: of Python itself from 3.14 on."""
+    """Module with which `rosbags` decompresses; from Python's library since 3.14."""
     from rosbags.rosbag2 import storage_mcap
 
     return vars(storage_mcap)["zstd"]

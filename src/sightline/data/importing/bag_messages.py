@@ -1,4 +1,4 @@
-"""What ROS messages hold, as files of a recording."""
+"""Conversion of ROS messages to the contents of a recording."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -31,18 +31,17 @@ _COLOR: Final[dict[str, tuple[int, int | None]]] = {
     "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2),
     "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
 }
-"""Channels and OpenCV's conversion of each encoding."""
+"""Number of channels and OpenCV conversion of each encoding."""
 
 _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""numpy's names of the numbers that sensor_msgs/PointField gives its types."""
+"""NumPy types by the type numbers of sensor_msgs/PointField."""
 
 
 def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:  # noqa: ANN401
-    """The picture of an Image message, as RGB.
+    """Decode an Image message to RGB.
 
     Raises:
-        ValueError: Its encoding is none of 8 bits that is known, or it is cut short; names the
-            topic.
+        ValueError: Its encoding is not a known one of 8 bits, or it is truncated; names the topic.
     """
     topic = shortened(topic)
     color = _COLOR.get(_plain_encoding(message.encoding))
@@ -72,7 +71,7 @@ def picture_size(message: Any) -> tuple[int, int]:  # noqa: ANN401
     """Height and width [px] of an Image or CompressedImage message.
 
     Raises:
-        ValueError: A file in it is no picture that can be read.
+        ValueError: The compressed picture cannot be read.
     """
     if hasattr(message, "format"):
         return parse_image_header(bytes(memoryview(message.data)), "the picture").size
@@ -81,21 +80,21 @@ def picture_size(message: Any) -> tuple[int, int]:  # noqa: ANN401
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PictureFile:
-    """A picture as a file."""
+    """Contents of a picture file."""
 
     suffix: str
     content: bytes
     size: tuple[int, int]
     """Height, width [px]."""
     shows_nothing: bool
-    """True of a picture of one colour."""
+    """Whether the picture has a single colour."""
 
 
 def picture_file_of(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
-    """The file in a CompressedImage message, its bytes as they are.
+    """Extract the file in a CompressedImage message, with unchanged bytes.
 
     Raises:
-        ValueError: It is no whole JPEG or PNG of 8 bits; names the topic.
+        ValueError: The file is no complete JPEG or PNG of 8 bits; names the topic.
     """
     topic, content = shortened(topic), bytes(memoryview(message.data))
     source = f"topic {topic} ({shortened(str(message.format), 40)})"
@@ -121,10 +120,10 @@ def picture_file_of(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
 
 
 def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  # noqa: ANN401
-    """x, y, z and intensity (else 0) of a PointCloud2 message, in its frame and units.
+    """Read x, y, z and intensity (0 if missing) of a PointCloud2 message, in its frame and units.
 
     Raises:
-        ValueError: It lacks a coordinate, its fields do not fit its points, or it is cut short;
+        ValueError: It lacks a coordinate, its fields do not fit its points, or it is truncated;
             names the topic.
     """
     topic = shortened(topic)
@@ -147,7 +146,7 @@ def _quoted(said: object) -> str:
 
 
 def _plain_encoding(encoding: str) -> str:
-    """An encoding's name as `_COLOR` has it: in lower case but for OpenCV's 8UC3."""
+    """Name of an encoding as in `_COLOR`: in lower case except for OpenCV's 8UC3."""
     lower = str(encoding).strip().lower()
     return lower.replace("uc", "UC") if lower in ("8uc1", "8uc3") else lower
 
@@ -155,17 +154,17 @@ def _plain_encoding(encoding: str) -> str:
 def _rows_of(
     flat: UInt8[np.ndarray, " size"], height: int, row_bytes: int, step: int, topic: str, what: str
 ) -> UInt8[np.ndarray, "height row_bytes"]:
-    """The rows of an image or a cloud without the bytes that fill them up.
+    """Rows of an image or a cloud without padding bytes.
 
-    Drivers leave the length of a row at 0 or as it was before a filter; where the bytes are just
-    those of all rows, it is not believed.
+    Some drivers set the length of a row to 0 or keep it from before a filter; it is ignored if the
+    number of bytes is exactly that of rows without padding.
 
     Raises:
-        ValueError: The bytes are fewer than the rows take.
+        ValueError: There are too few bytes for the rows.
     """
     needed = height * row_bytes
     if step > row_bytes and flat.size != needed:
-        last = flat.size - (height - 1) * step  # the last row need not be filled up
+        last = flat.size - (height - 1) * step  # the last row may lack its padding
         if row_bytes <= last:
             return np.lib.stride_tricks.as_strided(flat, (height, row_bytes), (step, 1))
         row_bytes, needed = step, height * step
@@ -178,7 +177,7 @@ def _rows_of(
 
 
 def _layout_of(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401
-    """A point's fields; of several of one name, which drivers use for gaps, the first."""
+    """Fields of a point; of fields with equal names, which drivers use for gaps, only the first."""
     order = ">" if message.is_bigendian else "<"
     fields: dict[str, Any] = {}
     for field in message.fields:

@@ -1,4 +1,4 @@
-"""Images and sweeps of a bag that were taken together, found in one pass over their messages."""
+"""Pairing of a bag's images and sweeps by time, in one pass over their messages."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -16,30 +16,30 @@ from sightline.data.plain_text import shortened
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pairs:
-    """The frames of a drive."""
+    """Frames of a drive."""
 
     positions: Int64[np.ndarray, "num_pairs 2"]
-    """Numbers of image and sweep among the messages of their topics."""
+    """Indices of image and sweep among the messages of their topics."""
     times_s: tuple[Decimal, ...]
-    """Of the sweeps, exact."""
+    """Exact times of the sweeps."""
     notes: tuple[str, ...]
 
 
 def pair_messages(
     bag: Bag, topics: ChosenTopics, max_gap_s: float, clock: Clock, *, keep_other_frames: bool
 ) -> Pairs:
-    """Images and sweeps that are nearest to each other in time.
+    """Pair the images and sweeps that are nearest to each other in time.
 
     Args:
         bag: The bag.
-        topics: Its camera and LiDAR.
-        max_gap_s: Those that are farther apart are no pair.
-        clock: Which time counts; see `choose_clock`.
-        keep_other_frames: Whether messages in another coordinate frame than the first of their
-            topic are used; else they are left out, as the calibration is that of the first.
+        topics: Topics of its camera and LiDAR.
+        max_gap_s: Largest time difference of a pair.
+        clock: Clock for pairing; see `choose_clock`.
+        keep_other_frames: Whether to use messages in another coordinate frame than the first of
+            their topic, to which the calibration applies; otherwise they are left out.
 
     Raises:
-        ValueError: No message can be read, or nothing pairs.
+        ValueError: No message can be decoded, or there are no pairs.
     """
     names = (topics.camera.name, topics.lidar.name)
     found = {name: _Found() for name in names}
@@ -84,13 +84,13 @@ def pair_messages(
 
 @dataclass(slots=True)
 class _Found:
-    """Messages of a topic that are used, and those that are in another coordinate frame."""
+    """Used messages of a topic, and messages in another coordinate frame."""
 
     numbers: list[int] = field(default_factory=list)
     header_ns: list[int] = field(default_factory=list)
     received_ns: list[int] = field(default_factory=list)
     frame: str = ""
-    """Of the first message that names one."""
+    """Frame of the first message that names one."""
     others: Counter[str] = field(default_factory=Counter)
     """Numbers of messages in each other frame."""
     are_others_kept: bool = False
@@ -109,7 +109,7 @@ class _Found:
         self.received_ns.append(message.received_ns)
 
     def times(self, topic: str) -> MessageTimes:
-        """Return when they were taken and came in."""
+        """Return the times of measurement and receipt."""
         return MessageTimes(
             topic=topic,
             header_ns=np.array(self.header_ns, np.int64),
@@ -117,7 +117,7 @@ class _Found:
         )
 
     def frame_notes(self, topic: str) -> tuple[str, ...]:
-        """Return a line on messages in another frame than the first; none of none."""
+        """Return a line on messages in another frame than the first; empty: there are none."""
         if not self.others:
             return ()
         other, _ = self.others.most_common(1)[0]
@@ -139,7 +139,7 @@ def _nothing_pairs(
     clock: Clock,
     asked: Clock,
 ) -> str:
-    """Return why no image and sweep belong together, with what to try."""
+    """Return the reason why there are no pairs, with a remedy."""
     camera, lidar = (np.sort(each) for each in times_ns)
     image, sweep = pair_nearest(camera, lidar, np.iinfo(np.int64).max)[0]
     gap_s = abs(int(camera[image]) - int(lidar[sweep])) / 1e9

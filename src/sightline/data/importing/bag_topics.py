@@ -1,4 +1,4 @@
-"""Which topics of a bag are the camera, the LiDAR and the camera's calibration."""
+"""Choice of a bag's topics of camera, LiDAR and the camera's calibration."""
 
 from dataclasses import dataclass
 from itertools import takewhile
@@ -12,31 +12,30 @@ _COMPRESSED: Final = ("/compressed", "_compressed", "/jpeg", "/image_compressed"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ChosenTopics:
-    """What is imported."""
+    """Topics to import."""
 
     camera: Topic
     lidar: Topic
     info: Topic | None
-    """CameraInfo of the camera; None where the bag has none of it."""
+    """CameraInfo of the camera; None: the bag has none."""
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the images are straight already, by ROS' names: image_rect, image_rect_color."""
+        """Whether the images are rectified, by ROS's topic names: image_rect, image_rect_color."""
         words = _picture_name(self.camera.name).split("_")
-        return any(word.startswith("rect") for word in words)  # image_direct is none
+        return any(word.startswith("rect") for word in words)  # image_direct is not rectified
 
 
 def choose_topics(
     bag: Bag, camera: str | None, lidar: str | None, info: str | None
 ) -> ChosenTopics:
-    """The topics that are named, or the only ones of their kind.
+    """Choose the named topics, or the only ones of their kind.
 
-    Of a camera's raw and compressed images the compressed ones are taken, whose bytes stay as they
-    are.
+    A camera's compressed images are preferred to its raw ones, because their bytes stay unchanged.
 
     Raises:
-        ValueError: A topic that is named is not there, or there are none or several of a kind; the
-            error lists what was found and says what to give.
+        ValueError: A named topic is missing, or there are none or several of a kind; the error
+            lists the topics and the remedy.
     """
     pictures = bag.of_kind(IMAGE, COMPRESSED_IMAGE)
     chosen = _choose(bag, pictures, camera, "--camera-topic", "images (Image, CompressedImage)")
@@ -82,7 +81,7 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
     candidates = bag.of_kind(CAMERA_INFO)
     if name is not None:
         return _choose(bag, candidates, name, "--info-topic", "calibrations (CameraInfo)")
-    # By ROS' custom it stands beside the images: /front/image_raw, /front/camera_info.
+    # By ROS's convention it is beside the images: /front/image_raw, /front/camera_info.
     near = {topic.name: _shared(topic.name, _picture_base(camera.name)) for topic in candidates}
     nearest = [topic for topic in candidates if near[topic.name] == max(near.values())]
     usual = [topic for topic in nearest if topic.name.rpartition("/")[2] == "camera_info"]
@@ -99,13 +98,13 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
 
 
 def _shared(first: str, second: str) -> int:
-    """Number of names that two topics' paths have in common from the root on."""
+    """Number of common leading names of two topics' paths."""
     pairs = zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def _picture_base(name: str) -> str:
-    """The topic that a compressed one was made of."""
+    """Raw topic of a compressed topic."""
     return next((name.removesuffix(end) for end in _COMPRESSED if name.endswith(end)), name)
 
 

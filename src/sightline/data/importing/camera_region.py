@@ -1,4 +1,4 @@
-"""Part of a sensor that a camera reads out: binning and region of interest of CameraInfo."""
+"""Binning and region of interest of CameraInfo."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,11 +9,11 @@ from jaxtyping import Float64
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ImageRegion:
-    """A camera's matrix for the images as they are published."""
+    """Camera matrix of the published images."""
 
     matrix: Float64[np.ndarray, "3 4"]
     size: tuple[int, int] | None
-    """Height, width [px] for which it holds; None where it is not known."""
+    """Height, width [px] of the images for the matrix; None: unknown."""
     notes: tuple[str, ...] = ()
 
 
@@ -22,18 +22,18 @@ def region_of_image(
     full_matrix: Float64[np.ndarray, "3 4"],
     image_size: tuple[int, int] | None,
 ) -> ImageRegion:
-    """Cut a full-resolution matrix to a camera's region of interest and divide it by its binning.
+    """Adapt a full-resolution camera matrix to the region of interest and the binning.
 
-    sensor_msgs/CameraInfo defines K and P for the full resolution, its size likewise. Some drivers
-    publish full images all the same, or write the images' own size beside the full matrix: there
-    the principal point, which is near the images' middle, says which the matrix is for.
+    sensor_msgs/CameraInfo defines K, P and the size for the full resolution. Some drivers still
+    publish full images, or write the images' own size with the full matrix: then the principal
+    point, which is near the images' centre, decides which resolution the matrix is for.
 
     Args:
         info: A CameraInfo message.
-        full_matrix: Its K or P.
-        image_size: Height, width [px] of the images; None where none could be read.
+        full_matrix: K or P of the message.
+        image_size: Height, width [px] of the images; None: none could be read.
     """
-    # Makeshift publishers fill in the matrix alone.
+    # Simple publishers fill in only the matrix.
     full = (int(info.height), int(info.width)) if info.height and info.width else None
     binning = max(int(info.binning_x), 1), max(int(info.binning_y), 1)
     roi = info.roi
@@ -50,7 +50,7 @@ def region_of_image(
         and image_size is not None
         and np.abs(np.subtract(size, image_size)).max() < 2
     ):
-        size = image_size  # an odd number of rows may be halved either way
+        size = image_size  # half of an odd number of rows may be rounded either way
     said = (
         f"CameraInfo has binning {binning[0]}x{binning[1]} and a region that begins at "
         f"{offset[0]}, {offset[1]}"

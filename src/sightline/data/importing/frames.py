@@ -11,18 +11,18 @@ from scipy.spatial.transform import Rotation
 
 Rigid = Float64[np.ndarray, "4 4"]
 
-_ROUNDING: Final = 0.05  # of a quaternion that was written with two digits
+_ROUNDING: Final = 0.05  # rounding error of quaternions with two digits
 _FARTHEST_M: Final = 1e9
 
 
 def rigid_from_quaternion(
     quaternion_xyzw: Float64[np.ndarray, "4"], translation: Float64[np.ndarray, "3"]
 ) -> Rigid:
-    """The 4x4 matrix that rotates by a quaternion, then moves [m].
+    """4x4 matrix of a rotation by a quaternion, then a translation [m].
 
     Raises:
-        ValueError: A number is not finite or absurdly large, or the quaternion's length is not 1;
-            the rest of a sentence that begins with the transform.
+        ValueError: A number is not finite or implausibly large, or the quaternion's length is not
+            1; the message continues a sentence that begins with the transform.
     """
     rigid = np.eye(4)
     if not (np.isfinite(quaternion_xyzw).all() and np.isfinite(translation).all()):
@@ -42,7 +42,7 @@ def rigid_from_quaternion(
 def find_transform(
     parent_from_child: Mapping[tuple[str, str], Rigid], target: str, source: str
 ) -> Rigid | None:
-    """target_from_source along the fewest known transforms; None where no way leads there.
+    """Compute target_from_source along the shortest chain of transforms; None: there is no chain.
 
     Args:
         parent_from_child: Transforms by (parent, child).
@@ -61,7 +61,7 @@ def find_transform(
 
 
 def find_way(pairs: Collection[tuple[str, str]], target: str, source: str) -> list[str] | None:
-    """Names of the frames on the shortest way from source to target; None where none leads there.
+    """Find the frames on the shortest chain from source to target; None: there is no chain.
 
     Args:
         pairs: (parent, child) of each known transform.

@@ -1,4 +1,4 @@
-"""A drive from a bag: images and sweeps paired by time, written as a recording."""
+"""Import of a bag: pairs images and sweeps by time, and writes a recording."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -52,11 +52,11 @@ from sightline.geometry.cloud_checks import cloud_fault, echoes
 from sightline.geometry.mount import turn_ahead
 
 _INTENSITIES: Final = (1.0, 255.0, 65535.0)
-"""What sensors mean by a reflectance of 1."""
+"""Usual intensities of a reflectance of 1."""
 _GUESSED_FROM: Final = 5
-"""So many sweeps of a drive tell which: the first may be empty, or of a garage."""
+"""Number of sweeps for guessing the scale: the first may be empty, or of a garage."""
 _TRIED: Final = 5
-"""Frames that are tried at the start of a drive: where none can be read, nothing is written."""
+"""Number of frames tried at the start of a drive: if none is readable, nothing is written."""
 
 
 def import_bag(
@@ -72,7 +72,7 @@ def import_bag(
     undistort: bool,
     max_intensity: float | None,
 ) -> ImportReport:
-    """Imports a drive; arguments and errors as of `import_recording`."""
+    """Imports a drive; arguments and errors as in `import_recording`."""
     check_not_into_source(source, out)
     notes: list[str] = []
     with open_bag(source) as bag, collected_warnings(notes):
@@ -128,7 +128,7 @@ def import_bag(
 
 @dataclass(slots=True)
 class _Frames:
-    """Writes images and clouds as they come out of the bag."""
+    """Writer of images and clouds in the order of the bag."""
 
     out: Path
     topics: ChosenTopics
@@ -136,18 +136,18 @@ class _Frames:
     max_intensity: float
     new_from_old: Rigid
     faults: dict[str, ValueError] = field(default_factory=dict)
-    """Errors of the frames that are left out, by name."""
+    """Errors of the left-out frames, by name."""
     clouds: CloudTally = field(default_factory=CloudTally)
     dark: dict[str, bool] = field(default_factory=dict)
-    """Whether pictures are of one colour, by name."""
+    """Whether pictures have a single colour, by name."""
 
     def try_first(
         self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]], source: Path
     ) -> None:
-        """Judges the first of some frames that can be read, before any is written for good.
+        """Checks the first readable frame before any is written to the recording.
 
         Raises:
-            ValueError: None can be read, or nobody could use it with the calibration.
+            ValueError: No frame can be read, or the calibration does not fit it.
         """
         first: ValueError | None = None
         for name, position in positions.items():
@@ -163,9 +163,9 @@ class _Frames:
         raise first
 
     def write(self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]]) -> None:
-        """The frames of these names, from the messages of these numbers.
+        """Writes frames by name from the messages of the given numbers.
 
-        Frames of which an image or a cloud cannot be read are left out and noted in `faults`.
+        Frames with an unreadable image or cloud are left out and noted in `faults`.
         """
         camera, lidar = self.topics.camera.name, self.topics.lidar.name
         names: dict[tuple[str, int], str] = {}
@@ -189,14 +189,14 @@ class _Frames:
         self._remove_halves()
 
     def _remove_halves(self) -> None:
-        """Removes images whose cloud cannot be read, and clouds likewise: each would be a frame."""
+        """Removes images without a readable cloud, and vice versa: each would count as a frame."""
         for name in self.faults:
             for folder in (IMAGES, POINTS):
                 for path in (self.out / folder).glob(f"{name}.*"):
                     path.unlink()
 
     def notes(self) -> tuple[str, ...]:
-        """Return lines on points and frames that were left out, with counts."""
+        """Return lines on left-out points and frames, with counts."""
         said = (*self.clouds.lines(), *self._dark_note())
         if not self.faults:
             return said
@@ -217,7 +217,7 @@ class _Frames:
         )
 
     def _image(self, name: str, message: Message) -> Callable[[], None]:
-        """Reads an image; what is returned writes it."""
+        """Reads an image; returns a function that writes it."""
         topic = self.topics.camera
         if topic.kind == COMPRESSED_IMAGE:
             file = picture_file_of(message.content, topic.name)
@@ -240,7 +240,7 @@ class _Frames:
             )
 
     def _cloud(self, name: str, message: Message) -> Callable[[], None]:
-        """Reads a cloud; what is returned writes it."""
+        """Reads a cloud; returns a function that writes it."""
         source = f"topic {shortened(message.topic)}"
         read = cloud_of(message.content, message.topic)
         points, tally = counted_cloud(name, read, self.max_intensity, source)
@@ -249,13 +249,13 @@ class _Frames:
 
 
 def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: Pairs) -> float:
-    """The least of the usual scales on which some sweeps of the drive are no clouds of fault."""
+    """Guess the smallest usual intensity scale on which some sweeps of the drive are valid."""
     lidar = topics.lidar.name
     chosen = np.linspace(0, len(pairs.positions) - 1, _GUESSED_FROM).round().astype(np.int64)
     wanted = {(lidar, int(number)) for number in pairs.positions[chosen, 1]}
     clouds = []
     for message in bag.messages([lidar], wanted=wanted):
-        with suppress(ValueError):  # told where frames are written
+        with suppress(ValueError):  # reported when frames are written
             clouds.append(echoes(cloud_of(message.content, lidar)))
     return next(
         (

@@ -1,4 +1,4 @@
-"""nuScenes' key frames of a camera and the LiDAR, written as a recording with labels."""
+"""Import of nuScenes' key frames of a camera and the LiDAR as a recording with labels."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ _TABLES_REMEDY: Final = "correct calibrated_sensor.json or extract nuScenes' met
 def import_nuscenes(
     tables: Tables, out: Path, *, camera: str, lidar: str, max_intensity: float
 ) -> ImportReport:
-    """Imports key frames; arguments and errors as of `import_recording`."""
+    """Imports key frames; arguments and errors as in `import_recording`."""
     check_not_into_source(tables.root, out)
     found = tables.moments(camera, lidar)
     listed = found.moments
@@ -97,7 +97,7 @@ def import_nuscenes(
 
 
 def _dropped(found: Moments, without_files: int) -> Iterator[str]:
-    """Yield what was left out of the tables' key frames, with counts."""
+    """Yield notes on left-out key frames of the tables, with counts."""
     if without_files:
         yield (
             f"dropped {without_files} of {len(found.moments)} key frames, whose image or sweep is "
@@ -116,7 +116,7 @@ def _turns(moments: Sequence[Moment], camera: str) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Frames:
-    """Writes the files of a moment; the cloud last, so that what is whole can be told."""
+    """Writer of a frame's files; the cloud comes last and marks complete frames."""
 
     out: Path
     max_intensity: float
@@ -148,10 +148,10 @@ class _Frames:
 
 
 def _calibration(moment: Moment) -> RecordingCalibration:
-    """The calibration of a moment, as whoever reads the recording will take it.
+    """Calibration of a frame, with the checks of the recording's reader.
 
     Raises:
-        FileError: It is that of no camera and LiDAR.
+        FileError: It is no valid calibration of a camera and a LiDAR.
     """
     camera = np.pad(np.array(moment.camera_matrix), ((0, 0), (0, 1)))
     try:

@@ -1,4 +1,4 @@
-"""`sightline import`: whatever a drive was recorded as becomes a recording."""
+"""`sightline import`: converts drives of other formats to recordings."""
 
 from pathlib import Path
 
@@ -24,11 +24,11 @@ def import_recording(
     undistort: bool = False,
     max_intensity: float | None = None,
 ) -> ImportReport:
-    """Writes a ROS bag, an MCAP file or nuScenes as a recording that every command takes.
+    """Converts a ROS bag, an MCAP file or nuScenes to a recording for all commands.
 
-    A frame appears whole or not at all, and those that are there are skipped: an import that was
-    stopped goes on when it is run again. Where the camera looks aside of the LiDAR's x axis by more
-    than 5 degrees, clouds are turned about z until it looks ahead.
+    Frames are written atomically, and existing ones are skipped: to resume a stopped import, run it
+    again. If the camera points away from the LiDAR's x axis by more than 5 degrees, clouds are
+    rotated about z until it looks ahead.
 
     Examples:
         >>> import pathlib, sightline
@@ -38,21 +38,21 @@ def import_recording(
 
     Args:
         source: A ROS 2 bag (its folder, .mcap or .db3), a ROS 1 .bag, or the folder of nuScenes
-            that holds v1.0-mini or another version's tables.
+            with the tables of v1.0-mini or another version.
         out: Folder for the recording.
-        camera_topic: The images' topic, or nuScenes' channel (CAM_FRONT). None: the only one.
-        lidar_topic: The clouds' topic, or channel (LIDAR_TOP). None: the only one.
-        info_topic: The CameraInfo's topic. None: that beside the images.
+        camera_topic: Topic of the images, or nuScenes' channel (CAM_FRONT). None: the only one.
+        lidar_topic: Topic of the clouds, or channel (LIDAR_TOP). None: the only one.
+        info_topic: Topic of CameraInfo. None: the one beside the images.
         calibration: A recording's calibration file instead of CameraInfo and TF.
-        max_gap_s: Images and sweeps that are farther apart are no pair.
-        clock: Which time counts, of a bag; see `choose_clock`.
-        undistort: Whether images of a lens that distorts are to be straightened as they are read.
-        max_intensity: What stands for a reflectance of 1. None: 1, 255 or 65535, by some
+        max_gap_s: Largest time difference of an image and a sweep.
+        clock: Clock for pairing in a bag; see `choose_clock`.
+        undistort: Whether to undistort images of a distorting lens when they are read.
+        max_intensity: Intensity of a reflectance of 1. None: 1, 255 or 65535, guessed from some
             sweeps.
 
     Raises:
-        ValueError: The source cannot be read, lacks something or offers a choice; or `out` holds
-            another import.
+        ValueError: The source cannot be read, is incomplete or ambiguous; or `out` contains another
+            import.
     """
     source, out = Path(source), Path(out)
     if not source.exists():

@@ -1,4 +1,4 @@
-"""nuScenes' key frames (Caesar et al. 2020), and those of others with its tables, such as Lyft."""
+"""Reader of key frames of nuScenes (Caesar et al. 2020) and of data sets with the same tables."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -21,64 +21,64 @@ _RIDDEN: Final = "cycle.with_rider"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Annotation:
-    """A labelled object, in the world's frame."""
+    """Labelled object in the world frame."""
 
     category: str
-    """E.g. vehicle.car."""
+    """Category, e.g. vehicle.car."""
     is_ridden: bool | None
-    """True of a cycle with a rider; None where the data set's attributes do not speak of riders."""
+    """Whether a cycle has a rider; None: the data set's attributes do not include riders."""
     visibility: int
-    """1 to 4: up to 40, 60, 80 and 100 percent are visible in the six cameras; 0 unknown."""
+    """Visibility in the six cameras, 1 to 4: up to 40, 60, 80 and 100 percent; 0: unknown."""
     num_lidar_points: int | None
-    """None where the data set does not count them."""
+    """Number of LiDAR points in the box; None: the data set does not count them."""
     size_lwh: tuple[float, float, float]
     world_from_box: Rigid
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Moment:
-    """A camera's image and a LiDAR's sweep, taken together."""
+    """Image and sweep of one frame."""
 
     name: str
-    """The scene's name and the number in it: scene-0061-000."""
+    """Name of the scene with the index in it: scene-0061-000."""
     time_s: float
-    """Of the sweep."""
+    """Time of the sweep."""
     image: Path
     sweep: Path
     image_size: tuple[int, int]
     camera_matrix: tuple[tuple[float, ...], ...]
     camera_from_lidar: Rigid
-    """Of the image's and the sweep's own times, between which the car has moved."""
+    """Transform between the poses at the times of image and sweep, including the car's motion."""
     mount: Rigid
-    """camera_from_lidar of a car at rest."""
+    """Transform camera_from_lidar of a car at rest."""
     lidar_height_m: float | None
-    """Above the road, on which the car's frame stands; None where it cannot stand there."""
+    """Height above the road, the origin of the car's frame; None: the frame is not on the road."""
     world_from_lidar: Rigid
     annotations: tuple[Annotation, ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Moments:
-    """All moments of a data set, and what was dropped."""
+    """All frames of a data set, and counts of dropped ones."""
 
     moments: tuple[Moment, ...]
     alone: int
-    """Samples that have one of the two channels alone."""
+    """Number of samples with only one of the two channels."""
     repeated: int
-    """Key frames beyond the first of a sample and a channel."""
+    """Number of key frames beyond the first of a sample and a channel."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """The tables of one version of the data set."""
+    """Tables of one version of the data set."""
 
     root: Path
-    """The folder with `samples`."""
+    """Folder with `samples`."""
     folder: Path
-    """That of the tables, e.g. v1.0-mini."""
+    """Folder of the tables, e.g. v1.0-mini."""
 
     def moments(self, camera: str, lidar: str) -> Moments:
-        """Return all moments with a key frame of both channels, scene after scene.
+        """Return all frames with a key frame of both channels, scene by scene.
 
         Raises:
             ValueError: A table is missing or damaged, a name or path in it leads out of the data
@@ -88,7 +88,7 @@ class Tables:
 
 
 def find_tables(source: Path) -> Tables | None:
-    """Find the tables in a folder: those of the folder itself, or of v1.0-mini or the like in it.
+    """Find the tables in a folder or its subfolder, such as v1.0-mini.
 
     Raises:
         ValueError: There are several versions.
@@ -134,7 +134,7 @@ class _Reader:
         )
 
     def _key_frames(self, wanted: tuple[str, str]) -> tuple[dict[str, dict[str, Row]], int]:
-        """Return the rows of the two channels by sample and channel, and how many are repeated."""
+        """Return the rows of the two channels by sample and channel, and the number of repeats."""
         by_sample: dict[str, dict[str, Row]] = {}
         repeated = 0
         channels: set[str] = set()
@@ -166,7 +166,7 @@ class _Reader:
         return by_sample, repeated
 
     def _names(self) -> Iterator[tuple[str, str]]:
-        """Yield the tokens of all samples, scene after scene, and the names of their frames."""
+        """Yield the tokens of all samples, scene by scene, and the names of their frames."""
         scenes = read_table(self._path("scene"))
         names: dict[str, Row] = {}
         for row in scenes.rows.values():
@@ -240,7 +240,7 @@ class _Reader:
 
 
 def _num_points(row: Row) -> int | None:
-    """Return how many points a data set has counted in a box; Lyft's says -1, null or nothing."""
+    """Return the number of points in a box; None: unknown, in Lyft's tables -1, null or missing."""
     value = row.entries.get("num_lidar_pts")
     if value is None or (type(value) in (int, float) and value < 0):
         return None

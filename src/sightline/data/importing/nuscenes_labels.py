@@ -1,4 +1,4 @@
-"""nuScenes' annotations as KITTI labels one camera's image."""
+"""Conversion of nuScenes' annotations to KITTI labels of one camera's image."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -63,25 +63,25 @@ _CLASSES: Final = {
     "bicyclist": "Cyclist",
     "motorcyclist": "Cyclist",
 }
-"""KITTI's class of each category, or of those that begin with it and a dot; others are left out."""
+"""KITTI's class of each category, including its subcategories; others are left out."""
 _LEFT_OUT: Final = ("vehicle.ego",)
 _RIDER_UNNAMED: Final = ("bicycle", "motorcycle")
-"""Last words of categories of cycles with and without a rider."""
+"""Last words of cycle categories that do not distinguish riders."""
 _OCCLUSIONS: Final = {4: 0.0, 3: 1.0, 2: 1.0, 1: 2.0}  # by visibility; else unknown, 3
 _DONT_CARE: Final = "DontCare"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LabelTally:
-    """Numbers of annotations by what became of them; sums of several frames by `+`."""
+    """Counts of annotations by result; `+` adds the counts of several frames."""
 
     annotations: int = 0
     classes: Counter[str] = field(default_factory=Counter)
-    """Labels of each class, DontCare among them."""
+    """Labels of each class, including DontCare."""
     categories_left_out: Counter[str] = field(default_factory=Counter)
-    """Annotations of categories that are none of KITTI's classes."""
+    """Annotations of categories without a class of KITTI."""
     outside: int = 0
-    """Annotations of known categories that the image does not show."""
+    """Annotations of known categories outside the image."""
 
     def __add__(self, other: "LabelTally") -> "LabelTally":
         """Return the sums."""
@@ -93,7 +93,7 @@ class LabelTally:
         )
 
     def lines(self) -> tuple[str, ...]:
-        """Return what people are told: the counts, and a warning where no label is left."""
+        """Return the counts for the user, and a warning if no label is left."""
         if not self.annotations:
             return ("warning: the tables hold no annotation of these frames: labels are empty",)
         labels = sum(self.classes.values()) - self.classes[_DONT_CARE]
@@ -123,18 +123,18 @@ def kitti_from_annotations(
     image_size: tuple[int, int],
     points: Float32[np.ndarray, "num_points 4"],
 ) -> tuple[KittiObjects, LabelTally]:
-    """The objects that the image shows, in their order, and how many were left out.
+    """Convert the annotations inside the image, in their order; also returns the counts.
 
-    2D boxes are those of the 3D box's edges within the image, as KITTI has them. Buses and trailers
-    are trucks, motorcycles are cycles; a cycle without a rider is Misc. What no LiDAR point fell
-    on, so that nobody can be asked to find it, is a DontCare region.
+    2D boxes bound the 3D box's edges within the image, as in KITTI. Buses and trailers are trucks,
+    motorcycles are cycles; a cycle without a rider is Misc. An object without a LiDAR point, which
+    cannot be detected, becomes a DontCare region.
 
     Args:
-        annotations: In the world's frame.
-        matrices: Of the frame.
-        lidar_from_world: Where its sweep was taken.
+        annotations: Annotations in the world frame.
+        matrices: Calibration of the frame.
+        lidar_from_world: Pose of its sweep.
         image_size: Height, width [px].
-        points: The frame's sweep, which is looked at where a data set does not count points.
+        points: Sweep of the frame, used if the data set does not count points.
     """
     known = [(each, name) for each in annotations if (name := _class_of(each)) is not None]
     boxes = np.array([_box_in_lidar(each, lidar_from_world) for each, _ in known]).reshape(-1, 7)
@@ -189,7 +189,7 @@ def _tally(
 
 
 def _class_of(annotation: Annotation) -> str | None:
-    """Return KITTI's class of a category, whatever its case; None where there is none."""
+    """Return KITTI's class of a category, ignoring case; None: there is none."""
     category = annotation.category.strip().lower().replace("-", "_").replace(" ", "_")
     words = category.split(".")
     begins = [".".join(words[:count]) for count in range(len(words), 0, -1)]
@@ -197,7 +197,7 @@ def _class_of(annotation: Annotation) -> str | None:
         return None
     found = next((begin for begin in begins if begin in _CLASSES), None)
     if found is None or (len(begins) > 1 and found == "vehicle"):
-        return None  # vehicle.spaceship: some kind of nuScenes' that is none of the above
+        return None  # an unknown subcategory of nuScenes, such as vehicle.spaceship
     may_be_parked = found.rpartition(".")[2] in _RIDER_UNNAMED
     return "Misc" if may_be_parked and annotation.is_ridden is False else _CLASSES[found]
 
@@ -207,7 +207,7 @@ def _has_points(
     box: Float64[np.ndarray, "7"],
     points: Float32[np.ndarray, "num_points 4"],
 ) -> bool:
-    """Return whether an echo came from the object, by the tables' count or else by the sweep."""
+    """Return whether the object has a LiDAR point, by the tables' count or else by the sweep."""
     if annotation.num_lidar_points is not None:
         return annotation.num_lidar_points > 0
     places = torch.from_numpy(points[:, :3].astype(np.float64))
@@ -215,12 +215,12 @@ def _has_points(
 
 
 def _counted(counts: Counter[str]) -> str:
-    """Return the names with their counts, the most frequent first; names as terminals show them."""
+    """Return the names with their counts, the most frequent first, safe for a terminal."""
     return ", ".join(f"{count} {shortened(name)}" for name, count in counts.most_common()) or "none"
 
 
 def _box_in_lidar(annotation: Annotation, lidar_from_world: Rigid) -> Float64[np.ndarray, "7"]:
-    """x, y, z, length, width, height, yaw; the small tilt of a box is neglected."""
+    """Compute x, y, z, length, width, height, yaw; the small tilt of a box is neglected."""
     lidar_from_box = lidar_from_world @ annotation.world_from_box
     yaw = np.arctan2(lidar_from_box[1, 0], lidar_from_box[0, 0])
     return np.array((*lidar_from_box[:3, 3], *annotation.size_lwh, yaw))

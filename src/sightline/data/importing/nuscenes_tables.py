@@ -1,4 +1,4 @@
-"""Rows of nuScenes' tables (JSON), read so that a damaged one is named by file and row."""
+"""Reader of nuScenes' tables (JSON); errors contain file and row."""
 
 import json
 import math
@@ -18,28 +18,28 @@ from sightline.data.problem import FileError
 REMEDY: Final = "extract nuScenes' metadata archive again"
 
 _MAX_BYTES: Final = 2**32  # sample_data.json of all of nuScenes has 1.1 GB
-_LARGEST: Final = 1e9  # of a number: metres in the map's frame, pixels, counts
+_LARGEST: Final = 1e9  # largest number: metres in the map's frame, pixels, counts
 _LARGEST_TIME: Final = 2**62  # microseconds
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row of a table."""
+    """Row of a table."""
 
     path: Path
     number: int
-    """Place in the table, from 1."""
+    """Position in the table, from 1."""
     entries: Mapping[str, Any]
 
     def fault(self, problem: str) -> FileError:
-        """Return the error that names the row's file and number."""
+        """Return an error with the row's file and number."""
         return FileError(self.path, f"row {self.number} {problem}", REMEDY)
 
     def get(self, name: str) -> object:
-        """Return an entry as JSON has it.
+        """Return an entry as its JSON value.
 
         Raises:
-            FileError: The row lacks it.
+            FileError: The row lacks the entry.
         """
         if name not in self.entries:
             raise self.fault(f"lacks {name!r}")
@@ -77,7 +77,7 @@ class Row:
         return int(number)
 
     def time_us(self, name: str) -> float:
-        """Return an entry that must be a time [us], perhaps with decimals as Lyft's have."""
+        """Return an entry that must be a time [us], possibly with decimals as in Lyft's tables."""
         value = self.get(name)
         number = _number(value, float(_LARGEST_TIME))
         if number is None or number < 0:
@@ -92,7 +92,7 @@ class Row:
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             array = np.empty(0)
-        # numpy takes text, truth values and, as NaN, null for numbers
+        # numpy accepts text, booleans and null (as NaN) as numbers
         is_plain = all(type(each) in (int, float) for each in _leaves(value))
         if array.shape != shape or not is_plain or not (np.abs(array) < _LARGEST).all():
             raise self.fault(
@@ -112,16 +112,16 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose rows others name by their tokens."""
+    """Table whose rows are referenced by their tokens."""
 
     path: Path
     rows: Mapping[str, Row]
 
     def of(self, row: Row, name: str, token: str | None = None) -> Row:
-        """Return the row to which another one's entry, or one token of it, leads.
+        """Return the row that another row's entry, or one token of it, references.
 
         Raises:
-            FileError: It leads nowhere; names the row that holds it.
+            FileError: There is no such row; contains the referencing row.
         """
         token = row.text(name) if token is None else token
         if token not in self.rows:
@@ -133,7 +133,7 @@ def read_rows(path: Path) -> Iterator[Row]:
     """Read the rows of a table.
 
     Raises:
-        FileError: It cannot be read, is no JSON or no list of rows.
+        FileError: The table cannot be read, is no JSON or no list of rows.
     """
     try:
         rows = json.loads(read_bytes(path, max_bytes=_MAX_BYTES, remedy=REMEDY))
@@ -151,10 +151,10 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def read_table(path: Path) -> Table:
-    """Read a table by its rows' tokens.
+    """Read a table with its rows' tokens as keys.
 
     Raises:
-        FileError: As `read_rows`, or a row has no token, or one of another row.
+        FileError: See `read_rows`; or a row has no token, or the token of another row.
     """
     rows: dict[str, Row] = {}
     for row in read_rows(path):
@@ -166,7 +166,7 @@ def read_table(path: Path) -> Table:
 
 
 def _number(value: object, most: float) -> int | float | None:
-    """Return a finite number of plausible size as it is; None for anything else."""
+    """Return a finite number of plausible size unchanged; None for anything else."""
     if type(value) is int:  # True is an int, too
         return value if abs(value) <= most else None
     if isinstance(value, float) and math.isfinite(value) and abs(value) <= most:

@@ -1,4 +1,4 @@
-"""Which image and which sweep were taken together."""
+"""Pairing of images and sweeps by time."""
 
 import numpy as np
 from jaxtyping import Int64
@@ -9,18 +9,18 @@ def pair_nearest(
     lidar_ns: Int64[np.ndarray, " num_sweeps"],
     max_gap_ns: int,
 ) -> Int64[np.ndarray, "num_pairs 2"]:
-    """Images and sweeps that are nearest to each other in time, both ways, in order.
+    """Find images and sweeps that are mutual nearest neighbours in time, in order.
 
-    So none is used twice, and of a camera that is faster than the LiDAR the best images are taken.
-    Of two that are equally near the earlier counts.
+    So none is used twice, and the best images of a camera faster than the LiDAR are used. The
+    earlier of two equally near ones wins.
 
     Args:
         camera_ns: Times of the images, ascending.
         lidar_ns: Times of the sweeps, ascending.
-        max_gap_ns: Pairs that are farther apart are none.
+        max_gap_ns: Largest time difference of a pair.
 
     Returns:
-        Positions of image and sweep.
+        Indices of image and sweep.
     """
     if not len(camera_ns) or not len(lidar_ns):
         return np.empty((0, 2), np.int64)
@@ -36,9 +36,9 @@ def pair_nearest(
 def _nearest(
     times_ns: Int64[np.ndarray, " count"], others_ns: Int64[np.ndarray, " other_count"]
 ) -> Int64[np.ndarray, " count"]:
-    """For each time the position of the nearest of the others."""
+    """Index of the nearest other time for each time."""
     after = np.searchsorted(others_ns, times_ns).clip(0, len(others_ns) - 1)
     before = (after - 1).clip(0)
     is_before = np.abs(others_ns[before] - times_ns) <= np.abs(others_ns[after] - times_ns)
     nearest_ns = others_ns[np.where(is_before, before, after)]
-    return np.searchsorted(others_ns, nearest_ns)  # the first of several at one time
+    return np.searchsorted(others_ns, nearest_ns)  # the first of several equal times

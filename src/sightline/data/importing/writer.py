@@ -1,4 +1,4 @@
-"""Writes what is imported as a recording, frame by frame."""
+"""Writer of imported recordings, frame by frame."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -43,22 +43,22 @@ from sightline.data.velodyne import write_sweep
 from sightline.geometry.tilt import Tilt
 
 RESULTS = (f"{IMAGES}/*", f"{POINTS}/*", f"{LABELS}/*", f"{CALIBRATIONS}*", TIMES_NAME)
-"""Patterns of what an import writes."""
+"""File patterns of an import."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ImportReport:
-    """What an import did; `str` gives it in lines for people."""
+    """Report of an import; `str` formats it in lines for the user."""
 
     out: Path
     written: int
     skipped: int
-    """Frames that were there already."""
+    """Number of existing frames."""
     notes: tuple[str, ...]
-    """What was paired and dropped, by which topics, and how well the calibration fits."""
+    """Notes on the topics, on pairs and dropped data, and on the fit of the calibration."""
 
     def __str__(self) -> str:
-        """The notes, then the numbers."""
+        """Formats the notes, then the numbers."""
         there = f"{self.skipped} were there already"
         return "\n".join(
             (*map(plain_line, self.notes), f"{self.out}: {self.written} frames written, {there}")
@@ -67,18 +67,18 @@ class ImportReport:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CloudTally:
-    """Points that were dropped from clouds; sums of several by `+`."""
+    """Counts of dropped points; `+` adds the counts of several clouds."""
 
     clouds: int = 0
     points: int = 0
     not_finite: int = 0
-    """Points whose x, y or z is not."""
+    """Points with non-finite x, y or z."""
     no_echo: int = 0
-    """Points at the LiDAR's own place."""
+    """Points at the LiDAR's origin."""
     dark: int = 0
-    """Points that are kept, whose intensity is not finite."""
+    """Kept points with a non-finite intensity."""
     empty: tuple[str, ...] = ()
-    """Frames of whose cloud no point is left."""
+    """Frames without a remaining point."""
 
     @classmethod
     def of(
@@ -87,7 +87,7 @@ class CloudTally:
         read: Float32[np.ndarray, "num_points 4"],
         kept: Float32[np.ndarray, "num_echoes 4"],
     ) -> "CloudTally":
-        """Count a frame's points before and after those without an echo were left out."""
+        """Count a frame's points before and after the removal of points without an echo."""
         lost = len(read) - len(kept)
         not_finite = int((~np.isfinite(read[:, :3]).all(axis=1)).sum()) if lost else 0
         is_dark = np.isfinite(read[:, :3]).all(axis=1) & ~np.isfinite(read[:, 3])
@@ -112,7 +112,7 @@ class CloudTally:
         )
 
     def lines(self) -> tuple[str, ...]:
-        """Return what people are told; nothing where nothing was dropped."""
+        """Return lines for the user; empty if nothing was dropped."""
         said = []
         if self.not_finite or self.no_echo:
             said.append(
@@ -133,20 +133,20 @@ class CloudTally:
 def counted_cloud(
     name: str, read: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
 ) -> tuple[Float32[np.ndarray, "num_echoes 4"], CloudTally]:
-    """A frame's points that an echo made, with reflectances in [0, 1], and what was dropped.
+    """Select a frame's points with an echo, with reflectances in [0, 1]; also returns the counts.
 
     Raises:
-        FileError: As `checked_cloud`.
+        FileError: See `checked_cloud`.
     """
     points = checked_cloud(read.copy(), max_intensity, source, are_losses_told=False)
     return points, CloudTally.of(name, read, points)
 
 
 def check_not_into_source(source: Path, out: Path) -> None:
-    """Refuses an output folder in the source, and one that holds the source.
+    """Refuses an output folder inside the source or containing the source.
 
     Raises:
-        ValueError: They are not apart.
+        ValueError: One folder is inside the other.
     """
     check_apart(source, [out])
     if source.resolve().is_relative_to(out.resolve()):
@@ -158,7 +158,7 @@ def check_not_into_source(source: Path, out: Path) -> None:
 
 @contextmanager
 def collected_warnings(notes: list[str]) -> Iterator[None]:
-    """Adds each thing that is warned of within to notes, once."""
+    """Adds each warning within the block to the notes once."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
@@ -170,20 +170,20 @@ def collected_warnings(notes: list[str]) -> Iterator[None]:
 
 @contextmanager
 def staging_folder() -> Iterator[Path]:
-    """A folder for a first frame, which is judged before anything is written for good."""
+    """Temporary folder for a first frame, which is checked before the recording is written."""
     with TemporaryDirectory(prefix="sightline-import-") as folder:
         yield Path(folder)
 
 
 def check_staged(folder: Path, source: Path | str) -> None:
-    """Judges the frame in a folder as whoever reads the recording will.
+    """Checks the frame in a folder with the checks of the recording's reader.
 
     Args:
         folder: A recording of one frame.
-        source: Whatever it was made from, which errors name in place of the frame's files.
+        source: Source of the frame, named in errors instead of the frame's files.
 
     Raises:
-        FileError: It cannot be read, or its calibration is that of no camera.
+        FileError: The frame cannot be read, or its calibration is invalid.
     """
     (frame,) = list_recording(folder).frames
     assert frame.calibration is not None, "it was written"
@@ -195,7 +195,7 @@ def check_staged(folder: Path, source: Path | str) -> None:
         doubts = doubts or [
             each
             for each in examine_recording_frame(frame, reference=None).all()
-            if each.path != frame.calibration  # how it fits is told when all is written
+            if each.path != frame.calibration  # its fit is reported when all is written
         ]
     except FileError as error:
         doubts = [error.problem]
@@ -205,7 +205,7 @@ def check_staged(folder: Path, source: Path | str) -> None:
 
 
 def turned(calibration: RecordingCalibration, new_from_old: Rigid) -> RecordingCalibration:
-    """The calibration of clouds that are moved by `new_from_old`."""
+    """Transform a calibration for clouds transformed by `new_from_old`."""
     matrices = CalibrationMatrices(
         image_from_camera=calibration.matrices.image_from_camera,
         camera_from_lidar=calibration.matrices.camera_from_lidar @ np.linalg.inv(new_from_old),
@@ -219,7 +219,7 @@ def turned(calibration: RecordingCalibration, new_from_old: Rigid) -> RecordingC
 def moved(
     points: Float32[np.ndarray, "num_points 4"], new_from_old: Rigid
 ) -> Float32[np.ndarray, "num_points 4"]:
-    """A cloud, moved by `new_from_old`, and in KITTI's order where it was in that."""
+    """Transform a cloud by `new_from_old`; restores KITTI's order if the cloud had it."""
     new_points = points.copy()
     places = points[:, :3].astype(np.float64) @ new_from_old[:3, :3].T + new_from_old[:3, 3]
     new_points[:, :3] = places
@@ -235,24 +235,24 @@ def write_cloud(out: Path, name: str, points: Float32[np.ndarray, "num_points 4"
 def write_calibration(
     out: Path, calibration: RecordingCalibration, name: str | None = None
 ) -> None:
-    """Writes the calibration of all frames, or that of one."""
+    """Writes the calibration of all frames, or of one."""
     place = f"{CALIBRATIONS}.yaml" if name is None else f"{CALIBRATIONS}/{name}.yaml"
     atomic_write_text(out / place, recording_calibration_text(calibration))
 
 
 def write_times(out: Path, times_s: Mapping[str, float | Decimal]) -> None:
-    """Writes when each frame was taken."""
+    """Writes the time of each frame."""
     lines = (f"{name} {seconds:.9f}\n" for name, seconds in times_s.items())
     atomic_write_text(out / TIMES_NAME, "".join(lines))
 
 
 def names_present(out: Path, *folders: str) -> set[str]:
-    """The frames that have a file in each of the folders."""
+    """Names of the frames with a file in each folder."""
     return set.intersection(*({path.stem for path in (out / name).glob("*")} for name in folders))
 
 
 def describe_view(out: Path) -> tuple[str, ...]:
-    """How what was written fits, in a line each, and a warning if need be."""
+    """Lines on the fit of the written calibration, with a warning if necessary."""
     frames = list_recording(out).frames
     view = view_of_recording(first_whole(frames))
     doubt = None if view is None else view.doubt
