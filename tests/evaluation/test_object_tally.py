@@ -42,6 +42,35 @@ def test_angles_in_degrees_are_told_of_results_and_of_labels(tmp_path, angle):
     assert "1 of 2 labels and 1 of 1 results have angles beyond two pi, probably degrees" in told
 
 
+SPACED = [replace(CAR, y=1.7, z=20.0).moved(image=110 * n, ground=5 * n) for n in range(50)]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda line: replace(line, h=line.l, l=line.h),
+         "sizes of Car in the results are probably in the order length, width, height"),
+        (lambda line: replace(line, y=line.y - line.h / 2),
+         "their y is probably that of the centre"),
+        (lambda line: replace(line, x=line.z, y=-line.x, z=-1.0),
+         "50 of 50 3D boxes of results lie behind the camera"),
+        (lambda line: replace(line, x2=line.x2 - line.x1, y2=line.y2 - line.y1),
+         "2D boxes that end before they begin"),
+        (lambda line: replace(line, x1=0.1, y1=0.2, x2=0.2, y2=0.4),
+         "all 2D boxes of results lie within the first pixel"),
+    ],
+)  # fmt: skip
+def test_boxes_of_another_convention_are_told(tmp_path, change, said):
+    told = notes_of(tmp_path, SPACED, [replace(change(line), score=0.5) for line in SPACED])
+    assert said in told
+    assert told.count("WARNING") == 1
+
+
+def test_results_that_are_there_twice_are_counted(tmp_path):
+    told = notes_of(tmp_path, SPACED, 2 * [replace(line, score=0.5) for line in SPACED])
+    assert "50 of 100 results of scored classes are there twice" in told
+
+
 def test_of_sound_results_nothing_is_said_but_that_objects_are_few(tmp_path):
     labels = [CAR.moved(image=110 * place, ground=5 * place) for place in range(50)]
     found = [replace(line, score=0.5) for line in labels]
