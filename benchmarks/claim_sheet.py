@@ -68,7 +68,7 @@ def _row(
     answer = predictor(sample)
     assert answer.camera_gate is not None, "it has gates"
     assert answer.lidar_gate is not None, "it has gates"
-    found = answer.detections.surer_than(DRAWN_SCORE)
+    found = answer.detections.filter_by_score(DRAWN_SCORE)
     cells = [
         titled_cell(
             name,

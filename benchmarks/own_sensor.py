@@ -35,7 +35,7 @@ from sightline.evaluation.kitti_object_rules import Metric
 from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineName
 from sightline.perception.perceive import TIMINGS_NAME, perceive
-from sightline.perception.perceiver import Perceiver
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.settings import KITTI_FOCAL_PX
 
 _TASKS: Final[Mapping[str, Metric]] = {"detection2d": "bbox", "detection3d": "3d"}
@@ -103,7 +103,7 @@ def main(
         engine: What runs the networks.
     """
     torch.set_num_threads(1)
-    perceiver = Perceiver.load(engine=engine, threads=1)
+    perceiver = MultiTaskPredictor.load(engine=engine, threads=1)
     results = []
     for rig in rigs:
         recording, answers = out / rig, out / f"{rig}-perceived"

@@ -35,7 +35,7 @@ from benchmarks.sensor_health_scores import (
 )
 from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import CLEAN, Case, find_suite
-from sightline.data.jobs import claim_folder, shard
+from sightline.data.jobs import acquire_output_dir, shard
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.evaluation.auroc import auroc_of_values
@@ -101,7 +101,7 @@ def main(
         "checks": CHECKS,
         "seed": seed,
     }
-    claim_folder(scores, setting, results=("[0-9]*.json",))
+    acquire_output_dir(scores, setting, results=("[0-9]*.json",))
     job = ScoreJob(dataset=dataset, cases=chosen, seed=seed)
     groups = [places[first : first + TOGETHER] for first in range(0, len(places), TOGETHER)]
     found = [

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import sightline
 from sightline.data.scene_changes import resize
-from sightline.data.settings import parse_settings, plain_settings
+from sightline.data.settings import config_to_dict, parse_settings
 from sightline.data.weights import Weights, read_weights, write_weights
 from sightline.data.weights_header import shipped_names
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -57,7 +57,7 @@ def changed(node: Any, place: Place, value: object) -> Any:
 
 def whole_settings(weights: Weights) -> dict[str, object]:
     """With those that the file is too old to name."""
-    return plain_settings(parse_settings(find_task(weights.task).config_type(), weights.config))
+    return config_to_dict(parse_settings(find_task(weights.task).config_type(), weights.config))
 
 
 def refusal(path: Path, weights: Weights, config: dict[str, object]) -> str:

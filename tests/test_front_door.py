@@ -51,6 +51,11 @@ def test_a_name_that_is_not_there_is_an_attribute_error():
         _ = sightline.detect_everything
 
 
+def test_an_earlier_name_works_and_says_what_it_is_called_now():
+    with pytest.warns(DeprecationWarning, match="Perceiver is now sightline.MultiTaskPredictor"):
+        assert sightline.Perceiver is sightline.MultiTaskPredictor
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_example_of_a_name_runs_and_gives_what_it_says(name):
     value = getattr(sightline, name)

@@ -28,7 +28,7 @@ import numpy as np
 import sightline
 from sightline.simulation.packaged import PACKAGED_FRAMES
 given = sightline.open_dataset(PACKAGED_FRAMES)[0]
-perceiver = sightline.Perceiver.load
+perceiver = sightline.MultiTaskPredictor.load
 def sample(**changed):
     settings = {"points": given.points, "image_size": given.image_size} | changed
     return sightline.CameraLidarSample.from_arrays(given.calibration, **settings)

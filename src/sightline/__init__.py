@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sightline.geometry.projection import project_points as project_points
     from sightline.geometry.projection import sparse_depth_map as sparse_depth_map
     from sightline.perception.perceive import perceive as perceive
-    from sightline.perception.perceiver import Perceiver as Perceiver
+    from sightline.perception.perceiver import MultiTaskPredictor as MultiTaskPredictor
     from sightline.structures.labels import ObjectLabels as ObjectLabels
     from sightline.structures.predictions import DepthMap as DepthMap
     from sightline.structures.predictions import Detections2D as Detections2D
@@ -56,7 +56,7 @@ _MODULES: Final = {
     "Detections2D": "structures.predictions",
     "Detections3D": "structures.predictions",
     "ObjectLabels": "structures.labels",
-    "Perceiver": "perception.perceiver",
+    "MultiTaskPredictor": "perception.perceiver",
     "Perception": "structures.predictions",
     "check_tree": "data.check",
     "evaluate_depth": "evaluation.depth",
@@ -76,6 +76,9 @@ _MODULES: Final = {
 }
 """Where each name is defined, below this package."""
 
+_RENAMED: Final = {"Perceiver": "MultiTaskPredictor"}
+"""Names of earlier versions, and what they are called now."""
+
 __all__ = ["__version__", *_MODULES]  # noqa: PLE0604 - strings, all of them
 
 
@@ -86,6 +89,13 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 - what was asked for
         value: Any = version("sightline")
     elif name in _MODULES:
         value = getattr(importlib.import_module(f"sightline.{_MODULES[name]}"), name)
+    elif name in _RENAMED:
+        import warnings
+
+        warnings.warn(
+            f"sightline.{name} is now sightline.{_RENAMED[name]}", DeprecationWarning, stacklevel=2
+        )
+        return __getattr__(_RENAMED[name])
     else:
         raise AttributeError(f"module 'sightline' has no attribute {name!r}")
     globals()[name] = value  # the next time it is found without this function

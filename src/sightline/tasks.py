@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
-    from sightline.inference.predictor import Output, Predictor, Switch
+    from sightline.inference.predictor import Output, OutputFilter, Predictor
     from sightline.robustness.scoring import Scoring
     from sightline.structures.predictions import Perception
 
@@ -74,7 +74,7 @@ class Task(Protocol):
         ...
 
     @property
-    def switches(self) -> "tuple[Switch, ...]":
+    def switches(self) -> "tuple[OutputFilter, ...]":
         """How else answers may be written."""
         ...
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sightline.corruptions.blank import CameraBlank
 from sightline.corruptions.corruption import NoCorruption
-from sightline.corruptions.drawing import CaseDrawing
+from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.suites import CLEAN, SUITES, Case, Suite, find_suite
 from sightline.data.faults import Fault
@@ -76,12 +76,18 @@ def test_samples_seeds_and_kinds_draw_differently():
             r"no suite 'x\\n'; name one of dgfn7, dgfn7-figure, core, all, a kind, or kinds",
         ),
         (lambda: DGFN7.select(["clean", "camera_blak"]), "perhaps camera_blank is meant"),
-        (lambda: CaseDrawing(suite="dgfn"), "perhaps dgfn7 is meant"),
-        (lambda: CaseDrawing(probabilities={"lidar_blnk": 1.0}), "perhaps lidar_blank is meant"),
-        (lambda: CaseDrawing(probabilities={"clean": 0.5}), "sum to 1, got {'clean': 0.5}"),
-        (lambda: CaseDrawing(probabilities={"clean": 2.0, "lidar_blank": -1.0}), "at least 0"),
-        (lambda: CaseDrawing(probabilities={}), "sum to 1, got {}"),
-        (lambda: CaseDrawing(probabilities={"clean": float("nan")}), "sum to 1, got"),
+        (lambda: CorruptionSampler(suite="dgfn"), "perhaps dgfn7 is meant"),
+        (
+            lambda: CorruptionSampler(probabilities={"lidar_blnk": 1.0}),
+            "perhaps lidar_blank is meant",
+        ),
+        (lambda: CorruptionSampler(probabilities={"clean": 0.5}), "sum to 1, got {'clean': 0.5}"),
+        (
+            lambda: CorruptionSampler(probabilities={"clean": 2.0, "lidar_blank": -1.0}),
+            "at least 0",
+        ),
+        (lambda: CorruptionSampler(probabilities={}), "sum to 1, got {}"),
+        (lambda: CorruptionSampler(probabilities={"clean": float("nan")}), "sum to 1, got"),
     ],
 )
 def test_what_there_is_not_is_refused_with_the_nearest_names(ask, said):
@@ -119,7 +125,7 @@ def test_a_suite_that_no_training_draws_from_needs_no_probabilities():
 )
 @pytest.mark.parametrize("per", ["image", "update"])
 def test_cases_are_drawn_for_training_as_often_as_set(probabilities, expected, per):
-    drawing = CaseDrawing(probabilities=probabilities, per=per)
+    drawing = CorruptionSampler(probabilities=probabilities, per=per)
     rng = np.random.default_rng(0)
     counts = Counter(drawing.draw(rng)[0].name for _ in range(4000))
     shares = [counts[name] / 4000 for name in DGFN7.case_names]
@@ -128,39 +134,39 @@ def test_cases_are_drawn_for_training_as_often_as_set(probabilities, expected, p
 
 @given(seed=seeds, num_images=st.integers(1, 9))
 def test_the_images_of_an_update_share_a_case_only_where_that_is_set(seed, num_images):
-    drawn = CaseDrawing(per="update").draw(np.random.default_rng(seed), num_images)
+    drawn = CorruptionSampler(per="update").draw(np.random.default_rng(seed), num_images)
     assert len(drawn) == num_images
     assert len(set(drawn)) == 1
-    assert drawn[0] == CaseDrawing(per="update").draw(np.random.default_rng(seed))[0]
-    assert len(CaseDrawing().draw(np.random.default_rng(seed), num_images)) == num_images
+    assert drawn[0] == CorruptionSampler(per="update").draw(np.random.default_rng(seed))[0]
+    assert len(CorruptionSampler().draw(np.random.default_rng(seed), num_images)) == num_images
 
 
 def test_images_have_cases_of_their_own_by_default():
-    drawn = CaseDrawing().draw(np.random.default_rng(0), 200)
+    drawn = CorruptionSampler().draw(np.random.default_rng(0), 200)
     assert {case.name for case in drawn} == set(DGFN7.case_names)
 
 
 def test_unseen_kinds_are_never_drawn_and_a_kind_can_be_drawn_at_all_severities():
     rng = np.random.default_rng(0)
-    drawn = CaseDrawing(suite="core", without=("lidar_fog", "sun_glare")).draw(rng, 2000)
+    drawn = CorruptionSampler(suite="core", without=("lidar_fog", "sun_glare")).draw(rng, 2000)
     kinds = {case.kind for case in drawn}
     assert kinds == {"none", *SUITES["core"].kinds} - {"lidar_fog", "sun_glare"}
-    half = CaseDrawing(suite="core", probabilities={"clean": 0.5, "lidar_fog": 0.5})
+    half = CorruptionSampler(suite="core", probabilities={"clean": 0.5, "lidar_fog": 0.5})
     counts = Counter(case.name for case in half.draw(rng, 2000))
     assert set(counts) == {"clean", *(f"lidar_fog-{severity}" for severity in range(1, 6))}
     assert counts["clean"] == pytest.approx(1000, abs=100)
     with pytest.raises(ValueError, match="nothing is left to draw without lidar_fog"):
-        CaseDrawing(suite="core", probabilities={"lidar_fog": 1.0}, without=("lidar_fog",))
+        CorruptionSampler(suite="core", probabilities={"lidar_fog": 1.0}, without=("lidar_fog",))
     with pytest.raises(ValueError, match="no kind 'lidar_fgo'; perhaps lidar_fog"):
-        CaseDrawing(suite="core", without=("lidar_fgo",))
+        CorruptionSampler(suite="core", without=("lidar_fgo",))
 
 
 def test_a_recipe_can_set_how_cases_are_drawn():
     parser = jsonargparse.ArgumentParser(exit_on_error=False)
-    parser.add_argument("--drawing", type=CaseDrawing, default=CaseDrawing())
+    parser.add_argument("--drawing", type=CorruptionSampler, default=CorruptionSampler())
     given = {"drawing": {"probabilities": {"clean": 0.5, "lidar_blank": 0.5}, "per": "update"}}
     found = parser.instantiate(parser.parse_object(given)).drawing
-    expected = CaseDrawing(probabilities={"clean": 0.5, "lidar_blank": 0.5}, per="update")
+    expected = CorruptionSampler(probabilities={"clean": 0.5, "lidar_blank": 0.5}, per="update")
     assert found == expected
 
 
@@ -168,7 +174,7 @@ def test_a_drawn_case_is_applied_with_the_generator_that_drew_it():
     sample, found = sample_of(), []
     for _ in range(2):
         rng = np.random.default_rng(5)
-        (case,) = CaseDrawing(probabilities={"camera_noise": 1.0}).draw(rng)
+        (case,) = CorruptionSampler(probabilities={"camera_noise": 1.0}).draw(rng)
         found.append(case.corruption(sample, rng).image)
     assert torch.equal(*found)
     assert not torch.equal(found[0], sample.image)

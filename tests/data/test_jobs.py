@@ -11,7 +11,7 @@ from sightline.data.atomic import atomic_create_text
 from sightline.data.jobs import (
     MANIFEST_NAME,
     Claim,
-    claim_folder,
+    acquire_output_dir,
     claim_folders,
     read_claim,
     run_job,
@@ -38,7 +38,7 @@ class Note:
 
 
 def claim(folder, settings=SETTINGS, results=("*.txt",)):
-    claim_folder(folder, settings, results=results)
+    acquire_output_dir(folder, settings, results=results)
 
 
 def claim_when_told(folder, settings, start, said):
@@ -127,7 +127,7 @@ def test_a_manifest_that_is_none_is_refused(tmp_path, text):
 
 
 def test_of_several_folders_all_are_claimed_or_none(tmp_path):
-    claim_folder(tmp_path / "second", {"by": "another"}, results=())
+    acquire_output_dir(tmp_path / "second", {"by": "another"}, results=())
     claims = [
         Claim(folder=tmp_path / name, settings={"by": "me"}, results=())
         for name in ("first", "second")
@@ -187,7 +187,7 @@ def test_a_manifest_that_is_a_pipe_is_no_manifest_and_nobody_waits_for_it(tmp_pa
     os.mkfifo(tmp_path / MANIFEST_NAME)
     assert read_claim(tmp_path) is None
     with pytest.raises(ValueError, match="is no regular file"):
-        claim_folder(tmp_path, {"task": "a"}, results=("*.txt",))
+        acquire_output_dir(tmp_path, {"task": "a"}, results=("*.txt",))
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 
 from sightline.cli.main import main
-from sightline.data.jobs import MANIFEST_NAME, Claim, claim_folder, claim_folders
+from sightline.data.jobs import MANIFEST_NAME, Claim, acquire_output_dir, claim_folders
 from sightline.data.output_links import check_links
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.training.run_folder import claimed
@@ -57,7 +57,7 @@ def test_other_links_are_none_of_its_business(out, elsewhere, tmp_path):
 def test_a_manifest_that_leads_nowhere_is_refused(out, elsewhere, tmp_path, target):
     (out / MANIFEST_NAME).symlink_to(tmp_path / target)
     with pytest.raises(ValueError, match="which is not there"):
-        claim_folder(out, {"a": 1}, results=("*.txt",))
+        acquire_output_dir(out, {"a": 1}, results=("*.txt",))
     assert contents(elsewhere) == {"mine.txt": "mine"}
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.jobs import MANIFEST_NAME, check_apart, check_outputs
+from sightline.data.jobs import MANIFEST_NAME, check_outputs, check_outside_dataset
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_a_file_that_is_read_is_not_replaced(tree):
     (tree / "weights").write_text("")
     (tree / "link").symlink_to(tree / "weights")
     with pytest.raises(ValueError, match=r"would change the file .*weights.*place beside"):
-        check_apart(tree / "weights", [tree / "link"])
+        check_outside_dataset(tree / "weights", [tree / "link"])
 
 
 def test_a_report_may_stand_beside_results_and_take_the_place_of_none(tree):

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from sightline.data.settings import differing_settings, parse_settings, plain_settings
+from sightline.data.settings import config_to_dict, differing_settings, parse_settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,8 @@ def test_what_fits_is_read():
 
 
 def test_settings_that_differ_are_named_one_by_one_within_their_part():
-    given = plain_settings(Whole(part=Part(names=("a",), count=2)))
+    given = config_to_dict(Whole(part=Part(names=("a",), count=2)))
     said = differing_settings(given, Whole())
     assert said == "part.count 2 instead of 1, part.names ['a'] instead of []"
     assert differing_settings({"part": None}, Whole()).startswith("part None instead of {")
-    assert differing_settings(plain_settings(Whole()), Whole()) == ""
+    assert differing_settings(config_to_dict(Whole()), Whole()) == ""

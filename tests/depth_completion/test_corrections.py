@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.depth_completion.config import ByDirection, by_direction
+from sightline.depth_completion.config import SignedThreshold, by_direction
 from sightline.depth_completion.corrections import (
     LeastCorrections,
     drop_small_corrections,
@@ -36,7 +36,7 @@ def test_they_are_equal_to_the_slow_way(seed, height, width, share, least, above
     filled_m = rng.uniform(1, 80, (height, width)).astype(np.float32)
     depth_m = (filled_m * np.exp(rng.normal(0, 0.3, (height, width)))).astype(np.float32)
     before = depth_m.copy()
-    above, beside = (ByDirection(nearer=each[0], farther=each[1]) for each in (above, beside))
+    above, beside = (SignedThreshold(nearer=each[0], farther=each[1]) for each in (above, beside))
     thresholds = least_corrections(is_measured, least=least, above=above, beside=beside)
     found_m = drop_small_corrections(depth_m, filled_m, thresholds)
     expected_m = counted(depth_m, filled_m, is_measured, least, above, beside)
@@ -50,7 +50,7 @@ def test_the_threshold_rises_above_the_highest_measurement_of_the_columns_around
     nearer, farther = least_corrections(
         is_measured,
         least=0.05,
-        above=ByDirection(nearer=0.25, farther=0.45),
+        above=SignedThreshold(nearer=0.25, farther=0.45),
         beside=by_direction(None, default=0.05),
     )
     np.testing.assert_allclose(nearer[40:, 10], 0.05)
@@ -67,7 +67,7 @@ def test_beside_a_measurement_each_direction_has_a_threshold_of_its_own():
         is_measured,
         least=0.05,
         above=by_direction(None, default=0.05),
-        beside=ByDirection(nearer=0.15, farther=0.45),
+        beside=SignedThreshold(nearer=0.15, farther=0.45),
     )
     np.testing.assert_allclose(nearer[4, 3:6], 0.15)
     np.testing.assert_allclose(farther[3:6, 4], 0.45)

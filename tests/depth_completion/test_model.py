@@ -7,9 +7,9 @@ from jsonargparse import ArgumentParser
 from torch import nn
 
 from sightline.depth_completion.config import (
-    ByDirection,
     DepthCompletionConfig,
     ShiftConvConfig,
+    SignedThreshold,
     TrunkConfig,
 )
 from sightline.depth_completion.model import DepthCompletionNet
@@ -269,9 +269,12 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
         ({"dead_zone": -0.1}, "dead_zone must be from 0"),
         ({"least_correction": 1.0}, "least_correction must be from 0"),
         ({"least_correction_above": -0.1}, "least_correction_above must be from 0"),
-        ({"least_correction_above": ByDirection(nearer=0.0, farther=1.0)}, "above must be from 0"),
         (
-            {"least_correction_beside": ByDirection(nearer=float("nan"), farther=0.0)},
+            {"least_correction_above": SignedThreshold(nearer=0.0, farther=1.0)},
+            "above must be from 0",
+        ),
+        (
+            {"least_correction_beside": SignedThreshold(nearer=float("nan"), farther=0.0)},
             "beside must be",
         ),
         ({"least_correction_beside": 0.1}, "beside is of a factor's logarithm"),

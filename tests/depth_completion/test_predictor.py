@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.depth_completion.config import ByDirection, PlaneSmoothing, by_direction
+from sightline.depth_completion.config import PlaneSmoothing, SignedThreshold, by_direction
 from sightline.depth_completion.methods import starting_depth
 from sightline.depth_completion.mirrored_answer import answer_with_mirror
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
@@ -87,8 +87,8 @@ def test_a_map_is_smoothed_as_the_settings_say(tmp_path):
     ("above", "beside"),
     [
         (None, None),
-        (0.4, ByDirection(nearer=0.3, farther=0.02)),
-        (ByDirection(nearer=0.0, farther=0.5), 0.2),
+        (0.4, SignedThreshold(nearer=0.3, farther=0.02)),
+        (SignedThreshold(nearer=0.0, farther=0.5), 0.2),
     ],
 )
 def test_small_corrections_are_left_out_as_the_settings_say(flip_test, above, beside, tmp_path):

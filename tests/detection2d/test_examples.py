@@ -5,7 +5,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from sightline.corruptions.drawing import CaseDrawing
+from sightline.corruptions.drawing import CorruptionSampler
 from sightline.data.augmentation import ColorJitterConfig, mirror
 from sightline.data.camera_chain import CameraChainConfig
 from sightline.data.faults import FewerRings, NoCamera
@@ -72,7 +72,7 @@ def test_the_whole_frame_is_stretched_to_the_networks_input(sample):
 
 @pytest.mark.parametrize("settings", [CROPS, ExampleConfig(input=InputConfig(size=(64, 96)))])
 def test_an_example_depends_on_its_generator_alone(sample, settings):
-    settings = replace(settings, cases=CaseDrawing(), camera=CameraChainConfig())
+    settings = replace(settings, cases=CorruptionSampler(), camera=CameraChainConfig())
     first, again, other = (example(sample, settings, seed=s) for s in (3, 3, 4))
     assert torch.equal(first.image, again.image)
     assert torch.equal(first.lidar, again.lidar)
@@ -110,12 +110,12 @@ def test_scoring_shows_the_whole_frame_as_it_is_with_all_its_labels(sample):
 
 
 def only(case):
-    return CaseDrawing(probabilities={case: 1.0})
+    return CorruptionSampler(probabilities={case: 1.0})
 
 
 def test_cases_come_as_often_as_is_said(sample):
     shares = {"clean": 0.4, "lidar_blank": 0.3, "camera_blank": 0.3}
-    settings = replace(CROPS, health=True, cases=CaseDrawing(probabilities=shares))
+    settings = replace(CROPS, health=True, cases=CorruptionSampler(probabilities=shares))
     found = [example(sample, settings, seed=seed) for seed in range(40)]
     no_lidar = [batch for batch in found if not batch.lidar.any()]
     no_camera = [batch for batch in found if not batch.image.any()]
@@ -166,7 +166,7 @@ def test_gates_are_told_of_a_camera_that_was_never_there(sample):
 
 def test_a_case_may_be_the_same_for_all_samples_of_an_update(sample):
     shares = {"clean": 0.4, "lidar_blank": 0.3, "camera_blank": 0.3}
-    cases = CaseDrawing(probabilities=shares, per="update")
+    cases = CorruptionSampler(probabilities=shares, per="update")
     examples = DetectionExamples(replace(CROPS, cases=cases, color_jitter=None))
     kinds = set()
     for seed in range(12):

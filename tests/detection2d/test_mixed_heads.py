@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.settings import plain_settings
+from sightline.data.settings import config_to_dict
 from sightline.data.weights import write_weights
 from sightline.detection2d.mixed_heads import mix_heads
 from sightline.detection2d.model import Detector
@@ -41,7 +41,7 @@ def images(seed=0):
 
 
 def write(path, network):
-    config = plain_settings(network.config)
+    config = config_to_dict(network.config)
     write_weights(path, network.state_dict(), task="detection2d", config=config, provenance={})
     return path
 

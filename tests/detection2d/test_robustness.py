@@ -4,7 +4,7 @@ from sightline.corruptions.suites import find_suite
 from sightline.detection2d.predictor import DetectorAnswer
 from sightline.detection2d.robustness import SCORING
 from sightline.geometry.boxes2d import Boxes2D
-from sightline.robustness.scoring import Answered, PosedFrame
+from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.structures.predictions import Detections2D
 from tests.detection2d.frames import painted_frame
 
@@ -21,7 +21,7 @@ def answered(case_name, *, gates):
         ),
         **(maps if gates else {}),
     )
-    return Answered(PosedFrame(sample, None), case.corrupt(sample), answer)
+    return BenchPrediction(BenchFrame(sample, None), case.corrupt(sample), answer)
 
 
 def test_an_answer_is_drawn_with_what_the_gates_let_through():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from sightline.data.settings import plain_settings
+from sightline.data.settings import config_to_dict
 from sightline.data.weights import write_weights
 from sightline.detection2d.model import Detector
 from sightline.detection2d.stream_weights import load_stream_weights
@@ -17,7 +17,7 @@ def write(path, *, seed, task="detection2d", **settings):
     torch.manual_seed(seed)
     network = Detector(replace(TINY, **settings))
     tensors = network.state_dict()
-    config = plain_settings(network.config)
+    config = config_to_dict(network.config)
     write_weights(path, tensors, task=task, config=config, provenance={})
     return network
 

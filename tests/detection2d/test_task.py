@@ -8,7 +8,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
-from sightline.data.settings import plain_settings
+from sightline.data.settings import config_to_dict
 from sightline.data.weights import write_weights
 from sightline.detection2d.config import Detection2DConfig, InputConfig
 from sightline.detection2d.examples import DetectionExamples, ExampleConfig
@@ -141,7 +141,7 @@ def test_streams_are_taken_over_the_weights_when_a_training_begins_and_only_then
         tmp_path / "other.safetensors",
         other.state_dict(),
         task="detection2d",
-        config=plain_settings(TINY),
+        config=config_to_dict(TINY),
         provenance={},
     )
     task = attached(

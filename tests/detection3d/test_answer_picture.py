@@ -50,7 +50,7 @@ def test_unsure_boxes_are_not_drawn_and_labels_are_white(sample):
     assert np.array_equal(unsure, without)
     unlabelled = answer_picture("frame", replace(sample, objects=None), NOTHING, NOTHING)
     assert pixels_of(without, LABELLED) > pixels_of(unlabelled, LABELLED) + 50
-    assert len(detections(0.3).surer_than(DRAWN_SCORE).scores) == 1
+    assert len(detections(0.3).filter_by_score(DRAWN_SCORE).scores) == 1
 
 
 def test_the_predictor_gives_what_both_stages_make(sample, tmp_path):

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection3d.axes import TurnedProposals, surest_axes, turn_to_axes
-from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.axes import TurnedProposals, best_headings, turn_to_axes
+from sightline.detection3d.axes_config import HeadingHypothesesConfig
 from sightline.detection3d.detect import propose, refine
 from sightline.detection3d.detector_config import Detection3DConfig
 from sightline.detection3d.model import Detector3D
@@ -50,16 +50,16 @@ def test_the_surest_axis_is_taken_if_it_gains_enough(seed, count, number):
     proposed = some_proposals(seed, count)
     turned = turn_to_axes(proposed, proposed.classes != 2, number)
     scores = torch.rand(len(turned.origins), generator=torch.Generator().manual_seed(seed + 1))
-    config = AxesConfig(number=number, least_gain=0.2)
-    found = surest_axes(scores, turned, config)
+    config = HeadingHypothesesConfig(number=number, least_gain=0.2)
+    found = best_headings(scores, turned, config)
     assert found.tolist() == reference_surest(scores, turned, config.least_gain)
 
 
 def test_a_gain_that_is_too_small_leaves_the_proposal_s_own_axis():
     turned = TurnedProposals(some_proposals(0, 2), torch.tensor([0, 0]), torch.tensor([0, 1]))
     scores = torch.tensor([0.5, 0.504])
-    assert surest_axes(scores, turned, AxesConfig(least_gain=0.01)).tolist() == [0]
-    assert surest_axes(scores, turned, AxesConfig(least_gain=0.005)).tolist() == [1]
+    assert best_headings(scores, turned, HeadingHypothesesConfig(least_gain=0.01)).tolist() == [0]
+    assert best_headings(scores, turned, HeadingHypothesesConfig(least_gain=0.005)).tolist() == [1]
 
 
 class _SureOfNorth(torch.nn.Module):
@@ -79,7 +79,7 @@ def sample():
 
 
 def with_axes(**settings):
-    config = replace(COMPACT, axes=AxesConfig(**settings))
+    config = replace(COMPACT, axes=HeadingHypothesesConfig(**settings))
     detector = Detector3D(config).eval()
     assert detector.second is not None
     detector.second.network = _SureOfNorth()
@@ -104,7 +104,7 @@ def test_a_proposal_across_ends_along_the_axis_that_the_second_stage_is_sure_of(
 
 
 def test_where_no_other_axis_can_gain_answers_are_those_without(sample):
-    detector = Detector3D(replace(COMPACT, axes=AxesConfig(least_gain=1e9))).eval()
+    detector = Detector3D(replace(COMPACT, axes=HeadingHypothesesConfig(least_gain=1e9))).eval()
     sweep = network_sweep(sample, detector.config.input)
     proposed = propose(detector, sweep)[0]
     found, plain = (refine(detector, sweep, proposed, in_use=each) for each in (True, False))
@@ -120,16 +120,16 @@ def test_settings_that_make_no_sense_are_refused():
         ("axes.class_names must hold", {"class_names": ()}),
     ):
         with pytest.raises(ValueError, match=message):
-            AxesConfig(**settings)
+            HeadingHypothesesConfig(**settings)
     for message, axes in (
-        ("axes names Tram, but the classes are", AxesConfig(class_names=("Tram",))),
-        ("axes.passes is 9, expected up to regions.passes", AxesConfig(passes=9)),
+        ("axes names Tram, but the classes are", HeadingHypothesesConfig(class_names=("Tram",))),
+        ("axes.passes is 9, expected up to regions.passes", HeadingHypothesesConfig(passes=9)),
     ):
         with pytest.raises(ValueError, match=message):
             replace(COMPACT, axes=axes)
     large = replace(COMPACT.regions, num_points=2**14, region_width=512)
     replace(COMPACT, regions=large)
     with pytest.raises(ValueError, match=r"regions makes layers of \d+ numbers of a proposal"):
-        replace(COMPACT, regions=large, axes=AxesConfig(number=16))
+        replace(COMPACT, regions=large, axes=HeadingHypothesesConfig(number=16))
     with pytest.raises(ValueError, match="axes needs regions in their own frames"):
-        Detection3DConfig(axes=AxesConfig(class_names=("Car",)))
+        Detection3DConfig(axes=HeadingHypothesesConfig(class_names=("Car",)))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from sightline.cli.main import main
-from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.axes_config import HeadingHypothesesConfig
 from sightline.detection3d.center_coding import (
     cell_middles,
     encode_centers,
@@ -33,7 +33,7 @@ from sightline.detection3d.region_coding import (
 from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.region_network import RegionOutput
 from sightline.detection3d.region_views import REGION_VIEWS
-from sightline.detection3d.regions import cut_regions, turn_cut
+from sightline.detection3d.regions import cut_regions, flip_heading
 from sightline.detection3d.task import Detection3D
 from sightline.detection3d.views import AS_IT_IS, View, answer_of_views
 from sightline.geometry.transforms import wrap_angle
@@ -103,10 +103,10 @@ def test_regions_of_turned_proposals(seed):
         cut_regions(near + noise, noise[:, :1], each, classes, config, seed=1)
         for each in (boxes, boxes + turn)
     )
-    found = turn_cut(plain)
+    found = flip_heading(plain)
     torch.testing.assert_close(found.points, turned.points)
     torch.testing.assert_close(found.context, turned.context)
-    assert torch.equal(turn_cut(found).points, plain.points)
+    assert torch.equal(flip_heading(found).points, plain.points)
 
 
 class _Answer(NamedTuple):
@@ -195,7 +195,9 @@ def same_boxes(one, other):
 @pytest.mark.parametrize("is_cached", [False, True])
 def test_a_training_scores_without_what_is_for_use_alone(is_cached, tmp_path):
     weights = tmp_path / "w.safetensors"
-    in_use = replace(COMPACT, flip_test=True, axes=AxesConfig(class_names=NAMES, passes=1))
+    in_use = replace(
+        COMPACT, flip_test=True, axes=HeadingHypothesesConfig(class_names=NAMES, passes=1)
+    )
     write_network(weights, in_use)
     answers = []
     for config in (COMPACT, in_use):

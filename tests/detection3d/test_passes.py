@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.axes_config import HeadingHypothesesConfig
 from sightline.detection3d.detect import propose, refine
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.passes import answer_of_passes, mean_answer
@@ -123,7 +123,7 @@ def test_the_named_classes_have_the_mean_and_others_the_last_pass():
 
 
 def test_the_mean_is_of_the_passes_from_the_axis_that_was_taken():
-    axes = AxesConfig(class_names=("Car",), passes=1, least_gain=0.5)
+    axes = HeadingHypothesesConfig(class_names=("Car",), passes=1, least_gain=0.5)
     found = moved(axes, passes=2, mean_with_first=("Car",))
     assert found["Car"] == pytest.approx((10.9, (surest(1) + surest(2)) / 2))
     assert found["Cyclist"] == pytest.approx((21.2, surest(2)))

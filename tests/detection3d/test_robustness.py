@@ -3,7 +3,7 @@ import torch
 from sightline.corruptions.suites import find_suite
 from sightline.data.open import open_dataset
 from sightline.detection3d.robustness import SCORING
-from sightline.robustness.scoring import Answered, PosedFrame
+from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import Detections3D
 
@@ -17,7 +17,7 @@ def answered(case_name):
         boxes=labels.boxes3d,
         scores=torch.full((len(labels),), 0.9),
     )
-    return Answered(PosedFrame(sample, None), case.corrupt(sample), answer)
+    return BenchPrediction(BenchFrame(sample, None), case.corrupt(sample), answer)
 
 
 def test_an_answer_is_drawn_on_the_image_and_from_above():

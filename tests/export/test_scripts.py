@@ -16,7 +16,7 @@ from sightline.data.open import open_dataset
 from sightline.data.scene_changes import resize
 from sightline.data.weights import write_weights
 from sightline.depth_completion.adaptive import adaptive_depth
-from sightline.depth_completion.config import ByDirection, PlaneSmoothing
+from sightline.depth_completion.config import PlaneSmoothing, SignedThreshold
 from sightline.depth_completion.methods import filling_config
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.processing import processing as depth_processing
@@ -40,8 +40,8 @@ DEPTH_SETTINGS = replace(
     correction="log",
     flip_test=True,
     least_correction=0.05,
-    least_correction_above=ByDirection(nearer=0.15, farther=0.3),
-    least_correction_beside=ByDirection(nearer=0.15, farther=0.65),
+    least_correction_above=SignedThreshold(nearer=0.15, farther=0.3),
+    least_correction_beside=SignedThreshold(nearer=0.15, farther=0.65),
     smoothing=PlaneSmoothing(),
 )
 

@@ -7,7 +7,7 @@ import torch
 
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthCompleter
-from sightline.perception.perceiver import Perceiver
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import load
 
@@ -24,7 +24,7 @@ def samples():
 def predictors():
     networks = [load(name, engine="torch", threads=1) for name in NAMES]
     method = DepthCompleter("linear")
-    return [*networks, method, Perceiver({"depth-completion": method})]
+    return [*networks, method, MultiTaskPredictor({"depth-completion": method})]
 
 
 def tensors_of(answer):

@@ -8,7 +8,7 @@ import torch
 from sightline.detection2d.predictor import DetectorAnswer
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.projection import sparse_depth_map
-from sightline.perception.perceiver import Perceiver
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.structures.predictions import DepthMap, Detections2D
 
 
@@ -42,7 +42,7 @@ def one_box(sample):
 
 def perceiver(depth=sparse_depth, boxes=one_box, *, depth_name="sparse"):
     """Needs of both as those of the shipped networks."""
-    return Perceiver(
+    return MultiTaskPredictor(
         {
             "depth-completion": Answering(
                 depth, depth_name, ("image", "points"), ("points",), ("depth", "uncertainty")

@@ -9,7 +9,7 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.inference.predict import predict
 from sightline.perception import perceive as perceive_module
 from sightline.perception.perceive import perceive
-from sightline.perception.perceiver import Perceiver
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import find_task
 from tests.inference.trees import contents_of
@@ -42,7 +42,7 @@ def test_its_files_are_those_that_predict_writes_manifest_and_all(data, out, tmp
 
 def test_shipped_networks_give_the_files_that_predict_writes(tmp_path):
     weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "depth-fast-cpu"}
-    asked = Perceiver.load(weights | {"detection3d": None}, threads=1)
+    asked = MultiTaskPredictor.load(weights | {"detection3d": None}, threads=1)
     perceive(PACKAGED_FRAMES, tmp_path / "out", perceiver=asked, sample_list=["000001"])
     for name, chosen in weights.items():
         task = find_task(name)
@@ -188,7 +188,7 @@ def test_other_weights_or_other_tasks_do_not_mix(data, out):
         ValueError, match=r"out holds files made with .*sparse.* instead of .*other"
     ):
         perceive(data, out, perceiver=perceiver(depth_name="other"))
-    alone = Perceiver({"detection2d": perceiver().predictors["detection2d"]})
+    alone = MultiTaskPredictor({"detection2d": perceiver().predictors["detection2d"]})
     with pytest.raises(ValueError, match=r"out holds files made with .*depth-completion"):
         perceive(data, out, perceiver=alone)
 
@@ -244,13 +244,13 @@ def test_pictures_that_cannot_be_written_are_refused_before_any_work(data, out, 
 def test_no_tasks_and_unknown_ones_are_refused():
     everything = dict.fromkeys(("detection2d", "detection3d", "depth-completion"), "none")
     with pytest.raises(ValueError, match="all tasks are left out; ask at least one of"):
-        Perceiver.load(everything)
+        MultiTaskPredictor.load(everything)
     with pytest.raises(ValueError, match="there is no task tarot"):
-        Perceiver.load({"tarot": "deck"})
+        MultiTaskPredictor.load({"tarot": "deck"})
 
 
 def test_a_method_without_a_network_can_be_named():
-    asked = Perceiver.load(
+    asked = MultiTaskPredictor.load(
         {"depth-completion": "nearest", "detection2d": None, "detection3d": "none"}
     )
     assert {name: each.name for name, each in asked.predictors.items()} == {

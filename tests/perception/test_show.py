@@ -158,6 +158,6 @@ def test_of_parts_that_know_the_same_the_first_is_believed():
     joined = Perception.joined([first, second, third])
     assert joined.detections2d.class_names == ("Car",)
     assert joined.depth is third.depth
-    assert joined.surer_than(0.2).detections2d.class_names == ("Car",)
-    unsure = dataclasses.replace(joined, detections3d=None).surer_than(0.3)
+    assert joined.filter_by_score(0.2).detections2d.class_names == ("Car",)
+    unsure = dataclasses.replace(joined, detections3d=None).filter_by_score(0.3)
     assert unsure.detections2d.class_names == ()

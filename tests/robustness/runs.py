@@ -5,10 +5,10 @@ from sightline.corruptions.corruption import NoCorruption
 from sightline.corruptions.noise import CameraDeadPixels
 from sightline.corruptions.suites import Case, Suite
 from sightline.robustness.record import CaseInfo, Record, Setting
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 
-AP = Figure(name="ap", title="average precision", unit="%", highest=100.0)
-RMSE = Figure(name="rmse_mm", title="RMSE", unit="mm")
+AP = BenchMetric(name="ap", title="average precision", unit="%", highest=100.0)
+RMSE = BenchMetric(name="rmse_mm", title="RMSE", unit="mm")
 
 
 def record_of(figure, clean, table, *, sensors=None, **setting):

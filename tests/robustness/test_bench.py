@@ -19,11 +19,11 @@ from sightline.evaluation.held_out import evaluate_held_out
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.robustness import bench
-from sightline.robustness.answers import Asked, answer_in_cases
+from sightline.robustness.answers import MethodRun, answer_in_cases
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.frames import open_frames
 from sightline.robustness.record import read_record
-from sightline.robustness.scoring import PosedFrame, Scoring
+from sightline.robustness.scoring import BenchFrame, Scoring
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import find_task, task_names
 from tests.data.recordings import write_recording
@@ -181,11 +181,11 @@ def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):
     alive = weakref.WeakSet()
     most = []
 
-    class Keeper:
+    class ResultWriter:
         suffix = ".txt"
 
         def pose(self, sample):
-            return PosedFrame(sample, None)
+            return BenchFrame(sample, None)
 
         def keep(self, path, answered):
             del answered
@@ -212,8 +212,8 @@ def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):
         def __call__(self, sample):
             return sample.sample_id
 
-    asked = Asked(predictor=Blind(), cases=LEVELS.cases[:1], folder=tmp_path)
-    done = answer_in_cases(Many(), [asked], Keeper(), seed=0, workers=1, description="")
+    asked = MethodRun(predictor=Blind(), cases=LEVELS.cases[:1], folder=tmp_path)
+    done = answer_in_cases(Many(), [asked], ResultWriter(), seed=0, workers=1, description="")
     assert (done.written, done.skipped) == (60, 0)
     assert max(most) <= 2
 

@@ -14,7 +14,7 @@ from sightline.robustness.measures import (
     resilience,
     worst_case,
 )
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 from tests.reference import robustness as reference
 from tests.robustness.runs import AP, RMSE, record_of
 
@@ -133,4 +133,4 @@ def test_a_figure_tells_errors_and_leads_in_its_own_direction():
     assert AP.error(70.0) == 30.0
     assert RMSE.error(70.0) == 70.0
     assert AP.lead(70.0, 60.0) == RMSE.lead(60.0, 70.0) == 10.0
-    assert Figure(name="x", title="x", unit="m").highest is None
+    assert BenchMetric(name="x", title="x", unit="m").highest is None

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from sightline.data.settings import differing_settings, parse_settings, plain_settings
+from sightline.data.settings import config_to_dict, differing_settings, parse_settings
 from sightline.data.weights import write_weights
 from sightline.training.initial_weights import choose_settings
 from sightline.training.optimizer import OptimizerConfig
@@ -42,7 +42,7 @@ def write(path, module, value):
         path,
         tensors_of(module.network, value),
         task=module.task_name,
-        config=plain_settings(module.network_config()),
+        config=config_to_dict(module.network_config()),
         provenance={},
     )
     return path
@@ -97,7 +97,7 @@ class PartsConfig:
 def test_what_a_file_is_too_old_to_name_of_a_part_is_what_it_is_read_with():
     channels = toy.ToyConfig(channels=4)
     ours = PartsConfig(optional=toy.ToyConfig(channels=3), several=(channels, channels))
-    older = plain_settings(ours)
+    older = config_to_dict(ours)
     for part in (older["optional"], older["wide"], *older["several"]):
         del part["dropout"]
     del older["wide"]["channels"], older["sized"]["depth"]

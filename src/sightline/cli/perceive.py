@@ -105,10 +105,10 @@ def _run(
     files = [named_file(each) for each in (*weights.values(), job["sample_list"])]
     check_outputs(places, data=[data, *files])  # before networks are loaded
     from sightline.perception.perceive import LINES_NAME, perceive
-    from sightline.perception.perceiver import Perceiver
+    from sightline.perception.perceiver import MultiTaskPredictor
 
     # One thread per worker; with several threads PyTorch's last digits differ.
-    perceiver = Perceiver.load(weights, engine=engine, device=device, threads=1)
+    perceiver = MultiTaskPredictor.load(weights, engine=engine, device=device, threads=1)
     taken = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
     tell_engine(engine, next(iter(taken), None), device)
     result = perceive(data, out, perceiver=perceiver, **job)

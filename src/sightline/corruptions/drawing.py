@@ -11,7 +11,7 @@ from sightline.corruptions.suites import Case, Suite, find_suite
 
 
 @dataclass(frozen=True, kw_only=True)
-class CaseDrawing:
+class CorruptionSampler:
     """Distribution of a suite's cases for training.
 
     Raises:

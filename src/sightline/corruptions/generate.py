@@ -9,10 +9,10 @@ from sightline.corruptions.suites import Case, Suite, find_suite
 from sightline.corruptions.tree import PARTS, CaseTree
 from sightline.data.jobs import (
     JobResult,
+    acquire_output_dir,
     change_of_data,
-    check_apart,
+    check_outside_dataset,
     check_workers,
-    claim_folder,
     data_name,
     run_job,
     shard,
@@ -78,7 +78,7 @@ def corrupt_dataset(
         CaseTree(root=out / case.name, split=dataset.split, velodyne=velodyne, masks=masks)
         for case in asked
     ]
-    claim_folder(
+    acquire_output_dir(
         out,
         case_settings(dataset, chosen, seed),
         results=("*/training", "*/testing", "*/ImageSets"),
@@ -135,7 +135,7 @@ def _open(
 
 def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
     """Refuse an output folder that would change the input."""
-    check_apart(data, [out])
+    check_outside_dataset(data, [out])
     written = [out.resolve() / case.name for case in cases]
     if any(data.resolve().is_relative_to(folder) for folder in written):
         raise change_of_data(data, out)

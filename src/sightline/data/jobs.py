@@ -108,7 +108,7 @@ def check_workers(workers: int) -> None:
         raise ValueError(f"workers must be at least 1, got {workers}")
 
 
-def claim_folder(
+def acquire_output_dir(
     folder: Path,
     settings: Mapping[str, object],
     *,
@@ -140,7 +140,7 @@ def claim_folder(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Claim:
-    """Arguments of `claim_folder`."""
+    """Arguments of `acquire_output_dir`."""
 
     folder: Path
     settings: Mapping[str, object]
@@ -151,12 +151,12 @@ def claim_folders(claims: Sequence[Claim]) -> None:
     """Claims all folders of a job, or none if one of them would be refused.
 
     Raises:
-        ValueError: See `claim_folder`.
+        ValueError: See `acquire_output_dir`.
     """
     for claim in claims:
         _is_claimed(claim.folder, claim.settings, results=claim.results)
     for claim in claims:
-        claim_folder(claim.folder, claim.settings, results=claim.results)
+        acquire_output_dir(claim.folder, claim.settings, results=claim.results)
 
 
 def _is_claimed(
@@ -202,7 +202,7 @@ def check_outputs(
 
     Args:
         outputs: Files and folders by their option; None: not requested.
-        data: Inputs: data sets, folders in them or files; see `check_apart`.
+        data: Inputs: data sets, folders in them or files; see `check_outside_dataset`.
         results: Folders of result files, or such a file: a report may be beside them, but must not
             replace one.
 
@@ -218,7 +218,7 @@ def check_outputs(
             raise ValueError(f"{other} and {option} both name {path}; name another place for one")
     for each in data:
         if each is not None:
-            check_apart(each, places.values())
+            check_outside_dataset(each, places.values())
             _check_not_within(each, places)
     for folder in filter(None, results):
         for option, path in places.items():
@@ -243,7 +243,7 @@ def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:
             )
 
 
-def check_apart(data: Path, outputs: Iterable[Path]) -> None:
+def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
     """Refuses outputs inside a data set, where they would replace or become parts of it.
 
     Links are followed, including those in the data set.

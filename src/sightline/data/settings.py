@@ -43,7 +43,7 @@ _PLAIN_NAMES: Final = {
 ConfigT = TypeVar("ConfigT")  # a `NetworkConfig`; without a bound, as beartype cannot check classes
 
 
-def plain_settings(settings: NetworkConfig) -> dict[str, object]:
+def config_to_dict(settings: NetworkConfig) -> dict[str, object]:
     """Convert settings to plain JSON values."""
     plain: dict[str, object] = json.loads(json.dumps(asdict(settings)))
     return plain
@@ -106,11 +106,11 @@ def differing_settings(
         ours: Settings of the network.
         in_training: Whether fields marked `IN_TRAINING_ALONE` are compared, too.
     """
-    wanted = plain_settings(ours)
+    wanted = config_to_dict(ours)
     try:
-        given = plain_settings(parse_settings(type(ours), plain))
+        given = config_to_dict(parse_settings(type(ours), plain))
     except ValueError:  # settings of another network, or of a newer version
-        given = plain_settings(type(ours)()) | dict(plain)
+        given = config_to_dict(type(ours)()) | dict(plain)
     marks = ["in_use_alone"] if in_training else ["in_use_alone", "in_training_alone"]
     for settings in (wanted, given):
         _remove_marked(settings, ours, marks)

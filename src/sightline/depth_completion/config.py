@@ -130,7 +130,7 @@ class PlaneSmoothing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ByDirection:
+class SignedThreshold:
     """Thresholds of the corrections for the two directions in which they move a pixel."""
 
     nearer: float
@@ -192,10 +192,14 @@ class DepthCompletionConfig:
     """Threshold (the logarithm of a factor) below which predictors undo the network's corrections
     of the completion, propagation included; from twice this on they are kept. See
     `drop_small_corrections`."""
-    least_correction_above: float | ByDirection | None = field(default=None, metadata=IN_USE_ALONE)
+    least_correction_above: float | SignedThreshold | None = field(
+        default=None, metadata=IN_USE_ALONE
+    )
     """Threshold far above the measurements in a pixel's columns; see `least_corrections`. None:
     `least_correction`."""
-    least_correction_beside: float | ByDirection | None = field(default=None, metadata=IN_USE_ALONE)
+    least_correction_beside: float | SignedThreshold | None = field(
+        default=None, metadata=IN_USE_ALONE
+    )
     """Threshold within a pixel or two of a measurement. None: `least_correction`."""
     keep_measured: bool = field(default=False, metadata=IN_USE_ALONE)
     """Whether predictors restore the measurements that the classical completion keeps."""
@@ -264,9 +268,9 @@ class DepthCompletionConfig:
         return max(self.trunk_stride * self.trunk.stride, shift_stride)  # both are powers of two
 
 
-def by_direction(value: float | ByDirection | None, *, default: float) -> ByDirection:
+def by_direction(value: float | SignedThreshold | None, *, default: float) -> SignedThreshold:
     """Expand one number to both directions; None: the default for both."""
-    if isinstance(value, ByDirection):
+    if isinstance(value, SignedThreshold):
         return value
     both = default if value is None else value
-    return ByDirection(nearer=both, farther=both)
+    return SignedThreshold(nearer=both, farther=both)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray
 
-from sightline.depth_completion.config import ByDirection
+from sightline.depth_completion.config import SignedThreshold
 
 FIRST_ROWS_ABOVE, LAST_ROWS_ABOVE = 20, 30  # thresholds rise between these heights [rows]
 COLUMNS_AROUND = 7  # columns to either side whose measurements count for a column
@@ -28,8 +28,8 @@ def least_corrections(
     is_measured: Bool[ndarray, "height width"],
     *,
     least: float,
-    above: ByDirection,
-    beside: ByDirection,
+    above: SignedThreshold,
+    beside: SignedThreshold,
 ) -> LeastCorrections:
     """Compute the threshold of corrections for each pixel.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, get_args
 
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.network_task import DepthNetworkTask
-from sightline.inference.predictor import Output, Switch
+from sightline.inference.predictor import Output, OutputFilter
 
 if TYPE_CHECKING:
     from sightline.depth_completion.model import DepthCompletionNet
@@ -80,8 +80,8 @@ class DepthCompletionTask(DepthNetworkTask):
         ),
     )
 
-    switches: tuple[Switch, ...] = (
-        Switch(
+    switches: tuple[OutputFilter, ...] = (
+        OutputFilter(
             name="valid_only",
             summary="Writes only depths that the method vouches for, and 0 (no value) elsewhere.",
             change=_only_valid,

@@ -19,7 +19,7 @@ from sightline.evaluation.held_out_errors import held_out_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.robustness.record import number_or_none
-from sightline.robustness.scoring import Answered, Figure, Panel, PosedFrame, Scores
+from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.canvas import scaled_to_width
 from sightline.visualization.depth import colorize_depth
@@ -39,7 +39,9 @@ class HeldOutScoring:
     suffix = ".json"
     parts: tuple[Part, ...] = ("points",)
     takes_results = False
-    figures = tuple(Figure(name=name, title=title, unit="mm") for name, title in _FIGURES.items())
+    figures = tuple(
+        BenchMetric(name=name, title=title, unit="mm") for name, title in _FIGURES.items()
+    )
 
     def check(self, dataset: SampleDataset) -> None:
         """Accepts every data set with sweeps."""
@@ -50,13 +52,13 @@ class HeldOutScoring:
         del dataset
         return ()
 
-    def pose(self, sample: CameraLidarSample) -> PosedFrame:
+    def pose(self, sample: CameraLidarSample) -> BenchFrame:
         """Separates the input rings, cropped by the protocol, from the truth."""
         frame = split_rings(sample)
         check_rings(frame)
-        return PosedFrame(frame.with_beams(frame.sensor_beams), frame)
+        return BenchFrame(frame.with_beams(frame.sensor_beams), frame)
 
-    def keep(self, path: Path, answered: Answered) -> None:
+    def keep(self, path: Path, answered: BenchPrediction) -> None:
         """Writes the frame's errors."""
         frame: HeldOutFrame = answered.posed.truth
         place = f"sample {frame.sample.sample_id}"
@@ -73,7 +75,7 @@ class HeldOutScoring:
         rows = [_read(folder / f"{name}{self.suffix}") for name in dataset.sample_ids]
         return {name: statistics.fmean(row[at] for row in rows) for at, name in enumerate(_FIGURES)}
 
-    def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
+    def draw(self, answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
         """Draws the image and the sweep of the input, and the completed depth."""
         given, answer = answered.corrupted.sample, answered.answer
         panels = [Panel("image", camera_picture(given))]

@@ -98,7 +98,7 @@ def _with_boxes(
     scale_y, scale_x = (
         new / old for new, old in zip(image.shape[:2], sample.image_size, strict=True)
     )
-    found = answer.detections.surer_than(DRAWN_SCORE)
+    found = answer.detections.filter_by_score(DRAWN_SCORE)
     if sample.objects is not None:
         labels = sample.objects
         boxes = labels.boxes2d.resize(scale_x, scale_y)

@@ -51,7 +51,7 @@ def run_detection_demo(
         answer = predictor(corrupted)
         said = _SHOWN[case.name]
         rows.append(answer_row(said, corrupted, answer))
-        counts[said] = len(answer.detections.surer_than(DRAWN_SCORE).scores)
+        counts[said] = len(answer.detections.filter_by_score(DRAWN_SCORE).scores)
     write_rgb(picture, np.concatenate(rows))
     found = ", ".join(f"{count} with {said}" for said, count in counts.items())
     table = TextTable(

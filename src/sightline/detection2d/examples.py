@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from sightline.corruptions.corruption import Corrupted
-from sightline.corruptions.drawing import CaseDrawing
+from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
 from sightline.data.augmentation import ColorJitterConfig, jitter_color
 from sightline.data.camera_chain import CameraChainConfig, change_camera
@@ -38,7 +38,7 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.structures.sweep_checks import check_finite_points
 from sightline.training.data import SamplePreparation
 
-_SOUND = CaseDrawing(probabilities={CLEAN: 1.0})
+_SOUND = CorruptionSampler(probabilities={CLEAN: 1.0})
 _HALF_LEVEL = 127  # threshold of a mask painted as an image
 
 
@@ -59,7 +59,7 @@ class ExampleConfig:
     """Colour changes in training. None: none."""
     camera: CameraChainConfig | None = None
     """Variation of the camera in training. None: none."""
-    cases: CaseDrawing | None = None
+    cases: CorruptionSampler | None = None
     """Corruptions in training. None: none."""
     health: bool = False
     """Whether training examples have health maps: the parts of the sensors' images that their case

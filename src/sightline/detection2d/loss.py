@@ -16,7 +16,7 @@ from sightline.detection2d.aligned_loss import (
 from sightline.detection2d.batch import DetectionBatch
 from sightline.detection2d.config import check_range
 from sightline.detection2d.gate_loss import gate_loss
-from sightline.detection2d.readings import Readings
+from sightline.detection2d.readings import HeadOutputs
 from sightline.detection2d.ssd_loss import SsdLossConfig, multibox_loss
 
 
@@ -51,7 +51,7 @@ class DetectionLosses(NamedTuple):
 
 
 def detection_loss(
-    readings: Readings, batch: DetectionBatch, config: DetectionLossConfig, *, compact: bool
+    readings: HeadOutputs, batch: DetectionBatch, config: DetectionLossConfig, *, compact: bool
 ) -> DetectionLosses:
     """Compute the loss of all heads; in late fusion, each detector has to find all objects.
 
@@ -84,7 +84,7 @@ def detection_loss(
 
 
 def _compact_terms(
-    readings: Readings, batch: DetectionBatch, config: DetectionLossConfig
+    readings: HeadOutputs, batch: DetectionBatch, config: DetectionLossConfig
 ) -> tuple[list[AlignedLosses], Float[Tensor, ""]]:
     """Compute the losses of each head, and of all auxiliary heads together."""
     aligned = config.aligned

@@ -11,7 +11,7 @@ from sightline.detection2d.aligned_head import AlignedHead
 from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.designs import design_of
 from sightline.detection2d.mixed_heads import mix_heads
-from sightline.detection2d.readings import DetectorOutput, GateReading, HeadReading, Readings
+from sightline.detection2d.readings import DetectorOutput, GateReading, HeadOutputs, HeadReading
 
 Image = Float[Tensor, "batch 3 height width"]
 
@@ -93,7 +93,7 @@ class Detector(nn.Module):
 
     def read(
         self, image: Image | None = None, lidar: Image | None = None, *, auxiliary: bool = False
-    ) -> Readings:
+    ) -> HeadOutputs:
         """Compute the outputs of heads and gates for the losses.
 
         Args:
@@ -124,7 +124,7 @@ class Detector(nn.Module):
         heads = tuple(self.heads[name](seen, size) for name, seen in maps.items())
         if self.mixes_heads:
             heads = (mix_heads(heads[0], own["camera"], own["lidar"], gates),)
-        return Readings(heads=heads, gates=tuple(gates), auxiliary=own)
+        return HeadOutputs(heads=heads, gates=tuple(gates), auxiliary=own)
 
     def _checked_size(self, given: dict[str, Image | None]) -> tuple[int, int]:
         missing = [name for name, planes in given.items() if planes is None]

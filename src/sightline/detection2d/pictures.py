@@ -37,7 +37,7 @@ def training_picture(
     size = (batch.image.shape[-2], batch.image.shape[-1])
     seen = Placement(image_size=size, scale_x=1.0, scale_y=1.0)
     found = to_detections(output.scores[0], output.boxes[0], seen, config)
-    sure = found.surer_than(DRAWN_SCORE)
+    sure = found.filter_by_score(DRAWN_SCORE)
     truth = batch.targets[0]
     drawn = draw_boxes2d(
         _rgb(batch.image[0]),

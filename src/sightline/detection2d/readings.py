@@ -22,7 +22,7 @@ class GateReading(NamedTuple):
     lidar_logits: Float[Tensor, "batch groups rows columns"]
 
 
-class Readings(NamedTuple):
+class HeadOutputs(NamedTuple):
     """Outputs of a detector's heads and gates."""
 
     heads: tuple[HeadReading, ...]

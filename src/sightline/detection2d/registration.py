@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from sightline.data.plain_text import shortened
 from sightline.detection2d.network_task import DetectionNetworkTask
-from sightline.inference.predictor import Output, Switch
+from sightline.inference.predictor import Output, OutputFilter
 
 if TYPE_CHECKING:
     from sightline.detection2d.model import Detector
@@ -73,7 +73,7 @@ class Detection2DTask(DetectionNetworkTask):
             write=_write_gates,
         ),
     )
-    switches: tuple[Switch, ...] = ()
+    switches: tuple[OutputFilter, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector]") -> "tuple[ExportGraph, ...]":
         """Export one graph: the whole network with decoded boxes."""

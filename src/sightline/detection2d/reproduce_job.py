@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import Case, Suite
-from sightline.data.jobs import JobResult, claim_folder
+from sightline.data.jobs import JobResult, acquire_output_dir
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.output_links import check_links
 from sightline.detection2d.config import Fusion
@@ -18,8 +18,8 @@ from sightline.detection2d.gate_record import (
     write_gate_record,
 )
 from sightline.detection2d.predictor import DetectionPredictor
-from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
-from sightline.robustness.scoring import Answered, PosedFrame
+from sightline.robustness.answers import MethodRun, answer_in_cases, check_numbers
+from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.structures.sample import CameraLidarSample
 
 _GATES = "gates"
@@ -73,7 +73,8 @@ def detect_in_cases(
 ) -> JobResult:
     """Run every detector on every frame in each of its cases.
 
-    Each detector's folder records its origin, see `claim_folder`; otherwise as `answer_in_cases`.
+    Each detector's folder records its origin, see `acquire_output_dir`; otherwise as
+    `answer_in_cases`.
 
     Args:
         dataset: Frames with image, sweep and labels; these are only read.
@@ -96,8 +97,10 @@ def detect_in_cases(
     for system in systems:
         made_by = {"method": system.predictor.name, **system.predictor.made_by}
         folder = out / system.fusion
-        claim_folder(folder, case_settings(dataset, suite, seed) | made_by, results=("*/*.txt",))
-        asked.append(Asked(predictor=system.predictor, cases=system.cases, folder=folder))
+        acquire_output_dir(
+            folder, case_settings(dataset, suite, seed) | made_by, results=("*/*.txt",)
+        )
+        asked.append(MethodRun(predictor=system.predictor, cases=system.cases, folder=folder))
     return answer_in_cases(
         dataset,
         asked,
@@ -109,15 +112,15 @@ def detect_in_cases(
 
 
 class _ResultsAndGates:
-    """`Keeper` that saves KITTI's result files with the gates beside them."""
+    """`ResultWriter` that saves KITTI's result files with the gates beside them."""
 
     suffix = ".txt"
 
-    def pose(self, sample: CameraLidarSample) -> PosedFrame:
+    def pose(self, sample: CameraLidarSample) -> BenchFrame:
         """Return the sample unchanged."""
-        return PosedFrame(sample, None)
+        return BenchFrame(sample, None)
 
-    def keep(self, path: Path, answered: Answered) -> None:
+    def keep(self, path: Path, answered: BenchPrediction) -> None:
         """Write the gates first: a frame with a result file is complete."""
         sample, answer = answered.posed.sample, answered.answer
         if answer.camera_gate is not None:

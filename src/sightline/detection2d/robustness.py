@@ -5,10 +5,10 @@ from typing import Final
 from sightline.detection2d.answer_picture import answer_panels
 from sightline.detection2d.files import read_answer, write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
-from sightline.robustness.scoring import Answered, Panel
+from sightline.robustness.scoring import BenchPrediction, Panel
 
 
-def _panels(answered: Answered, width_px: int) -> tuple[Panel, ...]:
+def _panels(answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
     corrupted = answered.corrupted
     masks = (corrupted.camera_mask, corrupted.lidar_mask)
     panels = answer_panels(corrupted.sample, answered.answer, masks=masks, width_px=width_px)

@@ -46,7 +46,7 @@ def answer_picture(
     """
     height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
     proposed, sure = (
-        level_detections(each.surer_than(DRAWN_SCORE), sample) for each in (proposed, found)
+        level_detections(each.filter_by_score(DRAWN_SCORE), sample) for each in (proposed, found)
     )
     sample = level_sample(resize(sample, height_px, width_px))
     image = camera_picture(sample)

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.axes_config import HeadingHypothesesConfig
 from sightline.detection3d.stages import Proposed
 from sightline.geometry.transforms import wrap_angle
 
@@ -42,8 +42,8 @@ def turn_to_axes(
     return TurnedProposals(turned, origins, axes)
 
 
-def surest_axes(
-    scores: Float[Tensor, " num_turned"], turned: TurnedProposals, config: AxesConfig
+def best_headings(
+    scores: Float[Tensor, " num_turned"], turned: TurnedProposals, config: HeadingHypothesesConfig
 ) -> Int64[Tensor, " num_proposals"]:
     """Return the row of the best refined box for each original proposal.
 

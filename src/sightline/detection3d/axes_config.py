@@ -7,7 +7,7 @@ _MOST_AXES = 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxesConfig:
+class HeadingHypothesesConfig:
     """Classes, axes and passes for refinement from several axes by the compact second stage."""
 
     class_names: tuple[str, ...] = ("Pedestrian",)

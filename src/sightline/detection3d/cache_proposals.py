@@ -5,7 +5,14 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from sightline.data.jobs import JobResult, check_apart, check_workers, claim_folder, run_job, shard
+from sightline.data.jobs import (
+    JobResult,
+    acquire_output_dir,
+    check_outside_dataset,
+    check_workers,
+    run_job,
+    shard,
+)
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.detection3d.network_task import NETWORK_TASK
@@ -58,7 +65,7 @@ def cache_proposals(
     """
     check_workers(workers)
     shard((), shard_index, num_shards)  # checks the shard before the data is opened
-    check_apart(data, [out])
+    check_outside_dataset(data, [out])
     loaded = load_network(NETWORK_TASK, weights)
     identity = first_stage_identity(loaded.network)
     parts: tuple[Part, ...] = ("points",)
@@ -70,7 +77,7 @@ def cache_proposals(
         "first_stage": identity,
         "sightline": version("sightline"),
     }
-    claim_folder(out, settings, results=(f"*{SUFFIX}",))
+    acquire_output_dir(out, settings, results=(f"*{SUFFIX}",))
     there = set() if overwrite else {path.stem for path in out.glob(f"*{SUFFIX}")}
     indices = shard(range(len(dataset)), shard_index, num_shards)
     done = [index for index in indices if dataset.sample_ids[index] in there]

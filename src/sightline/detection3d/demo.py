@@ -44,7 +44,7 @@ def run_detection3d_demo(
     for sample in (dataset[index] for index in range(len(dataset))):
         proposed, found = predictor.both_stages(sample)
         pages.append(answer_picture(f"Frame {sample.sample_id}", sample, proposed, found))
-        counts.append(f"{len(found.surer_than(DRAWN_SCORE).scores)} in {sample.sample_id}")
+        counts.append(f"{len(found.filter_by_score(DRAWN_SCORE).scores)} in {sample.sample_id}")
     write_rgb(picture, np.concatenate(pages))
     return DemoPart(
         title="3D detection",

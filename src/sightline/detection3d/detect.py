@@ -7,16 +7,16 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from sightline.detection3d.axes import surest_axes, turn_to_axes
-from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.axes import best_headings, turn_to_axes
+from sightline.detection3d.axes_config import HeadingHypothesesConfig
 from sightline.detection3d.model import Detector3D
-from sightline.detection3d.passes import Passed, answer_of_passes, run_passes
+from sightline.detection3d.passes import RefinementState, answer_of_passes, run_passes
 from sightline.detection3d.stages import (
     FirstStage,
     Proposed,
     SecondStage,
     Sweep,
-    full_precision,
+    autocast_disabled,
 )
 from sightline.detection3d.suppression import suppress_boxes
 from sightline.detection3d.views import Run, View, answer_of_views
@@ -45,7 +45,7 @@ def propose(
     inputs = first.inputs([sweep])
     views = _views(detector, first, in_use=in_use)
     output = answer_of_views(run or _here(first), inputs, views)
-    with full_precision(sweep):
+    with autocast_disabled(sweep):
         return [first.propose(output, [sweep], training=each)[0] for each in training]
 
 
@@ -79,23 +79,27 @@ def refine(
         if passed.answers:
             is_mean = _is_named(detector, classes, second.mean_with_first)
             boxes, scores, _ = answer_of_passes(passed.answers, is_mean)
-    with full_precision(sweep):
+    with autocast_disabled(sweep):
         kept = suppress_boxes(boxes, scores, config.suppression, labels=classes)
     return as_detections(detector, boxes[kept], classes[kept], scores[kept])
 
 
 def _all_passes(
-    detector: Detector3D, sweep: Sweep, proposed: Proposed, ask: Run, axes: AxesConfig | None
-) -> Passed:
+    detector: Detector3D,
+    sweep: Sweep,
+    proposed: Proposed,
+    ask: Run,
+    axes: HeadingHypothesesConfig | None,
+) -> RefinementState:
     """Run all passes; with `axes`, keep the best-scored axis of each proposal."""
     second = detector.second
     assert second is not None, "there is something to refine by"
     if axes is None or not len(proposed.boxes):
-        return run_passes(second, sweep, Passed(proposed), ask, second.passes)
+        return run_passes(second, sweep, RefinementState(proposed), ask, second.passes)
     is_turned = _is_named(detector, proposed.classes, axes.class_names)
     turned = turn_to_axes(proposed, is_turned, axes.number)
-    passed = run_passes(second, sweep, Passed(turned.proposed), ask, axes.passes)
-    surest = passed.kept(surest_axes(passed.answers[-1].scores, turned, axes))
+    passed = run_passes(second, sweep, RefinementState(turned.proposed), ask, axes.passes)
+    surest = passed.kept(best_headings(passed.answers[-1].scores, turned, axes))
     return run_passes(second, sweep, surest, ask, second.passes - axes.passes)
 
 

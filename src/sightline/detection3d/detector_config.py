@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from sightline.data.settings import IN_USE_ALONE
 from sightline.detection3d.alignment import ClassAlignment
-from sightline.detection3d.axes_config import AxesConfig
+from sightline.detection3d.axes_config import HeadingHypothesesConfig
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.config import MOST_NUMBERS, RefinementConfig
 from sightline.detection3d.pillar_config import PillarNetworkConfig
@@ -92,7 +92,7 @@ class Detection3DConfig:
     flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
     """Whether predictors also run the compact first stage on the mirrored sweep, and the second
     stage on regions turned round; see `answer_of_views`."""
-    axes: AxesConfig | None = field(default=None, metadata=IN_USE_ALONE)
+    axes: HeadingHypothesesConfig | None = field(default=None, metadata=IN_USE_ALONE)
     """Proposals that predictors refine from several axes with the compact stage. None: none."""
     alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
     """Adaptation of detections to the labels of other sensors, at inference only: training scores

@@ -16,7 +16,7 @@ from sightline.detection3d.stages import (
     Regions,
     SecondStage,
     Sweep,
-    full_precision,
+    autocast_disabled,
 )
 from sightline.structures.batch import Losses
 
@@ -58,7 +58,7 @@ def detection_losses(
         first = detector.first
         with torch.set_grad_enabled(stages != "second"):
             output = first(**first.inputs(sweeps))
-        with full_precision(sweeps[0]):
+        with autocast_disabled(sweeps[0]):
             if stages != "second":
                 lost = first.losses(output, sweeps, truths, config)
                 terms |= {f"first/{name}": value for name, value in lost._asdict().items()}
@@ -68,7 +68,7 @@ def detection_losses(
     second = detector.second
     if proposed and second is not None:
         seeds = [batch.seeds[number] for number in used]
-        with full_precision(sweeps[0]):
+        with autocast_disabled(sweeps[0]):
             examples = [
                 second.examples(sweep, proposals, truth, config, seed=seed)
                 for sweep, proposals, truth, seed in zip(
@@ -115,5 +115,5 @@ def _second_losses(
     }
     wanted = type(all_wanted[0])(*(torch.cat(values) for values in zip(*all_wanted, strict=True)))
     output = second(**inputs)
-    with full_precision(boxes):
+    with autocast_disabled(boxes):
         return second.losses(output, Regions(places, boxes, scores, inputs), wanted, config)

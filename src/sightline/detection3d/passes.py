@@ -8,14 +8,14 @@ import torch
 from jaxtyping import Bool, Int64
 from torch import Tensor
 
-from sightline.detection3d.stages import Proposed, Refined, SecondStage, Sweep, full_precision
+from sightline.detection3d.stages import Proposed, Refined, SecondStage, Sweep, autocast_disabled
 from sightline.detection3d.views import Run
 from sightline.geometry.transforms import wrap_angle
 
 POINT_SEED = 0  # for drawing points around proposals: results are reproducible
 
 
-class Passed(NamedTuple):
+class RefinementState(NamedTuple):
     """State of boxes between second-stage passes."""
 
     proposed: Proposed
@@ -23,15 +23,17 @@ class Passed(NamedTuple):
     answers: tuple[Refined, ...] = ()
     """Outputs of the passes so far; their rows match `proposed`."""
 
-    def kept(self, places: Int64[Tensor, " num_kept"]) -> "Passed":
+    def kept(self, places: Int64[Tensor, " num_kept"]) -> "RefinementState":
         """Select some of the boxes."""
         boxes, classes, scores, features = self.proposed
         proposed = Proposed(boxes[places], classes[places], scores[places], features)
         answers = tuple(Refined(*(rows[places] for rows in each)) for each in self.answers)
-        return Passed(proposed, answers)
+        return RefinementState(proposed, answers)
 
 
-def run_passes(second: SecondStage, sweep: Sweep, passed: Passed, ask: Run, number: int) -> Passed:
+def run_passes(
+    second: SecondStage, sweep: Sweep, passed: RefinementState, ask: Run, number: int
+) -> RefinementState:
     """Run `number` further passes, each from the output of the one before, while boxes remain.
 
     Args:
@@ -44,16 +46,16 @@ def run_passes(second: SecondStage, sweep: Sweep, passed: Passed, ask: Run, numb
     for _ in range(number):
         if not len(passed.proposed.boxes):
             break
-        with full_precision(sweep):
+        with autocast_disabled(sweep):
             regions = second.regions(sweep, passed.proposed, seed=POINT_SEED)
         passed = passed.kept(regions.places)
         answer = Refined(regions.boxes, regions.scores, torch.zeros_like(regions.scores))
         if len(regions.places):
             output = ask(regions.inputs)
-            with full_precision(sweep):
+            with autocast_disabled(sweep):
                 answer = second.refine(output, regions)
         proposed = passed.proposed._replace(boxes=answer.boxes)
-        passed = Passed(proposed, (*passed.answers, answer))
+        passed = RefinementState(proposed, (*passed.answers, answer))
     return passed
 
 

@@ -25,7 +25,7 @@ from torch import Tensor
 from sightline.data.atomic import atomic_write_bytes
 from sightline.data.plain_text import shortened
 from sightline.data.problem import FileError
-from sightline.data.settings import plain_settings
+from sightline.data.settings import config_to_dict
 from sightline.detection3d.batch import FirstStageRecord
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.stages import Proposed, Sweep
@@ -42,7 +42,7 @@ _SETTINGS = ("input", "proposals", "training_proposals", "centers")
 
 def first_stage_identity(detector: Detector3D) -> str:
     """Compute a digest of the first stage's weights and of all settings that affect proposals."""
-    plain = plain_settings(detector.config)
+    plain = config_to_dict(detector.config)
     settings = {name: plain[name] for name in (*_SETTINGS, detector.first_name)}
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
     stage = detector.get_submodule(detector.first_name)

@@ -86,7 +86,7 @@ class ProposalNetwork(nn.Module):
         return ProposalNetworkOutput(seen, self.class_head(seen), self.box_head(seen))
 
 
-class ToldBoxes(NamedTuple):
+class DecodedBoxes(NamedTuple):
     """Decoded box of each point, in case it lies on an object."""
 
     boxes: Float[Tensor, "batch num_points 7"]
@@ -101,14 +101,14 @@ def tell_boxes(
     output: ProposalNetworkOutput,
     points: Float[Tensor, "batch num_points 3"],
     config: ProposalNetworkConfig,
-) -> ToldBoxes:
+) -> DecodedBoxes:
     """Decode the network's output for points [m]."""
     scores, classes = output.class_logits.sigmoid().max(dim=2)
     mean_sizes = points.new_tensor([entry.mean_size_m for entry in config.classes])
     code = likeliest_code(split_prediction(output.box_values.flatten(0, 1), config.coding))
     means = mean_sizes[classes].flatten(0, 1)
     boxes = decode_boxes(code, points.flatten(0, 1), means, config.coding)
-    return ToldBoxes(boxes.reshape(*points.shape[:2], 7), classes, scores)
+    return DecodedBoxes(boxes.reshape(*points.shape[:2], 7), classes, scores)
 
 
 def _head(config: ProposalNetworkConfig, out_channels: int) -> nn.Sequential:

@@ -10,12 +10,12 @@ from torch import Tensor
 
 from sightline.detection3d.region_coding import turn_regions
 from sightline.detection3d.region_network import RegionOutput
-from sightline.detection3d.regions import CutRegions, turn_cut
+from sightline.detection3d.regions import CutRegions, flip_heading
 from sightline.detection3d.views import AS_IT_IS, View
 
 
 def _turn(inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    return turn_cut(CutRegions(**inputs))._asdict()
+    return flip_heading(CutRegions(**inputs))._asdict()
 
 
 def _turn_back(output: RegionOutput) -> RegionOutput:

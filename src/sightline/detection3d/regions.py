@@ -70,7 +70,7 @@ def cut_regions(
     )
 
 
-def turn_cut(cut: CutRegions) -> CutRegions:
+def flip_heading(cut: CutRegions) -> CutRegions:
     """Convert canonical regions to those of proposals turned by half a turn."""
     points = cut.points.clone()
     points[..., :2] *= -1

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sightline.detection3d.network_task import DetectionNetworkTask
-from sightline.inference.predictor import Output, Switch
+from sightline.inference.predictor import Output, OutputFilter
 
 if TYPE_CHECKING:
     from sightline.detection3d.model import Detector3D
@@ -59,7 +59,7 @@ class Detection3DTask(DetectionNetworkTask):
             read=_read_results,
         ),
     )
-    switches: tuple[Switch, ...] = ()
+    switches: tuple[OutputFilter, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector3D]") -> "tuple[ExportGraph, ...]":
         """Export one graph for each stage: proposals, and refinement if there is one."""

@@ -5,7 +5,7 @@ from typing import Final
 from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED
 from sightline.detection3d.files import read_answer, write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
-from sightline.robustness.scoring import Answered, Panel
+from sightline.robustness.scoring import BenchPrediction, Panel
 from sightline.structures.level import level_detections, level_sample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
 from sightline.visualization.canvas import scaled_to_width
@@ -14,10 +14,10 @@ from sightline.visualization.image import camera_picture, draw_boxes3d
 _VIEW: Final = BirdsEyeView(x_max_m=60.0, y_min_m=-30.0, y_max_m=30.0)
 
 
-def _panels(answered: Answered, width_px: int) -> tuple[Panel, ...]:
+def _panels(answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
     """Draw boxes on the image and from above; labels are thin and white."""
     given = answered.corrupted.sample
-    found = level_detections(answered.answer.surer_than(DRAWN_SCORE), given)
+    found = level_detections(answered.answer.filter_by_score(DRAWN_SCORE), given)
     given = level_sample(given)
     boxes, names, labels = found.boxes, found.class_names, given.objects
     picture = draw_boxes3d(

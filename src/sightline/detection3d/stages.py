@@ -20,7 +20,7 @@ Sweep = Float32[Tensor, "_ 4"]
 """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
 
 
-def full_precision(near: Tensor) -> torch.autocast:
+def autocast_disabled(near: Tensor) -> torch.autocast:
     """Switch automatic mixed precision off on a tensor's device: it is for networks alone.
 
     Boxes are rotated by matrix products, which it would round to bfloat16: decimetres at 60 m.

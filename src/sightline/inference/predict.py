@@ -9,7 +9,7 @@ from typing import Any
 from sightline.data.jobs import (
     Claim,
     JobResult,
-    check_apart,
+    check_outside_dataset,
     check_workers,
     claim_folders,
     data_name,
@@ -68,7 +68,7 @@ def predict(
     check_workers(workers)
     shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
     places = output_places(task, predictor, out, also or {})
-    check_apart(data, [folder for _, folder in places])
+    check_outside_dataset(data, [folder for _, folder in places])
     changes = _changes(task, switches)
     dataset = open_dataset(
         data,

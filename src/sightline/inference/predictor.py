@@ -82,7 +82,7 @@ def lacking_parts(predictor: Predictor, sample: "CameraLidarSample") -> "tuple[P
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Switch:
+class OutputFilter:
     """Optional change of a task's written predictions, off by default."""
 
     name: str
@@ -108,6 +108,6 @@ class AnsweringTask(Protocol):
         ...
 
     @property
-    def switches(self) -> tuple[Switch, ...]:
+    def switches(self) -> tuple[OutputFilter, ...]:
         """Optional changes of the written predictions."""
         ...

@@ -29,7 +29,7 @@ from sightline.inference.predict import (
 )
 from sightline.perception.kept_lines import Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
-from sightline.perception.perceiver import Perceiver
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.perception.pictures import PictureFiles
 from sightline.perception.results import JOB_NAME
 from sightline.tasks import find_task
@@ -56,7 +56,7 @@ def perceive(
     data: Path | str,
     out: Path | str,
     *,
-    perceiver: Perceiver | None = None,
+    perceiver: MultiTaskPredictor | None = None,
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne | None = None,
     all_outputs: bool = False,
@@ -83,7 +83,7 @@ def perceive(
         >>> from pathlib import Path
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "nearest"}
-        >>> perceiver = sightline.Perceiver.load(weights)
+        >>> perceiver = sightline.MultiTaskPredictor.load(weights)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     done = sightline.perceive(PACKAGED_FRAMES, folder, perceiver=perceiver)
         ...     lines = (Path(folder) / "perception.jsonl").read_text().splitlines()
@@ -125,7 +125,7 @@ def perceive(
         },
         data=[data],
     )
-    perceiver = perceiver or Perceiver.load(threads=1)
+    perceiver = perceiver or MultiTaskPredictor.load(threads=1)
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
@@ -162,7 +162,7 @@ class _FrameWork:
     dataset: SampleDataset
     index: int
     name: str
-    perceiver: Perceiver
+    perceiver: MultiTaskPredictor
     places: Mapping[str, Places]
     made_by: Mapping[str, str]
     out: Path
@@ -182,7 +182,7 @@ class _FrameWork:
             atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
 
 
-def _places(perceiver: Perceiver, out: Path, *, all_outputs: bool) -> dict[str, Places]:
+def _places(perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool) -> dict[str, Places]:
     """Folders by task: one named after the task for its first output, one per further output."""
     places = {}
     for name, predictor in perceiver.predictors.items():
@@ -197,7 +197,11 @@ def _places(perceiver: Perceiver, out: Path, *, all_outputs: bool) -> dict[str, 
 
 
 def _claim(
-    perceiver: Perceiver, places: Mapping[str, Places], data: Path, out: Path, velodyne: Velodyne
+    perceiver: MultiTaskPredictor,
+    places: Mapping[str, Places],
+    data: Path,
+    out: Path,
+    velodyne: Velodyne,
 ) -> None:
     """Claims the whole folder, and each task's folder as `predict` does."""
     made_by = {
@@ -219,7 +223,10 @@ def _claim(
 
 
 def _done_frames(
-    dataset: SampleDataset, perceiver: Perceiver, places: Mapping[str, Places], folder: Path
+    dataset: SampleDataset,
+    perceiver: MultiTaskPredictor,
+    places: Mapping[str, Places],
+    folder: Path,
 ) -> set[str]:
     """Frames with a line of these tasks and all files of the tasks that predicted.
 

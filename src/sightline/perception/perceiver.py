@@ -42,7 +42,7 @@ class FrameAnswers:
         )
 
 
-class Perceiver(SamplePredictor[Perception]):
+class MultiTaskPredictor(SamplePredictor[Perception]):
     """Runs several tasks on a frame; if a sensor fails, the tasks that do not need it continue.
 
     Examples:
@@ -50,7 +50,7 @@ class Perceiver(SamplePredictor[Perception]):
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
         >>> weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "depth-fast-cpu"}
-        >>> perceiver = sightline.Perceiver.load(weights)
+        >>> perceiver = sightline.MultiTaskPredictor.load(weights)
         >>> found = perceiver(sample)
         >>> found.detections3d.boxes.tensor.shape[1], found.depth.depth_m.shape == sample.image_size
         (7, True)
@@ -81,7 +81,7 @@ class Perceiver(SamplePredictor[Perception]):
         engine: EngineChoice = "auto",
         device: str = "cpu",
         threads: int | None = None,
-    ) -> "Perceiver":
+    ) -> "MultiTaskPredictor":
         """Loads weights for each task: the given ones, else the task's default.
 
         Args:

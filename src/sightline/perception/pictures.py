@@ -75,7 +75,7 @@ class PictureFiles:
         numbers = range(len(dataset))
         for sample in track(map(dataset.__getitem__, numbers), description=description,
                             total=len(numbers)):  # fmt: skip
-            yield sample, read_perception(results, sample).surer_than(self.min_score)
+            yield sample, read_perception(results, sample).filter_by_score(self.min_score)
 
 
 def _pictures(

@@ -93,7 +93,7 @@ def write_frames_picture(
     """
     dataset = open_dataset(data, sample_list=tuple(frames), velodyne=velodyne)
     samples = [dataset[index] for index in range(len(dataset))]
-    told = [tell(sample).surer_than(min_score) for sample in samples]
+    told = [tell(sample).filter_by_score(min_score) for sample in samples]
     if len(samples) > 1:
         picture = draw_rows(list(zip(samples, told, strict=True)))
     else:

@@ -8,27 +8,27 @@ from sightline.corruptions.suites import Case
 from sightline.data.jobs import JobResult, check_workers, run_job
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
-from sightline.robustness.scoring import Answered, Keeper
+from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
 _CASES_AT_A_TIME = 8  # cases per read of a frame: few enough for many workers on few frames
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Asked:
+class MethodRun:
     """Method with the cases to run it in."""
 
     predictor: Predictor
     cases: tuple[Case, ...]
     folder: Path
     """Folder of the stored predictions: CASE/NAME with the keeper's suffix."""
-    also: Callable[[Case, Answered], None] | None = None
+    also: Callable[[Case, BenchPrediction], None] | None = None
     """Further processing of a prediction, before it is stored; picklable."""
 
 
 def answer_in_cases(
     dataset: SampleDataset,
-    asked: Sequence[Asked],
-    keeper: Keeper,
+    asked: Sequence[MethodRun],
+    keeper: ResultWriter,
     *,
     seed: int,
     workers: int,
@@ -103,9 +103,9 @@ class _FrameWork:
     dataset: SampleDataset
     index: int
     name: str
-    keeper: Keeper
+    keeper: ResultWriter
     seed: int
-    pending: tuple[tuple[Case, tuple[Asked, ...]], ...]
+    pending: tuple[tuple[Case, tuple[MethodRun, ...]], ...]
 
     def __str__(self) -> str:
         return f"frame {self.name}"
@@ -116,7 +116,7 @@ class _FrameWork:
             corrupted = case.corrupt(posed.sample, self.seed)
             given = replace(corrupted.sample, objects=None, depth=None)
             for each in methods:
-                answered = Answered(posed, corrupted, each.predictor(given))
+                answered = BenchPrediction(posed, corrupted, each.predictor(given))
                 if each.also is not None:
                     each.also(case, answered)
                 path = each.folder / case.name / f"{self.name}{self.keeper.suffix}"

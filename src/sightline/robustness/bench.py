@@ -13,14 +13,14 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.jobs import check_apart, claim_folder
+from sightline.data.jobs import acquire_output_dir, check_outside_dataset
 from sightline.data.object_tree import Velodyne, suggest_frames
 from sightline.data.open import SampleDataset, sweeps_folder
 from sightline.data.plain_text import shortened
 from sightline.data.problem import plain_line
 from sightline.export.names import EngineChoice
 from sightline.inference.predictor import Predictor
-from sightline.robustness.answers import Asked, answer_in_cases, check_numbers
+from sightline.robustness.answers import MethodRun, answer_in_cases, check_numbers
 from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer
 from sightline.robustness.frames import digest_files, name_of, open_frames
@@ -157,7 +157,7 @@ def run_bench(
         suite = find_suite(suite)
     cases = _with_earlier(settings.chosen_cases(suite), suite, out)
     check_numbers(seed, settings.workers)
-    check_apart(data, [out])
+    check_outside_dataset(data, [out])
     given = read_baseline(settings.baseline)
     healthy = read_healthy(settings.healthy)
     scoring = task.scoring()
@@ -192,9 +192,9 @@ def run_bench(
     folders = [out, out / _BASELINE][: len(predictors)]
     for folder, predictor in zip(folders, predictors, strict=True):
         claim = claim_of(setting, suite, predictor.name, predictor.made_by) | drawer.settings
-        claim_folder(folder, claim, results=(f"{_ANSWERS}/*",))
+        acquire_output_dir(folder, claim, results=(f"{_ANSWERS}/*",))
     asked = [
-        Asked(predictor=predictor, cases=cases, folder=folder / _ANSWERS, also=also)
+        MethodRun(predictor=predictor, cases=cases, folder=folder / _ANSWERS, also=also)
         for folder, predictor, also in zip(folders, predictors, (drawer, None), strict=False)
     ]
     description = f"{task.name} in {suite.name}"

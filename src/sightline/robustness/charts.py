@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from sightline.corruptions.suites import CLEAN
 from sightline.robustness.measured import Measures
 from sightline.robustness.record import Record
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     cells_of_kind,
     ratio_text,
@@ -44,7 +44,7 @@ class Line(NamedTuple):
     record: Record
 
 
-def kept_share(score: float | None, clean: float | None, figure: Figure) -> float | None:
+def kept_share(score: float | None, clean: float | None, figure: BenchMetric) -> float | None:
     """Compute the remaining share of the clean performance, from 0 to 1, for the colours.
 
     It is None without a score, or if there is no clean performance to lose.
@@ -69,7 +69,7 @@ def heat_color(share: float) -> tuple[str, str]:
     raise AssertionError(f"shares are at most 1, got {share}")
 
 
-def heat_map(record: Record, figure: Figure, measures: Measures) -> str:
+def heat_map(record: Record, figure: BenchMetric, measures: Measures) -> str:
     """Draw kinds by severities; colours show the remaining share of the clean score."""
     head = "".join(
         f'<th scope="col">{escape(name)}</th>'
@@ -95,7 +95,7 @@ def heat_map(record: Record, figure: Figure, measures: Measures) -> str:
     )
 
 
-def _heat_cell(score: float | None, figure: Figure, clean: float) -> str:
+def _heat_cell(score: float | None, figure: BenchMetric, clean: float) -> str:
     if score is None:
         return "<td></td>"
     share = kept_share(score, clean, figure)
@@ -126,7 +126,7 @@ def nice_top(value: float) -> float:
     return next(step * power for step in (1, 2, 2.5, 5, 10) if step * power >= value * (1 - 1e-9))
 
 
-def curve_charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> str:
+def curve_charts(lines: Sequence[Line], figure: BenchMetric, alone: float | None) -> str:
     """Draw a small chart for each kind with several severities; empty if none has.
 
     Args:
@@ -149,7 +149,9 @@ def curve_charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> 
     return f'<div class="charts">{"".join(charts)}</div>' if charts else ""
 
 
-def _points(record: Record, shown: Record, kind: str, figure: Figure) -> list[tuple[int, float]]:
+def _points(
+    record: Record, shown: Record, kind: str, figure: BenchMetric
+) -> list[tuple[int, float]]:
     """List severities with scores, 0 for sound sensors."""
     names = [(0, CLEAN), *((shown.cases[name].severity or 0, name) for name in shown.kinds[kind])]
     scores = [(level, record.score(name, figure)) for level, name in names if name in record.cases]
@@ -171,7 +173,7 @@ class _Plot(NamedTuple):
         y = bottom - (bottom - above) * score / self.top
         return f"{x:.1f},{y:.1f}"
 
-    def axes(self, figure: Figure) -> str:
+    def axes(self, figure: BenchMetric) -> str:
         """Draw lines at the maximum, middle and zero scores, and the severities' labels."""
         left, _, _, bottom = _PLOT_PX
         parts = []
@@ -195,7 +197,7 @@ class _Plot(NamedTuple):
 def _curve_chart(
     kind: str,
     lines: Sequence[tuple[Line, Sequence[tuple[int, float]]]],
-    figure: Figure,
+    figure: BenchMetric,
     top: float,
     alone: float | None,
 ) -> str:
@@ -221,7 +223,7 @@ def _curve_chart(
     )
 
 
-def bar_chart(lines: Sequence[Line], figure: Figure) -> str:
+def bar_chart(lines: Sequence[Line], figure: BenchMetric) -> str:
     """Draw a bar for each kind with a single level, and for sound sensors; empty without any."""
     record = lines[0].record
     names = [names[0] for names in record.kinds.values() if len(names) == 1]

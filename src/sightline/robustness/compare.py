@@ -13,7 +13,7 @@ from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import compare_page
 from sightline.robustness.record import Record, read_record
 from sightline.robustness.report import rich_table
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     TextTable,
     leading_figures,
@@ -35,7 +35,7 @@ class Comparison:
     left_out: tuple[str, ...] = ()
     """Cases that are missing in some run."""
 
-    def measured(self) -> list[tuple[Figure, list[Measures | None]]]:
+    def measured(self) -> list[tuple[BenchMetric, list[Measures | None]]]:
         """Compute the measures of all runs for every figure."""
         *others, last = self.records
         return [
@@ -84,7 +84,7 @@ class Comparison:
         )
         atomic_write_text(path, page)
 
-    def _cases_table(self, figure: Figure) -> TextTable:
+    def _cases_table(self, figure: BenchMetric) -> TextTable:
         rows = []
         for name in self.records[0].cases:
             scores = [each.score(name, figure) for each in self.records]

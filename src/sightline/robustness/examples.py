@@ -9,7 +9,7 @@ from sightline.corruptions.suites import CLEAN, Case
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import list_files
 from sightline.robustness.record import CaseInfo
-from sightline.robustness.scoring import Answered, Scoring
+from sightline.robustness.scoring import BenchPrediction, Scoring
 
 _PICTURES: Final = "pictures"
 _WIDTHS_PX: Final = (100, 4000)
@@ -47,7 +47,7 @@ class ExampleDrawer:
         """Collect all settings of the pictures, except the predictions, for a run's manifest."""
         return {"shown": self.frame, "picture_px": self.width_px}
 
-    def __call__(self, case: Case, answered: Answered) -> None:
+    def __call__(self, case: Case, answered: BenchPrediction) -> None:
         """Draw the prediction, if it is for this frame."""
         if answered.posed.sample.sample_id != self.frame:
             return

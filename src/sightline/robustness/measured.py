@@ -16,7 +16,7 @@ from sightline.robustness.measures import (
     worst_case,
 )
 from sightline.robustness.record import Record
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -66,7 +66,7 @@ class Measures:
 
 def measure(
     record: Record,
-    figure: Figure,
+    figure: BenchMetric,
     baseline: Record | None = None,
     healthy: Mapping[Sensor, Record] | None = None,
 ) -> Measures | None:
@@ -113,7 +113,7 @@ def measure(
 
 
 def _gaps(
-    record: Record, figure: Figure, healthy: Mapping[Sensor, Record]
+    record: Record, figure: BenchMetric, healthy: Mapping[Sensor, Record]
 ) -> dict[str, float | None]:
     """Compute the lead over the best healthy sensor alone in each case, sound sensors included."""
     alone = {sensor: each.score(CLEAN, figure) for sensor, each in healthy.items()}

@@ -15,7 +15,7 @@ from sightline.evaluation.kitti_object_rules import (
     Metric,
     MinimumOverlaps,
 )
-from sightline.robustness.scoring import Answered, Figure, Panel, PosedFrame, Scores
+from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 
 if TYPE_CHECKING:
     from sightline.data.object_tree import Part
@@ -48,7 +48,7 @@ class ObjectScoring:
     """Function that writes the task's prediction as a result file."""
     read_file: "Callable[[Path, CameraLidarSample], Any]"
     """Function that reads a prediction from a result file."""
-    panels: Callable[[Answered, int], tuple[Panel, ...]]
+    panels: Callable[[BenchPrediction, int], tuple[Panel, ...]]
     """Function for `Scoring.draw`."""
     name: str = field(default="KITTI objects", init=False)
     suffix: str = field(default=".txt", init=False)
@@ -56,10 +56,10 @@ class ObjectScoring:
     takes_results: bool = field(default=True, init=False)
 
     @property
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[BenchMetric, ...]:
         """Both averages of each target, moderate first."""
         return tuple(
-            Figure(
+            BenchMetric(
                 name=_figure_name(target, difficulty, average),
                 title=(
                     f"{target.class_name}, {_METRIC_TITLES[target.metric]} IoU {target.iou:g}, "
@@ -87,11 +87,11 @@ class ObjectScoring:
             slots_note([(*key, n) for key, n in sorted(counts.items()) if key[0] in scored])
         )
 
-    def pose(self, sample: "CameraLidarSample") -> PosedFrame:
+    def pose(self, sample: "CameraLidarSample") -> BenchFrame:
         """Return the frame unchanged."""
-        return PosedFrame(sample, None)
+        return BenchFrame(sample, None)
 
-    def keep(self, path: Path, answered: Answered) -> None:
+    def keep(self, path: Path, answered: BenchPrediction) -> None:
         """Write KITTI's result file."""
         self.write(path, answered.posed.sample, answered.answer)
 
@@ -99,7 +99,7 @@ class ObjectScoring:
         """Read a result file; see `Scoring.read`."""
         return self.read_file(path, sample)
 
-    def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
+    def draw(self, answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
         """Draw a prediction; see `Scoring.draw`."""
         return self.panels(answered, width_px)
 

@@ -19,7 +19,7 @@ from sightline.robustness.examples import examples_of, shown_cases
 from sightline.robustness.measured import Measures
 from sightline.robustness.page_frame import figure_picker, of_figure, whole_page
 from sightline.robustness.record import Record
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     NOTHING,
     TextTable,
@@ -30,8 +30,8 @@ from sightline.robustness.texts import (
     setting_text,
 )
 
-Measured = Sequence[tuple[Figure, Measures | None]]
-Compared = Sequence[tuple[Figure, Sequence[Measures | None]]]
+Measured = Sequence[tuple[BenchMetric, Measures | None]]
+Compared = Sequence[tuple[BenchMetric, Sequence[Measures | None]]]
 
 _NOTHING_TO_SHOW = "<p>There is nothing to score by this figure, or nothing is broken.</p>"
 
@@ -117,12 +117,12 @@ def compare_page(
     return whole_page(f"{first.method} and {names}", "\n".join(parts))
 
 
-def _picker(figures: Sequence[Figure]) -> str:
+def _picker(figures: Sequence[BenchMetric]) -> str:
     return figure_picker({figure.name: f"{figure.title}, {figure.unit}" for figure in figures})
 
 
 def _figure_part(
-    lines: Sequence[Line], figure: Figure, measures: Measures, healthy: Mapping[Sensor, Record]
+    lines: Sequence[Line], figure: BenchMetric, measures: Measures, healthy: Mapping[Sensor, Record]
 ) -> str:
     record = lines[0].record
     alone = [score for each in healthy.values() if (score := each.score(CLEAN, figure)) is not None]
@@ -133,7 +133,7 @@ def _figure_part(
     )
 
 
-def _tiles(record: Record, figure: Figure, measures: Measures) -> str:
+def _tiles(record: Record, figure: BenchMetric, measures: Measures) -> str:
     worst, gap = measures.worst, measures.gap
     tiles = [
         ("clean", score_text(measures.clean, figure), figure.unit),
@@ -163,7 +163,7 @@ def _baseline_note(measures: Measures) -> str:
     )
 
 
-def _charts(lines: Sequence[Line], figure: Figure, alone: float | None) -> str:
+def _charts(lines: Sequence[Line], figure: BenchMetric, alone: float | None) -> str:
     curves, bars = curve_charts(lines, figure, alone), bar_chart(lines, figure)
     names = [(line.style, line.name) for line in lines]
     if alone is not None and curves:

@@ -111,7 +111,7 @@ def figure_picker(titles: dict[str, str]) -> str:
     options = "".join(
         f'<option value="{escape(name)}">{escape(title)}</option>' for name, title in titles.items()
     )
-    return f'<p class="pick"><label>Figure: <select id="figure">{options}</select></label></p>'
+    return f'<p class="pick"><label>BenchMetric: <select id="figure">{options}</select></label></p>'
 
 
 def of_figure(name: str, content: str) -> str:

@@ -12,7 +12,7 @@ from sightline.corruptions.suites import CLEAN, Case
 from sightline.data.plain_text import read_text, shortened
 from sightline.data.problem import FileError, plain_line
 from sightline.robustness.measures import ByKind
-from sightline.robustness.scoring import Figure, Scores
+from sightline.robustness.scoring import BenchMetric, Scores
 
 RECORD_NAME: Final = "robustness.json"
 """Name of the record's file in a run's folder."""
@@ -63,7 +63,7 @@ class Setting:
     frames: int
     frames_sha256: str
     """Digest of the frames' names, in order."""
-    figures: tuple[Figure, ...]
+    figures: tuple[BenchMetric, ...]
     suite: str
     seed: int
     files_digest: str | None = None
@@ -107,12 +107,12 @@ class Record:
                 found[case.kind] = (*found.get(case.kind, ()), name)
         return found
 
-    def score(self, case: str, figure: Figure) -> float | None:
+    def score(self, case: str, figure: BenchMetric) -> float | None:
         """Look up a score; None if there is nothing to score."""
         return self.scores[case][figure.name]
 
     def by_kind(
-        self, figure: Figure, kinds: Mapping[str, Sequence[str]] | None = None
+        self, figure: BenchMetric, kinds: Mapping[str, Sequence[str]] | None = None
     ) -> ByKind | None:
         """Collect a figure's scores by kind; None if there is nothing to score.
 
@@ -204,8 +204,8 @@ def _parse(content: dict[str, Any]) -> Record:
     )
 
 
-def _parse_figure(content: dict[str, Any]) -> Figure:
-    return Figure(
+def _parse_figure(content: dict[str, Any]) -> BenchMetric:
+    return BenchMetric(
         name=checked_text(content["name"]),
         title=checked_text(content["title"]),
         unit=checked_text(content["unit"]),

@@ -15,7 +15,7 @@ from sightline.robustness.comparable import warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page
 from sightline.robustness.record import RECORD_NAME, Record
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     TextTable,
     figures_table,
@@ -49,7 +49,7 @@ class RobustnessReport:
     """Folders of results that match no case of the suite; not scored, either."""
 
     @property
-    def measured(self) -> list[tuple[Figure, Measures | None]]:
+    def measured(self) -> list[tuple[BenchMetric, Measures | None]]:
         """Compute the measures of every figure; None if there is nothing to score."""
         return [
             (figure, measure(self.record, figure, self.baseline, self.healthy))

@@ -10,7 +10,7 @@ from typing import Any, Final, get_args
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.corruptions.tree import read_corrupted
-from sightline.data.jobs import MANIFEST_NAME, check_workers, claim_folder, data_name
+from sightline.data.jobs import MANIFEST_NAME, acquire_output_dir, check_workers, data_name
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.data.plain_text import read_text, shortened
@@ -28,7 +28,7 @@ from sightline.robustness.examples import ExampleDrawer
 from sightline.robustness.record import Record, checked_count, checked_text, describe_case
 from sightline.robustness.report import RobustnessReport
 from sightline.robustness.score_job import score_cases
-from sightline.robustness.scoring import Answered, PosedFrame, Scoring
+from sightline.robustness.scoring import BenchFrame, BenchPrediction, Scoring
 
 _LIKENESS: Final = 0.75  # minimum similarity of a folder's name to the intended case
 _NAMED: Final = 4  # maximum number of folders in an error message
@@ -105,7 +105,7 @@ def score_results(
     made_by = {"results": data_name(results)}
     name = plain_line(results.resolve().name)
     claim = claim_of(setting, suite, name, made_by) | drawer.settings
-    claim_folder(out, claim, results=("scores/*",))
+    acquire_output_dir(out, claim, results=("scores/*",))
     record = Record(
         method=name,
         made_by=made_by,
@@ -134,7 +134,7 @@ def _draw(
         if corrupted is not None:
             path = results / case.name / f"{drawer.frame}{drawer.scoring.suffix}"
             answer = drawer.scoring.read(path, corrupted.sample)
-            drawer(case, Answered(PosedFrame(corrupted.sample, None), corrupted, answer))
+            drawer(case, BenchPrediction(BenchFrame(corrupted.sample, None), corrupted, answer))
 
 
 def _made_with(cases: Path) -> dict[str, Any]:

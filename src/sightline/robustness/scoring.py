@@ -19,7 +19,7 @@ Scores = Mapping[str, float | None]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Figure:
+class BenchMetric:
     """Figure of merit of the predictions."""
 
     name: str
@@ -40,7 +40,7 @@ class Figure:
         return self.error(other) - self.error(score)
 
 
-class PosedFrame(NamedTuple):
+class BenchFrame(NamedTuple):
     """Frame prepared for methods."""
 
     sample: "CameraLidarSample"
@@ -49,10 +49,10 @@ class PosedFrame(NamedTuple):
     """The task's own truth, if scores are computed frame by frame; otherwise None."""
 
 
-class Answered(NamedTuple):
+class BenchPrediction(NamedTuple):
     """Prediction for a corrupted frame, with all data for comparison."""
 
-    posed: PosedFrame
+    posed: BenchFrame
     corrupted: "Corrupted"
     answer: Any
     """The predictor's output."""
@@ -66,7 +66,7 @@ class Panel(NamedTuple):
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
-class Keeper(Protocol):
+class ResultWriter(Protocol):
     """Interface that prepares frames for methods and stores a file for each prediction.
 
     It must be picklable if workers start as new processes (macOS, Windows).
@@ -77,7 +77,7 @@ class Keeper(Protocol):
         """Suffix of the files, with its dot."""
         ...
 
-    def pose(self, sample: "CameraLidarSample") -> PosedFrame:
+    def pose(self, sample: "CameraLidarSample") -> BenchFrame:
         """Prepare the frame for methods.
 
         Raises:
@@ -85,13 +85,13 @@ class Keeper(Protocol):
         """
         ...
 
-    def keep(self, path: Path, answered: Answered) -> None:
+    def keep(self, path: Path, answered: BenchPrediction) -> None:
         """Write the file of a prediction, whole or not at all."""
         ...
 
 
 @runtime_checkable
-class Scoring(Keeper, Protocol):
+class Scoring(ResultWriter, Protocol):
     """Interface that scores a task's predictions from the stored files."""
 
     @property
@@ -100,7 +100,7 @@ class Scoring(Keeper, Protocol):
         ...
 
     @property
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[BenchMetric, ...]:
         """Figures, the most important first."""
         ...
 
@@ -142,6 +142,6 @@ class Scoring(Keeper, Protocol):
         """
         ...
 
-    def draw(self, answered: Answered, width_px: int) -> tuple[Panel, ...]:
+    def draw(self, answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
         """Draw pictures of the input and the prediction, of this width."""
         ...

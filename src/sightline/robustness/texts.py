@@ -8,7 +8,7 @@ from sightline.corruptions.suites import CLEAN
 from sightline.data.problem import plain_line
 from sightline.robustness.measured import Measures
 from sightline.robustness.record import CaseInfo, Record
-from sightline.robustness.scoring import Figure
+from sightline.robustness.scoring import BenchMetric
 
 NOTHING: Final = "-"
 
@@ -40,7 +40,7 @@ def markdown_text(text: str) -> str:
     return plain_line(text).replace("|", "\\|").replace("<", "&lt;").replace("](", "]\\(")
 
 
-def score_text(value: float | None, figure: Figure, *, signed: bool = False) -> str:
+def score_text(value: float | None, figure: BenchMetric, *, signed: bool = False) -> str:
     """Format a score, or a difference of two, without its unit."""
     if value is None:
         return NOTHING
@@ -97,7 +97,7 @@ def score_columns(record: Record) -> tuple[str, ...]:
     return (*levels, only) if is_plain else levels
 
 
-def kinds_table(record: Record, figure: Figure, measures: Measures) -> TextTable:
+def kinds_table(record: Record, figure: BenchMetric, measures: Measures) -> TextTable:
     """Make a table with one row per kind: the scores of its severities, and its measures."""
     clean = score_text(measures.clean, figure)
     columns = score_columns(record)
@@ -135,14 +135,16 @@ def kinds_table(record: Record, figure: Figure, measures: Measures) -> TextTable
     )
 
 
-def leading_figures(figures: Sequence[Figure]) -> tuple[Figure, ...]:
+def leading_figures(figures: Sequence[BenchMetric]) -> tuple[BenchMetric, ...]:
     """Select the first figure and, for an average over recall positions, that over all points."""
     first = figures[0]
     beside = first.name.removesuffix("_R40") + "_all_points"
     return (first, *(each for each in figures if each.name == beside))
 
 
-def figures_table(record: Record, measured: Sequence[tuple[Figure, Measures | None]]) -> TextTable:
+def figures_table(
+    record: Record, measured: Sequence[tuple[BenchMetric, Measures | None]]
+) -> TextTable:
     """Make a table with one row per figure: the measures over all kinds."""
     rows = []
     for figure, measures in measured:

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.jobs import JobResult, check_workers, claim_folder, run_job, shard
+from sightline.data.jobs import JobResult, acquire_output_dir, check_workers, run_job, shard
 from sightline.data.object_tree import Velodyne
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import (
@@ -88,7 +88,7 @@ def simulate(
             "single frames with a sequence_length of 1"
         )
     settings = _settings(config, velodyne, validation_frames, streets)
-    claim_folder(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
+    acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
     make = _Maker(config, streets, workers, shard_index, num_shards)
     if config.sequence_length > 1:
         return make.drives(DriveLayout(root=out, sequence_length=config.sequence_length), frames)

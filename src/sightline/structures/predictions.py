@@ -1,7 +1,9 @@
 """Predictions of the tasks."""
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from jaxtyping import Bool, Float, Float32, Int64
 from torch import Tensor
@@ -9,6 +11,12 @@ from torch import Tensor
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
+
+
+def _surer_than(detections: Any, min_score: float) -> Any:  # noqa: ANN401 - any of the classes
+    """Deprecated name of `filter_by_score`."""
+    warnings.warn("surer_than is now filter_by_score", DeprecationWarning, stacklevel=2)
+    return detections.filter_by_score(min_score)
 
 
 @checked()
@@ -68,9 +76,11 @@ class Detections2D:
             scores=self.scores[kept],
         )
 
-    def surer_than(self, min_score: float) -> "Detections2D":
+    def filter_by_score(self, min_score: float) -> "Detections2D":
         """Selects detections with a score of at least `min_score`, in their order."""
         return self.select((self.scores >= min_score).nonzero()[:, 0])
+
+    surer_than = _surer_than
 
 
 @checked()
@@ -105,9 +115,11 @@ class Detections3D:
             scores=self.scores[kept],
         )
 
-    def surer_than(self, min_score: float) -> "Detections3D":
+    def filter_by_score(self, min_score: float) -> "Detections3D":
         """Selects detections with a score of at least `min_score`, in their order."""
         return self.select((self.scores >= min_score).nonzero()[:, 0])
+
+    surer_than = _surer_than
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -139,13 +151,15 @@ class Perception:
             )
         return joined
 
-    def surer_than(self, min_score: float) -> "Perception":
+    def filter_by_score(self, min_score: float) -> "Perception":
         """Removes detections with scores below `min_score`."""
         return replace(
             self,
-            detections2d=self.detections2d and self.detections2d.surer_than(min_score),
-            detections3d=self.detections3d and self.detections3d.surer_than(min_score),
+            detections2d=self.detections2d and self.detections2d.filter_by_score(min_score),
+            detections3d=self.detections3d and self.detections3d.filter_by_score(min_score),
         )
+
+    surer_than = _surer_than
 
 
 def _check_lengths(class_names: tuple[str, ...], boxes: Boxes2D | Boxes3D, scores: Tensor) -> None:

@@ -19,7 +19,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
 from sightline.data.atomic import atomic_write_text, disk_fault
-from sightline.data.jobs import check_apart
+from sightline.data.jobs import check_outside_dataset
 from sightline.data.settings import told_by_parser
 from sightline.data.weights import read_checkpoint_weights
 from sightline.data.weights_header import has_weights
@@ -157,7 +157,7 @@ def _check_apart(settings: Namespace, folder: Path) -> None:
     for use in ("training", "validation", "test"):
         for source in settings[use] or ():
             given = source.get("init_args", source)
-            check_apart(Path(settings["root"], given["path"]), [folder])
+            check_outside_dataset(Path(settings["root"], given["path"]), [folder])
 
 
 class _TrainingCLI(LightningCLI):

@@ -17,7 +17,7 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torchmetrics import Metric
 
-from sightline.data.settings import NetworkConfig, plain_settings
+from sightline.data.settings import NetworkConfig, config_to_dict
 from sightline.data.weights import CHECKPOINT_KEY
 from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, fill_from
@@ -205,7 +205,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         checkpoint[_NUM_STEPS_KEY] = self._num_steps
         checkpoint[CHECKPOINT_KEY] = {
             "task": self.task_name,
-            "config": plain_settings(self.network_config()),
+            "config": config_to_dict(self.network_config()),
             "provenance": {
                 "sightline": version("sightline"),
                 "seed": str(getattr(data, "seed", "unknown")),

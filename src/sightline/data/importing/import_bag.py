@@ -38,7 +38,7 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
-from sightline.data.jobs import claim_folder, data_name
+from sightline.data.jobs import acquire_output_dir, data_name
 from sightline.data.plain_text import shortened
 from sightline.data.progress import track
 from sightline.data.recording_calibration import (
@@ -103,7 +103,7 @@ def import_bag(
         names = [f"{number:06}" for number in range(len(pairs.positions))]
         frames = _Frames(out, topics, written, intensity, new_from_old)
         frames.try_first(bag, dict(zip(names[:_TRIED], pairs.positions, strict=False)), source)
-        claim_folder(out, settings, results=RESULTS)
+        acquire_output_dir(out, settings, results=RESULTS)
         write_calibration(out, written)
         present = names_present(out, IMAGES, POINTS)
         pending = [number for number, name in enumerate(names) if name not in present]

@@ -30,7 +30,7 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
-from sightline.data.jobs import claim_folder, data_name
+from sightline.data.jobs import acquire_output_dir, data_name
 from sightline.data.kitti_labels import write_objects
 from sightline.data.plain_file import read_bytes
 from sightline.data.problem import FileError
@@ -72,7 +72,7 @@ def import_nuscenes(
     with staging_folder() as staged:
         _Frames(staged, max_intensity).write(moments[0])
         check_staged(staged, moments[0].image)
-    claim_folder(out, settings, results=RESULTS)
+    acquire_output_dir(out, settings, results=RESULTS)
     write_times(out, {moment.name: moment.time_s for moment in moments})
     present = names_present(out, CALIBRATIONS, IMAGES, LABELS, POINTS)
     pending = [moment for moment in moments if moment.name not in present]

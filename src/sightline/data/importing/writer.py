@@ -16,7 +16,7 @@ from sightline.data.calibration_checks import check_intrinsics
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
-from sightline.data.jobs import check_apart
+from sightline.data.jobs import check_outside_dataset
 from sightline.data.point_files import checked_cloud
 from sightline.data.problem import FileError, plain_line
 from sightline.data.recording_calibration import (
@@ -148,7 +148,7 @@ def check_not_into_source(source: Path, out: Path) -> None:
     Raises:
         ValueError: One folder is inside the other.
     """
-    check_apart(source, [out])
+    check_outside_dataset(source, [out])
     if source.resolve().is_relative_to(out.resolve()):
         raise ValueError(
             f"{out} holds the source {source}, with whose files the recording's would mix; name an "
