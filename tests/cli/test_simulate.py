@@ -64,8 +64,7 @@ def test_every_setting_is_an_option_with_its_text_and_default(capsys):
         for setting in fields(settings):
             if setting.name != "config":
                 assert f"--{setting.name.replace('_', '-')}" in said, setting.name
-    assert "Scales the picture before it is cropped: half of KITTI's shows as much" in said
-    assert "Width, height [px]." in said
+    assert "It scales the image before cropping: half of KITTI's shows" in said
     assert "Default: 1242 375." in said
     assert "default: null" not in said
 

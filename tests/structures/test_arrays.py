@@ -78,7 +78,8 @@ def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none()
     points = np.array([[1, 2, 3], [np.nan, 0, 0], [4, 5, np.inf], [4, 5, 6]])
     with pytest.warns(UserWarning, match="three columns, x, y, z: 0 is taken for the reflectance"):
         assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
-    assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
+    with pytest.warns(UserWarning, match="the points are none"):
+        assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
 
 
 def test_bad_intensities_and_clouds_without_an_echo_are_warned_of_with_counts():
