@@ -41,7 +41,7 @@ BANDS_M = (10.0, 20.0, 40.0, 90.0)
 METHODS: tuple[Method, ...] = ("linear", "classical", "adaptive")
 WEIGHTS = ("depth-fast-cpu", "depth-best")
 AGAINST = "classical"
-"""What the other methods' errors are compared with, frame by frame."""
+"""Method whose errors the others' are compared with, frame by frame."""
 BEAMS = (64, 32, 16, 8)
 
 Frame = dict[str, Any]

@@ -36,16 +36,16 @@ PACKAGE_RECIPES: Final = Path(__file__).parent / "recipes"
 
 @runtime_checkable
 class Task(Protocol):
-    """What a task declares: an object in its folder's `registration` module."""
+    """Declaration of a task: an object in its folder's `registration` module."""
 
     @property
     def name(self) -> str:
-        """As in the registry, in weights files and in manifests."""
+        """Name in the registry, in weights files and in manifests."""
         ...
 
     @property
     def summary(self) -> str:
-        """What `sightline predict NAME` does, in one sentence."""
+        """Summary of `sightline predict NAME`, one sentence."""
         ...
 
     @property
@@ -60,22 +60,22 @@ class Task(Protocol):
 
     @property
     def default_weights(self) -> str | None:
-        """What answers where nothing is named; None: something must be named."""
+        """Default weights; None: weights or a method must be named."""
         ...
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """What answers without a network."""
+        """Names of the methods without a network."""
         ...
 
     @property
     def outputs(self) -> "tuple[Output, ...]":
-        """What is written of an answer; the first always, the others where asked for."""
+        """Files written per prediction; the first always, the others on request."""
         ...
 
     @property
     def switches(self) -> "tuple[OutputFilter, ...]":
-        """How else answers may be written."""
+        """Optional filters of the written predictions."""
         ...
 
     def config_type(self) -> type[Any]:
@@ -87,7 +87,7 @@ class Task(Protocol):
         ...
 
     def graphs(self, loaded: "LoadedNetwork[Any]") -> "tuple[ExportGraph, ...]":
-        """What is exported of a network; two for a detector of two stages."""
+        """Graphs to export from a network; two for a detector of two stages."""
         ...
 
     def predictor(
@@ -99,7 +99,7 @@ class Task(Protocol):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Predictor":
-        """What answers: a method, or a network with the weights; neither: the default weights.
+        """Make a predictor of a method or of a network's weights; by default the default weights.
 
         Raises:
             ValueError: Both are named, or there is no such one, or the engine cannot run it.
@@ -107,11 +107,11 @@ class Task(Protocol):
         ...
 
     def scoring(self) -> "Scoring":
-        """How its answers are scored where sensors are broken."""
+        """Scoring of its predictions with broken sensors."""
         ...
 
     def perception(self, answer: Any) -> "Perception":  # noqa: ANN401 - the task's own
-        """What an answer tells, in the terms that all tasks share: for pictures and summaries."""
+        """Convert a prediction to the form common to all tasks, for pictures and summaries."""
         ...
 
     def demo(self, frames: Path, out: Path) -> "DemoPart | None":

@@ -3,13 +3,13 @@ import pytest
 import torch
 
 from sightline.data.open import NamedSubset, open_dataset
-from sightline.data.sample_place import sample_place
+from sightline.geometry.arguments import sample_index
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 
 @pytest.mark.parametrize("place", [1, -1, np.int64(1), np.uint8(1), torch.tensor(1)])
 def test_whole_numbers_of_any_type_are_places_and_negative_ones_count_from_the_end(place):
-    assert sample_place(place, 2) == 1
+    assert sample_index(place, 2) == 1
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ def test_whole_numbers_of_any_type_are_places_and_negative_ones_count_from_the_e
 )
 def test_anything_else_is_told_how_to_ask(place, said):
     with pytest.raises(TypeError, match=said):
-        sample_place(place, 2)
+        sample_index(place, 2)
 
 
 def test_data_sets_tell_their_length_and_end_where_it_says():
@@ -37,4 +37,4 @@ def test_data_sets_tell_their_length_and_end_where_it_says():
             each[-3]
         assert len(list(each)) == 2
     with pytest.raises(IndexError, match=r"a data set of 0 samples has no sample 0$"):
-        sample_place(0, 0)
+        sample_index(0, 0)

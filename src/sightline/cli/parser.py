@@ -35,7 +35,7 @@ _SHORT = {"--page": "-o"}
 
 
 _MAX_DEPTH, _MAX_VALUES = 50, 2**16
-"""Of one argument or file of settings."""
+"""Limits of nesting depth and number of values in one argument or settings file."""
 
 _load_yaml = jsonargparse.get_loader("yaml")
 

@@ -21,8 +21,8 @@ from sightline.data.depth_tree import (
 from sightline.data.kitti_files import read_depth, read_image
 from sightline.data.object_tree import describe_absent
 from sightline.data.problem import FileError
-from sightline.data.sample_place import sample_place
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import unproject_pixels
 from sightline.structures.sample import CameraLidarSample
@@ -111,7 +111,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
                 names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        index = sample_place(index, len(self))
+        index = sample_index(index, len(self))
         frame = self.frames[index]
         assert frame.sparse is not None, f"{frame.sample_id} passed the check without a sparse map"
         sparse = read_depth(frame.sparse)

@@ -21,9 +21,9 @@ from sightline.data.object_tree import (
 )
 from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
-from sightline.data.sample_place import sample_place
 from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
@@ -116,7 +116,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             ValueError: A file is invalid; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        index = sample_place(index, len(self))
+        index = sample_index(index, len(self))
         frame = self.frames[index]
         sized = frame.image or frame.depth or self._any_picture
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"

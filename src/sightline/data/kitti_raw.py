@@ -12,9 +12,9 @@ from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.object_tree import describe_absent
 from sightline.data.problem import FileError
-from sightline.data.sample_place import sample_place
 from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
 from sightline.structures.level import level_from_mount
 from sightline.structures.sample import CameraLidarSample
@@ -92,7 +92,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
                 the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        index = sample_place(index, len(self))
+        index = sample_index(index, len(self))
         frame = self.frames[index]
         image = None if frame.image is None else read_image(frame.image)
         if frame.image and image is not None and image.shape[1:] != self.image_size:

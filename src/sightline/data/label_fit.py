@@ -13,7 +13,7 @@ from sightline.data.object_tree import CORRUPTED
 from sightline.data.problem import Problem
 
 _LEAST_IOU: Final = 0.4
-"""By the median of a file. Of KITTI's 7,481 files none of two objects or more is below 0.49."""
+"""Lowest median IoU of a sound file; KITTI's, with two objects or more, have 0.49 or more."""
 _FEWEST: Final = 2
 _MOST: Final = 100  # of a file's objects, which tell enough
 _FILLED_WITHIN_M: Final = 25.0

@@ -40,14 +40,13 @@ from sightline.data.recording import RecordingDataset
 from sightline.data.recording_tree import is_recording
 from sightline.data.safe_names import unprintable_names
 from sightline.data.sample_list import read_sample_list
-from sightline.data.sample_place import sample_place
 from sightline.data.unread_files import (
     depth_folders,
     drive_folders,
     object_folders,
     recording_folders,
 )
-from sightline.geometry.arguments import plain_names, plain_path
+from sightline.geometry.arguments import plain_names, plain_path, sample_index
 from sightline.structures.sample import CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
@@ -98,7 +97,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
         Raises:
             IndexError: There is no such sample.
         """
-        return self.dataset[self.positions[sample_place(index, len(self))]]
+        return self.dataset[self.positions[sample_index(index, len(self))]]
 
 
 def open_dataset(

@@ -40,9 +40,9 @@ from sightline.data.recording_checks import (
 from sightline.data.recording_times import read_times, times_doubts
 from sightline.data.recording_tree import list_recording, unpaired
 from sightline.data.sample_list import read_sample_list
-from sightline.data.sample_place import sample_place
 from sightline.data.undistortion import undistort
 from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.road_height import LidarPose
@@ -163,7 +163,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             ValueError: A file is invalid; the error names it.
         """
         keep_opencv_to_one_thread_in_workers()
-        index = sample_place(index, len(self))
+        index = sample_index(index, len(self))
         frame = self.frames[index]
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         rig = self._rig(frame.calibration)

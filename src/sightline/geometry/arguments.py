@@ -11,6 +11,8 @@ from operator import index
 from pathlib import Path
 from typing import SupportsIndex, TypeVar
 
+import numpy as np
+
 Name = TypeVar("Name", bound=str)
 
 
@@ -73,6 +75,30 @@ def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
         f"image_size is {shown(image_size)}, expected (height, width), each a whole number of at "
         "least 1; give pixels"
     )
+
+
+def sample_index(place: object, length: int) -> int:
+    """Normalise the index of a sample, of any integer type; negative from the end.
+
+    Args:
+        place: The requested index.
+        length: Length of the data set.
+
+    Raises:
+        IndexError: There is no such sample.
+        TypeError: The index is no whole number.
+    """
+    if not isinstance(place, bool | np.bool_):
+        with suppress(TypeError):
+            number = index(place)  # type: ignore[arg-type]  # TypeError of anything else
+            if not -length <= number < length:
+                ends = f"; they are numbered from 0 to {length - 1}" if length else ""
+                raise IndexError(f"a data set of {length} samples has no sample {number}{ends}")
+            return number % length
+    remedy = "take several one by one: [dataset[place] for place in range(start, stop)]"
+    if isinstance(place, str):
+        remedy = f"look its place up: dataset.sample_ids.index({shown(place)})"
+    raise TypeError(f"a data set is asked for a sample by its number, got {shown(place)}; {remedy}")
 
 
 def nearest(name: str, known: Collection[str]) -> str:

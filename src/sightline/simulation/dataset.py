@@ -8,7 +8,7 @@ from torch.utils.data import Dataset
 
 from sightline.data.object_labels import labels_from_kitti
 from sightline.data.pixels import seen_by_camera
-from sightline.data.sample_place import sample_place
+from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import SimulatedFrame, StreetMaker, simulate_frame
@@ -64,7 +64,7 @@ class SimulatedDataset(Dataset[CameraLidarSample]):
         Raises:
             IndexError: There is no such sample.
         """
-        index = sample_place(index, self.num_frames)
+        index = sample_index(index, self.num_frames)
         frame = simulate_frame(self.config, index, self.streets)
         seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
         return sample_of(replace(frame, points=seen, sample_id=self.sample_ids[index]))

@@ -1,4 +1,4 @@
-"""What tasks exchange with training: batches of samples and losses."""
+"""Interfaces between tasks and training: batches of samples and losses."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields, is_dataclass, replace

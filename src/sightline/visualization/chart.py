@@ -36,11 +36,11 @@ class Plot:
     """Height of the title's capitals; those beside the axes are a little smaller."""
 
     def column(self, share: float) -> float:
-        """Of a share along the horizontal axis."""
+        """Column of a share along the horizontal axis [px]."""
         return self.left + share * (self.right - self.left)
 
     def row(self, share: float) -> float:
-        """Of a share along the vertical axis."""
+        """Row of a share along the vertical axis [px]."""
         return self.bottom - share * (self.bottom - self.top)
 
 

@@ -47,7 +47,7 @@ class RowLayout:
 
     @classmethod
     def of(cls, image_size: tuple[int, int]) -> "RowLayout":
-        """What fits images of a height and width [px]."""
+        """Choose the layout for images of a height and width [px]."""
         height, width = image_size
         is_stacked = width >= _WIDE * height
         width_px = _STACKED_PX if is_stacked else _BESIDE_PX

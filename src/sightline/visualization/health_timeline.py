@@ -71,7 +71,7 @@ def _plot() -> Plot:
 
 
 def _place(number: int, count: int) -> float:
-    """Of the middle of a frame on the horizontal axis, as a share."""
+    """Position of a frame's middle on the horizontal axis, as a share of its length."""
     return (number + 0.5) / count
 
 

@@ -41,7 +41,7 @@ _FACES = np.array(
 """Front, rear, left, right, top, bottom."""
 _FRONT = _FACES[0]
 _EDGE_FACES = np.array([[set(edge) <= set(face) for face in _FACES.tolist()] for edge in _EDGES])
-"""Which faces meet in each edge."""
+"""Mask of the faces that meet in each edge."""
 _CORNER_SHARE, _CORNER_PX = 0.3, 16.0  # what is drawn of a side from each corner, at most
 _COVERING = 0.75  # how much of a box is gone behind a nearer one
 _TAG_HEIGHT_PX = 9
@@ -182,7 +182,7 @@ def draw_detections(
     detections3d: Detections3D | None,
     calibration: Calibration,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """What was found, with scores: 3D boxes, and over them 2D boxes, then as corners only.
+    """Draw detections with scores: 3D boxes, and 2D boxes over them, then as corners only.
 
     Returns:
         A new picture.
@@ -210,7 +210,7 @@ def draw_detections(
 def _seen_faces(
     boxes: Boxes3D, calibration: Calibration
 ) -> Bool[np.ndarray, "num_boxes num_faces"]:
-    """Which faces, as in `_FACES`, the camera's centre lies outside of."""
+    """Find the faces, in the order of `_FACES`, that have the camera's centre on their outside."""
     image_from_lidar = calibration.image_from_lidar
     centre = -torch.linalg.solve(image_from_lidar[:, :3], image_from_lidar[:, 3])
     exact = Boxes3D(boxes.tensor.detach().cpu().double())

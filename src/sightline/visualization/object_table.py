@@ -29,7 +29,7 @@ class _Row:
     class_name: str
     range_m: float
     index: int
-    """Of its box."""
+    """Index of its box."""
     last: tuple[str, str]
     """The cells that labels and detections differ in."""
 

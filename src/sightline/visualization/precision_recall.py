@@ -127,7 +127,7 @@ def _put_entry(
 
 
 def _put_key(canvas: UInt8[np.ndarray, "height width 3"], top: int) -> None:
-    """What dots, rings and the faint line are."""
+    """Draw the key of dots, rings and the faint line."""
     at, baseline = _MARGINS_PX[0], top + _TEXT_PX
     middle = baseline - _TEXT_PX // 2
     cv2.circle(canvas, (at + 6, middle), _R40_RADIUS_PX, MUTED, -1, cv2.LINE_AA)

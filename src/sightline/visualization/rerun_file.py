@@ -231,7 +231,7 @@ def _points(xyz: np.ndarray) -> "rerun.Points3D":
 
 
 def _depth(depth: DepthMap) -> "rerun.DepthImage":
-    """As KITTI's PNGs have it: 0 where depth may not be believed, or is beyond what they hold."""
+    """Depth in KITTI's PNG encoding: 0 where it is not valid or beyond the encoding's range."""
     import rerun as rr
 
     is_shown = depth.valid & (depth.depth_m <= MAX_DEPTH_M)

@@ -57,12 +57,12 @@ class _Panel:
     picture: UInt8[np.ndarray, "height width 3"]
     scale: ColorScale | None = None
     hole: str = ""
-    """What its pixels without a value are."""
+    """Caption of pixels without a value."""
 
 
 @dataclass(frozen=True)
 class _Frame:
-    """What the page shows, at the size at which it shows it."""
+    """Content of the page, at the size at which it is drawn."""
 
     sample: CameraLidarSample
     told: Perception
@@ -145,7 +145,7 @@ def frame_sheet(
 
 
 def _nearest(labels: ObjectLabels | None) -> ObjectLabels | None:
-    """Those that are drawn; without a 3D part they count as farthest."""
+    """Select the nearest labels, as many as are drawn; without a 3D part they count as farthest."""
     if labels is None or len(labels) <= _MAX_OBJECTS:
         return labels
     ranges_m = labels.boxes3d.centers[:, :2].norm(dim=1)
