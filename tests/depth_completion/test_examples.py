@@ -141,6 +141,14 @@ def test_truth_is_shaped_for_training_alone(sample):
     assert (seen.depth_m < given.depth_m).any()
 
 
+def test_with_fewer_beams_pixels_are_away_from_those_of_all_beams(sample):
+    shaping = TruthShaping(away_weight=0.3)
+    config = ExampleConfig(filled=True, filling="second", shaping=shaping, beams=(16,))
+    assert torch.equal(
+        example(sample, config).weight, example(sample, replace(config, beams=(64,))).weight
+    )
+
+
 def test_truth_beyond_the_reach_of_a_sweep_is_left_out(sample):
     seen = example(sample, ExampleConfig(farthest_m=30.0))
     whole = example(sample, ExampleConfig(farthest_m=256.0))
