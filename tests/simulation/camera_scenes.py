@@ -6,10 +6,8 @@ import numpy as np
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.pixels import resized_and_cropped
-from sightline.simulation.camera import CameraConfig
-from sightline.simulation.materials import Material
-from sightline.simulation.scene import Actor, Light, Mesh, Pose, Scene
-from sightline.simulation.sensor_image import SensorConfig
+from sightline.simulation.camera.camera import CameraConfig, SensorConfig
+from sightline.simulation.scene import Actor, Light, Material, Mesh, Pose, Scene
 
 IMAGE_SIZE = (94, 311)
 QUIET = CameraConfig(

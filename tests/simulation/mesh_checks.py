@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sightline.simulation.materials import SURFACES
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import SURFACES
 
 
 def assert_sound(mesh):

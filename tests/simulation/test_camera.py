@@ -9,11 +9,15 @@ from hypothesis import strategies as st
 
 from sightline.data.pixels import image_from_lidar, resized_and_cropped
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.simulation.camera import SKY, STREET, CameraConfig, render_camera
-from sightline.simulation.materials import Material
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Pose
-from sightline.simulation.sensor_image import SensorConfig
+from sightline.simulation.camera.camera import (
+    SKY,
+    STREET,
+    CameraConfig,
+    SensorConfig,
+    render_camera,
+)
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import Material, Pose
 from tests.reference import shading as reference
 from tests.simulation.camera_scenes import (
     DAY,

@@ -3,11 +3,11 @@
 import numpy as np
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.simulation.camera_radiance import pixel_radiance
-from sightline.simulation.camera_rays import camera_view, pixel_samples, with_edge_samples
-from sightline.simulation.materials import Material
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.shading import lit_world
+from sightline.simulation.camera.radiance import pixel_radiance
+from sightline.simulation.camera.samples import camera_view, pixel_samples, with_edge_samples
+from sightline.simulation.camera.shading import lit_world
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import Material
 from tests.simulation.camera_scenes import (
     DAY,
     EVEN,

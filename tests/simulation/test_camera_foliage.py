@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from sightline.simulation.foliage import cast_through_foliage
-from sightline.simulation.materials import Material
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.surfaces import Rays, mesh_tables
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.rays.surfaces import Rays, cast_through_foliage, mesh_tables
+from sightline.simulation.scene import Material
 from tests.simulation.camera_scenes import rectangle, scene_of
 
 

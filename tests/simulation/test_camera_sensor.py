@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.simulation.sensor_image import SensorConfig, sensor_image
+from sightline.simulation.camera.camera import SensorConfig, sensor_image
 from tests.simulation.camera_scenes import QUIET
 
 SHARP = QUIET.sensor

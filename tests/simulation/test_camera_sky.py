@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.simulation.sky import daylight, sky_radiance, smooth_sky
+from sightline.simulation.camera.shading import daylight, sky_radiance, smooth_sky
 from tests.simulation.camera_scenes import DAY, DUSK, EVEN
 
 OVERCAST = replace(DAY, sun_color=(0.0, 0.0, 0.0), cloud_cover=1.0)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sightline.simulation.meshes.batches import QuadBatch
-from sightline.simulation.meshes.building_forms import draw_look
-from sightline.simulation.meshes.facades import Facade, Front, build_front
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.shapes.edits import QuadBatch
+from sightline.simulation.surroundings.buildings import draw_look
+from sightline.simulation.surroundings.facades import Facade, Front, build_front
 
 LENGTH, STOREYS, STOREY, PLINTH = 14.0, 3, 3.0, 0.4
 DEEPEST_RECESS_M = 0.2  # that `draw_look` draws

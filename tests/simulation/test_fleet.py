@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sightline.simulation.fleet import Fleet
+from sightline.simulation.traffic.crowd import Fleet
 
 CLASSES = ("Car", "Van", "Truck", "Tram", "Misc", "Pedestrian", "Person_sitting", "Cyclist")
 

@@ -3,16 +3,13 @@
 import numpy as np
 import pytest
 
-from sightline.simulation.dressing import dress
-from sightline.simulation.hard_negatives import set_out_hard_negatives
-from sightline.simulation.layout import StreetKind
-from sightline.simulation.layout_drawing import draw_layout
-from sightline.simulation.meshes.decoys import DECOYS
-from sightline.simulation.meshes.furniture import Item, item_footprint
-from sightline.simulation.occupancy import Occupancy
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.setting_out import Things
+from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.street import make_street
+from sightline.simulation.streets.dressing import dress, set_out_hard_negatives
+from sightline.simulation.streets.free_ground import Occupancy, Things
+from sightline.simulation.streets.layout import StreetKind
+from sightline.simulation.streets.layout_drawing import draw_layout
+from sightline.simulation.surroundings.furniture import DECOYS, Item, item_footprint
 from tests.simulation.mesh_checks import assert_sound
 
 KINDS = list(StreetKind)

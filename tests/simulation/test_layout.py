@@ -5,17 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sightline.simulation.layout import Parking, Plots, StreetKind
-from sightline.simulation.layout_drawing import draw_layout
-from sightline.simulation.layout_line import curved_line, draw_terrain, station_grid
-from sightline.simulation.lots import (
+from sightline.simulation.streets.ground import (
+    band_level,
+    crown_level,
+    ramp_stations,
+    surface_level,
+)
+from sightline.simulation.streets.layout import (
+    Parking,
+    Plots,
+    StreetKind,
+    curved_line,
+    draw_terrain,
+    station_grid,
+)
+from sightline.simulation.streets.layout_drawing import draw_layout
+from sightline.simulation.streets.lots import (
     bays_of,
     draw_lots,
     footprint_corners,
     footprint_of,
     with_lowered_kerbs,
 )
-from sightline.simulation.relief import band_level, crown_level, ramp_stations, surface_level
 
 LAYOUTS = [draw_layout(np.random.default_rng([3, seed])) for seed in range(120)]
 

@@ -6,10 +6,9 @@ import pytest
 from sightline.data.rings import ring_numbers
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig, take_sweep
-from sightline.simulation.materials import SURFACES, Material
-from sightline.simulation.meshes.primitives import Finish, quads
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Mesh, Pose, Street
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import SURFACES, Material, Mesh, Pose, Street
+from sightline.simulation.shapes.primitives import Finish, quads
 from tests.simulation.streets import GREY, Straight, Turning, block, courtyard, ground, street
 
 UNBIASED = replace(

@@ -3,17 +3,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.cyclists import make_cyclist
-from sightline.simulation.meshes.figure import Build, make_figure
-from sightline.simulation.meshes.people import (
+from sightline.simulation.bodies.cyclists import make_cyclist
+from sightline.simulation.bodies.figure import Build, make_figure
+from sightline.simulation.bodies.models import KITTI_SIZES
+from sightline.simulation.bodies.people import (
     WalkingPerson,
     draw_outfit,
     make_pedestrian,
     make_sitting_person,
 )
-from sightline.simulation.meshes.sizes import KITTI_SIZES
-from sightline.simulation.meshes.skeleton import (
+from sightline.simulation.bodies.skeleton import (
     REST_JOINTS,
     Bone,
     Turn,
@@ -21,6 +20,7 @@ from sightline.simulation.meshes.skeleton import (
     reach,
     turn_matrices,
 )
+from sightline.simulation.scene import Material
 from tests.simulation.mesh_checks import assert_sound, share_of_front_faces
 
 WALKING_MPS = 1.4
@@ -182,7 +182,7 @@ def test_what_is_written_on_labels_changes_nothing_that_is_drawn(monkeypatch, sp
     after = rng.bit_generator.state
     assert labelled.labelled_lwh != labelled.size_lwh
     monkeypatch.setattr(
-        "sightline.simulation.meshes.people._annotated", lambda _, model, **__: model
+        "sightline.simulation.bodies.people._annotated", lambda _, model, **__: model
     )
     rng = np.random.default_rng(7)
     assert make_pedestrian(rng, speed_mps).size_lwh == labelled.size_lwh

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.edits import (
+from sightline.simulation.scene import Material
+from sightline.simulation.shapes.edits import (
     both_sides,
     fitted,
     mirrored,
@@ -12,7 +12,7 @@ from sightline.simulation.meshes.edits import (
     stretched,
     turned,
 )
-from sightline.simulation.meshes.primitives import (
+from sightline.simulation.shapes.primitives import (
     Finish,
     box,
     boxes,

@@ -3,16 +3,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.car_styles import STYLES, VAN_STYLES
-from sightline.simulation.meshes.cars import CARS, UNSEEN_M, VANS, VehicleDesign, proportioned
-from sightline.simulation.meshes.models import LateShape, RigidShape
-from sightline.simulation.meshes.sizes import KITTI_SIZES, Kind, Size, SizeStatistics, draw_kind
-from sightline.simulation.meshes.trailers import MISC_KINDS, make_misc
-from sightline.simulation.meshes.trams import make_tram
-from sightline.simulation.meshes.trucks import make_truck
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Mesh
+from sightline.simulation.bodies.cars import (
+    CARS,
+    STYLES,
+    UNSEEN_M,
+    VAN_STYLES,
+    VANS,
+    VehicleDesign,
+    proportioned,
+)
+from sightline.simulation.bodies.models import (
+    KITTI_SIZES,
+    Kind,
+    LateShape,
+    RigidShape,
+    Size,
+    SizeStatistics,
+    draw_kind,
+)
+from sightline.simulation.bodies.trams import make_tram
+from sightline.simulation.bodies.trucks import MISC_KINDS, make_misc, make_truck
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import Material, Mesh
 from tests.simulation.mesh_checks import assert_sound, share_of_front_faces
 
 

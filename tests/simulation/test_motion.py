@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sightline.simulation.layout_drawing import draw_layout
-from sightline.simulation.layout_line import Terrain, straight_line
-from sightline.simulation.motion import (
+from sightline.simulation.scene import Pose, world_from_footprint
+from sightline.simulation.streets.ground import surface_height
+from sightline.simulation.streets.layout import Terrain, straight_line
+from sightline.simulation.streets.layout_drawing import draw_layout
+from sightline.simulation.traffic.motion import (
     STANDING,
     AlongRoad,
     Rocking,
@@ -16,8 +18,6 @@ from sightline.simulation.motion import (
     draw_rocking,
     on_wheels,
 )
-from sightline.simulation.relief import surface_height
-from sightline.simulation.scene import Pose, world_from_footprint
 
 # Rises by 0.1 per metre along x and by 0.05 along y for as far as the tests look.
 SLOPE = Terrain(

@@ -7,13 +7,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from sightline.simulation.crowd import EGO_SIZE_LW, stopping_distance_m
-from sightline.simulation.layout_drawing import draw_layout
-from sightline.simulation.lots import bays_of, draw_lots, footprint_corners, footprint_of
-from sightline.simulation.motion import AlongRoad, Travel
-from sightline.simulation.occupancy import Occupancy, rectangles_overlap
-from sightline.simulation.placement import KITTI_COUNTS, place_traffic
-from sightline.simulation.turning import turning_line
+from sightline.simulation.street import KITTI_COUNTS, place_traffic
+from sightline.simulation.streets.free_ground import Occupancy, rectangles_overlap
+from sightline.simulation.streets.layout_drawing import draw_layout
+from sightline.simulation.streets.lots import bays_of, draw_lots, footprint_corners, footprint_of
+from sightline.simulation.traffic.crowd import EGO_SIZE_LW, stopping_distance_m
+from sightline.simulation.traffic.driving import turning_line
+from sightline.simulation.traffic.motion import AlongRoad, Travel
 from tests.simulation.visible_boxes import SizesOnly, labelled
 
 

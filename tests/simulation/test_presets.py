@@ -1,7 +1,6 @@
 import pytest
 
-from sightline.simulation.presets import PRESETS
-from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.settings import PRESETS, SimulationConfig
 from tests.settings import set_unchecked
 
 

@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.simulation import embree_library
-from sightline.simulation.embree import EmbreeScene
-from sightline.simulation.materials import Material
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays import raycast
+from sightline.simulation.rays.raycast import EmbreeScene, Raycaster
+from sightline.simulation.scene import Material
 from tests.reference.raycast import crossing, first_hit, margin
 from tests.simulation.camera_scenes import rectangle
 
@@ -127,6 +126,6 @@ def test_faces_of_vertices_that_there_are_not_are_refused(wrong):
 
 
 def test_an_embreex_without_the_library_is_named(monkeypatch):
-    monkeypatch.setattr(embree_library, "_library_file", lambda: ctypes.util.find_library("c"))
+    monkeypatch.setattr(raycast, "_library_file", lambda: ctypes.util.find_library("c"))
     with pytest.raises(ImportError, match=r"no Embree 4 library .* install embreex 4\.4"):
-        embree_library.embree_library.__wrapped__()
+        raycast.embree_library.__wrapped__()

@@ -8,13 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.simulation.camera_radiance import pixel_radiance
-from sightline.simulation.camera_rays import camera_view, pixel_samples
-from sightline.simulation.materials import Material
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.shading import SUN_QUARTERS, lit_world, perpendicular, sun_visibility
-from sightline.simulation.shading_ambient import ambient_of, gathered_ambient
-from sightline.simulation.surfaces import surfaces_met
+from sightline.simulation.camera.ambient import ambient_of, gathered_ambient
+from sightline.simulation.camera.radiance import pixel_radiance
+from sightline.simulation.camera.samples import camera_view, pixel_samples
+from sightline.simulation.camera.shading import (
+    SUN_QUARTERS,
+    lit_world,
+    perpendicular,
+    sun_visibility,
+)
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.rays.surfaces import surfaces_met
+from sightline.simulation.scene import Material
 from tests.reference import shading as reference
 from tests.simulation.camera_scenes import (
     DAY,

@@ -5,20 +5,18 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from sightline.simulation.dressing import dress
-from sightline.simulation.layout import StreetKind
-from sightline.simulation.layout_drawing import draw_layout
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.batches import QuadBatch, stamped
-from sightline.simulation.meshes.clutter import CLUTTER
-from sightline.simulation.meshes.decoys import DECOYS
-from sightline.simulation.meshes.furniture import Item, item_model
-from sightline.simulation.meshes.primitives import Finish, box
-from sightline.simulation.meshes.trees import Detail, Species, tree_model
-from sightline.simulation.occupancy import Occupancy
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Mesh
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import Material, Mesh
+from sightline.simulation.shapes.edits import QuadBatch, stamped
+from sightline.simulation.shapes.primitives import Finish, box
 from sightline.simulation.street import make_street
+from sightline.simulation.streets.dressing import dress
+from sightline.simulation.streets.free_ground import Occupancy
+from sightline.simulation.streets.layout import StreetKind
+from sightline.simulation.streets.layout_drawing import draw_layout
+from sightline.simulation.surroundings.clutter import CLUTTER
+from sightline.simulation.surroundings.furniture import DECOYS, Item, item_model
+from sightline.simulation.surroundings.trees import Detail, Species, tree_model
 
 MOST_TRIANGLES = 250_000
 GROUND = (

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from sightline.simulation.materials import Material
-from sightline.simulation.texture_noise import (
+from sightline.simulation.rays.kernels import (
     Spot,
     clouded,
     crack,
@@ -19,7 +18,8 @@ from sightline.simulation.texture_noise import (
     speckle,
     value_noise,
 )
-from sightline.simulation.textures import textured
+from sightline.simulation.rays.textures import textured
+from sightline.simulation.scene import Material
 from tests.reference import shading as reference
 
 share = st.floats(0.0, 1.0)

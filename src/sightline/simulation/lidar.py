@@ -10,13 +10,17 @@ from jaxtyping import Bool, Float32, Float64, Int32
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.ops.compiled import compiled
-from sightline.simulation.foliage import cast_through_foliage
-from sightline.simulation.materials import SURFACES, Material
-from sightline.simulation.raycast import Hits, Raycaster
-from sightline.simulation.scene import Motion, Scene, world_from_footprint
+from sightline.simulation.rays.kernels import dot, row_of
+from sightline.simulation.rays.raycast import Hits, Raycaster
+from sightline.simulation.rays.surfaces import (
+    MeshTables,
+    Rays,
+    cast_through_foliage,
+    face_normal,
+    mesh_tables,
+)
+from sightline.simulation.scene import SURFACES, Material, Motion, Scene, world_from_footprint
 from sightline.simulation.settings import LidarModel
-from sightline.simulation.surfaces import MeshTables, Rays, face_normal, mesh_tables
-from sightline.simulation.vectors import dot, row_of
 
 _MID_GREY = 0.25  # linear albedo of the sample for `Surface.lidar_reflectance`
 _COLOR_RANGE = (0.35, 1.8)  # range of the colour's factor on the reflectance at 905 nm
@@ -360,9 +364,7 @@ def _surface_answers(
     return reflectance, _cosines(mesh_tables(scene.mesh), faces, directions)
 
 
-def _pigments(
-    colors: Float32[np.ndarray, "num_hits 3"],
-) -> Float64[np.ndarray, " num_hits"]:
+def _pigments(colors: Float32[np.ndarray, "num_hits 3"]) -> Float64[np.ndarray, " num_hits"]:
     """Derive a pseudo-random number, uniform in 0 to 1, from each colour."""
     bits = colors.view(np.uint32) * np.array((2654435761, 2246822519, 3266489917), np.uint32)
     mixed = np.bitwise_xor.reduce(bits ^ (bits >> np.uint32(15)), axis=1) * np.uint32(668265263)

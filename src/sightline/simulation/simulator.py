@@ -10,10 +10,10 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
-from sightline.simulation.camera import CameraConfig, CameraFrame, render_camera
+from sightline.simulation.camera.camera import CameraConfig, CameraFrame, render_camera
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import Scene, Street, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.street import make_street
