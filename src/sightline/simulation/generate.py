@@ -35,12 +35,9 @@ from sightline.simulation.simulator import (
 )
 from sightline.simulation.street import make_street
 
-DATE = "2000_01_01"
-"""Date of all simulated drives: not a real one."""
-MAX_FRAMES = 10**6
-"""Maximum number of frames: names have six digits."""
-MAX_DRIVES = 10**4
-"""Maximum number of drives: names have four digits."""
+DATE = "2000_01_01"  # date of all simulated drives: not a real one
+MAX_FRAMES = 10**6  # maximum number of frames: names have six digits
+MAX_DRIVES = 10**4  # maximum number of drives: names have four digits
 # Maximum number of parts of a job: the last part begins with the frame, or drive, of its number,
 # and leaves as many between two. Files beyond this were not begun by a job.
 _MAX_SHARDS = 1000
@@ -52,14 +49,11 @@ _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 class FrameFiles:
     """Output files of a frame."""
 
-    image: Path | None
-    """Image file; None without a camera."""
+    image: Path | None  # image file; None without a camera
     points: Path
     objects: Path
-    depth: Path
-    """Dense depth of every pixel."""
-    sparse_depth: Path
-    """Depth of the pixels hit by the LiDAR: the depth benchmark's input."""
+    depth: Path  # dense depth of every pixel
+    sparse_depth: Path  # depth of the pixels hit by the LiDAR: the depth benchmark's input
     instances: Path
     calibration: Path | None
     """Calibration file; None if the day's calibration applies to all frames."""

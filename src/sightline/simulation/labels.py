@@ -23,8 +23,7 @@ one size in all frames of a drive, and most show it from behind or ahead."""
 _EARLIER: Final = math.radians(25.0)
 """Angle by which these views are flatter than a side view. With both angles, points of the flank
 reach as near to the far ends of simulated labels as to those of KITTI's cars."""
-_BELOW: Final = 0.5
-"""Share of the height below which bodies bulge most and there are no mirrors."""
+_BELOW: Final = 0.5  # share of the height below which bodies bulge most and there are no mirrors
 
 
 def labelled_ends(
@@ -58,14 +57,11 @@ def labelled_ends(
     return ends[0], ends[1]
 
 
-_NEAR_M = 0.3
-"""Minimum depth for projection into the image."""
+_NEAR_M = 0.3  # minimum depth for projection into the image
 # Rules of KITTI's annotators. The first two are fitted to the cars of all 7,481 label files: for
 # equal cover of a car's box by nearer labelled boxes, simulated cars have each level as often.
-_VISIBLE: Final = 0.97
-"""Share of an object's pixels above which it is fully visible."""
-_PARTLY: Final = 0.48
-"""Share above which it is partly occluded; below, it is largely occluded."""
+_VISIBLE: Final = 0.97  # share of an object's pixels above which it is fully visible
+_PARTLY: Final = 0.48  # share above which it is partly occluded; below, it is largely occluded
 _MIN_LABELLED_PIXELS: Final = 150
 _MIN_SHARE: Final = 0.15
 _MIN_HEIGHT_PX: Final = 14.0
@@ -74,14 +70,12 @@ _MAX_DEPTH_M: Final = 80.0
 depth gives DontCare. Pixels refer to KITTI's focal length. KITTI's lowest labels are 12.7 px high,
 0.04 % of its cars are farther away, and with this share as many are wholly covered by other
 boxes."""
-_MIN_PIXELS: Final = 15
-"""Minimum pixels of an object; smaller ones are ignored."""
+_MIN_PIXELS: Final = 15  # minimum pixels of an object; smaller ones are ignored
 _PERSON_ROOM_M: Final = 0.02
 """Gap between a pedestrian and either side of the box, which then has 0.72 of the width of the
 projected 3D box (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
 _DONT_CARE_GAP_PX: Final = 4.0
-_ROUND: Final = ("Car", "Van")
-"""Classes labelled only up to the visible end of the flank."""
+_ROUND: Final = ("Car", "Van")  # classes labelled only up to the visible end of the flank
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
 """Numbers on a DontCare line; its box goes after the third."""
 
@@ -92,19 +86,15 @@ class _Seen:
 
     index: int
     actor: Actor
-    size_lwh: tuple[float, float, float]
-    """Size of the label [m]."""
-    location: Float64[np.ndarray, "3"]
-    """Bottom centre, camera frame [m]."""
+    size_lwh: tuple[float, float, float]  # size of the label [m]
+    location: Float64[np.ndarray, "3"]  # bottom centre, camera frame [m]
     rotation_y: float
     box: Float64[np.ndarray, "4"]
     """2D box as KITTI draws it; NaN where no edge of the 3D box is in view."""
-    visible_box: Float64[np.ndarray, "4"]
-    """Bounding box of the visible pixels."""
+    visible_box: Float64[np.ndarray, "4"]  # bounding box of the visible pixels
     truncation: float
     visible_share: float
-    num_pixels: int
-    """Number of visible pixels."""
+    num_pixels: int  # number of visible pixels
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -112,8 +102,7 @@ class FrameLabels:
     """Labels and the actor of each."""
 
     objects: KittiObjects
-    actors: Int32[np.ndarray, " num_objects"]
-    """Index into the scene's actors; -1 for DontCare."""
+    actors: Int32[np.ndarray, " num_objects"]  # index into the scene's actors; -1 for DontCare
     visible_boxes: Float64[np.ndarray, "num_objects 4"]
     """x_min, y_min, x_max, y_max of each object's visible pixels; NaN for DontCare."""
 

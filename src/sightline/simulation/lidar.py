@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int32
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.ops.compiled import compiled
+from sightline.simulation.arrays import RayRows, RayVectors
 from sightline.simulation.rays.kernels import dot, row_of
 from sightline.simulation.rays.raycast import Hits, Raycaster
 from sightline.simulation.rays.surfaces import (
@@ -58,14 +59,10 @@ _GLEAMS = np.array([SURFACES[item].mirror > 0 and item is not Material.METAL for
 class Laser:
     """One laser of a spinning LiDAR."""
 
-    elevation_deg: float
-    """Elevation of the beam."""
-    offset_m: float = 0.0
-    """Height above the sensor's origin where the beam crosses the axis."""
-    range_bias_m: float = 0.0
-    """Bias of all its ranges."""
-    reading_bias: float = 0.0
-    """Bias of its reflectance readings."""
+    elevation_deg: float  # elevation of the beam
+    offset_m: float = 0.0  # height above the sensor's origin where the beam crosses the axis
+    range_bias_m: float = 0.0  # bias of all its ranges
+    reading_bias: float = 0.0  # bias of its reflectance readings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -76,10 +73,8 @@ class BlindSector:
         ValueError: The azimuths do not rise within 0 to 360 degrees.
     """
 
-    azimuth_deg: tuple[float, float]
-    """Start and end, counter-clockwise; 0 is straight ahead."""
-    below_deg: float
-    """Elevation below which beams are lost."""
+    azimuth_deg: tuple[float, float]  # start and end, counter-clockwise; 0 is straight ahead
+    below_deg: float  # elevation below which beams are lost
 
     def __post_init__(self) -> None:
         """Check the order of the azimuths."""
@@ -95,21 +90,16 @@ class BlindSector:
 class LidarConfig:
     """A LiDAR and its faults."""
 
-    lasers: tuple[Laser, ...]
-    """Lasers from the top."""
+    lasers: tuple[Laser, ...]  # lasers from the top
     azimuth_step_deg: float = 0.1728
     """Step between two firings of a laser; 0.1728 is a Velodyne at 10 turns a second."""
     blind_sectors: tuple[BlindSector, ...] = ()
-    height_m: float = KITTI_LIDAR_HEIGHT_M
-    """Height of its origin above the road."""
-    lean_deg: float = 0.0
-    """Forward lean of its axis; points are nevertheless in a level frame."""
+    height_m: float = KITTI_LIDAR_HEIGHT_M  # height of its origin above the road
+    lean_deg: float = 0.0  # forward lean of its axis; points are nevertheless in a level frame
     min_range_m: float = 1.5
     max_range_m: float = 80.0
-    range_noise_m: float = 0.01
-    """Standard deviation along the ray, around the laser's bias."""
-    drop_out: float = 0.01
-    """Share of returns lost on any surface."""
+    range_noise_m: float = 0.01  # standard deviation along the ray, around the laser's bias
+    drop_out: float = 0.01  # share of returns lost on any surface
     detectable_echo: float = 0.006
     """Echo (reflectance * cosine / (range / 40 m)^2) with detection probability 1 - 1/e."""
     rolling_shutter: bool = False
@@ -245,19 +235,15 @@ def take_sweep(
     places[:, 2] += firings.offsets_m[met]
     # KITTI's files store whole millimetres and hundredths.
     points = np.column_stack((places.round(3), readings.round(2))).astype(np.float32)
-    sweep: Float32[np.ndarray, "num_points 4"] = points[kept]
-    return sweep
+    return np.asarray(points[kept])
 
 
 class _Firings(NamedTuple):
     """All firings of a turn in the LiDAR frame, in the order of KITTI's files."""
 
-    directions: Float64[np.ndarray, "num_rays 3"]
-    """Unit vectors."""
-    offsets_m: Float64[np.ndarray, " num_rays"]
-    """Height of each origin above the sensor's."""
-    azimuths: Float64[np.ndarray, " num_rays"]
-    """Azimuths in [0, 2 pi)."""
+    directions: Float64[np.ndarray, "num_rays 3"]  # unit vectors
+    offsets_m: Float64[np.ndarray, " num_rays"]  # height of each origin above the sensor's
+    azimuths: Float64[np.ndarray, " num_rays"]  # azimuths in [0, 2 pi)
     range_biases_m: Float64[np.ndarray, " num_rays"]
     reading_biases: Float64[np.ndarray, " num_rays"]
 
@@ -296,7 +282,7 @@ def _firings(config: LidarConfig) -> _Firings:
 
 def _in_world(
     firings: _Firings, world_from_lidar: Float64[np.ndarray, "num_poses 4 4"]
-) -> tuple[Float32[np.ndarray, "num_rays 3"], Float32[np.ndarray, "num_rays 3"]]:
+) -> tuple[RayVectors, RayVectors]:
     """Transform firings to origins and directions in the world; one pose for all, or one each."""
     rotations, positions = world_from_lidar[:, :3, :3], world_from_lidar[:, :3, 3]
     origins = positions + rotations[:, :, 2] * firings.offsets_m[:, None]
@@ -323,8 +309,8 @@ def _poses_in_turn(
 def _cast_through_glass(
     scene: Scene,
     raycaster: Raycaster,
-    origins: Float32[np.ndarray, "num_rays 3"],
-    directions: Float32[np.ndarray, "num_rays 3"],
+    origins: RayVectors,
+    directions: RayVectors,
     rng: np.random.Generator,
 ) -> tuple[Hits, Bool[np.ndarray, " num_rays"]]:
     """Find first hits, with some rays passing one pane, and mark the rays that hit behind it."""
@@ -346,7 +332,7 @@ def _cast_through_glass(
 
 
 def _passes(
-    scene: Scene, faces: Int32[np.ndarray, " num_rays"], rng: np.random.Generator
+    scene: Scene, faces: RayRows, rng: np.random.Generator
 ) -> Bool[np.ndarray, " num_rays"]:
     chance = np.where(faces >= 0, _TRANSMISSION[scene.mesh.materials[faces]], 0.0)
     return rng.random(len(faces)) < chance
@@ -368,8 +354,7 @@ def _pigments(colors: Float32[np.ndarray, "num_hits 3"]) -> Float64[np.ndarray, 
     """Derive a pseudo-random number, uniform in 0 to 1, from each colour."""
     bits = colors.view(np.uint32) * np.array((2654435761, 2246822519, 3266489917), np.uint32)
     mixed = np.bitwise_xor.reduce(bits ^ (bits >> np.uint32(15)), axis=1) * np.uint32(668265263)
-    pigments: Float64[np.ndarray, " num_hits"] = (mixed >> np.uint32(8)) / 2.0**24
-    return pigments
+    return np.asarray((mixed >> np.uint32(8)) / 2.0**24)
 
 
 @compiled

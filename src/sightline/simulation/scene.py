@@ -52,12 +52,9 @@ class Surface:
     materials of few colours."""
     lidar_transmission: float = 0.0
     """Probability that the beam is transmitted or lost instead of returning."""
-    mirror: float = 0.0
-    """Fresnel reflectance at normal incidence; 0 = no mirror ray is cast."""
-    highlight: float = 0.0
-    """Strength of the sun's highlight."""
-    highlight_power: float = 60.0
-    """Sharpness of the highlight (Blinn-Phong exponent)."""
+    mirror: float = 0.0  # fresnel reflectance at normal incidence; 0 = no mirror ray is cast
+    highlight: float = 0.0  # strength of the sun's highlight
+    highlight_power: float = 60.0  # sharpness of the highlight (Blinn-Phong exponent)
 
 
 SURFACES: dict[Material, Surface] = {
@@ -118,13 +115,10 @@ class Mesh:
     vertices: Float32[np.ndarray, "num_vertices 3"]
     normals: Float32[np.ndarray, "num_vertices 3"]
     """Unit normals for shading; smooth surfaces share vertices, sharp edges do not."""
-    uvs: Float32[np.ndarray, "num_vertices 2"]
-    """Position on the surface [m], for its texture."""
+    uvs: Float32[np.ndarray, "num_vertices 2"]  # position on the surface [m], for its texture
     faces: Int32[np.ndarray, "num_faces 3"]
-    materials: Int32[np.ndarray, " num_faces"]
-    """`Material` of each face."""
-    colors: Float32[np.ndarray, "num_faces 3"]
-    """Linear RGB albedo in [0, 1] before texture."""
+    materials: Int32[np.ndarray, " num_faces"]  # `Material` of each face
+    colors: Float32[np.ndarray, "num_faces 3"]  # linear RGB albedo in [0, 1] before texture
 
     def placed(self, pose: "Pose") -> "Mesh":
         """Place the mesh of an object at a pose."""
@@ -158,12 +152,9 @@ class Pose:
     x: float
     y: float
     z: float
-    yaw: float
-    """Radians, counter-clockwise from above, 0 faces +x."""
-    pitch: float = 0.0
-    """Radians, positive with the nose down."""
-    roll: float = 0.0
-    """Radians, positive with the left side up."""
+    yaw: float  # radians, counter-clockwise from above, 0 faces +x
+    pitch: float = 0.0  # radians, positive with the nose down
+    roll: float = 0.0  # radians, positive with the left side up
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -186,8 +177,7 @@ class Shape(Protocol):
 class Actor:
     """Road user: class, size, shape and motion."""
 
-    class_name: str
-    """KITTI class: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
+    class_name: str  # KITTI class: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc
     size_lwh: tuple[float, float, float]
     """Size of the upright box [m] around `shape` without roof loads, aerials and tow bars, to 1
     cm."""
@@ -206,32 +196,24 @@ class Actor:
 class Light:
     """Sun and sky."""
 
-    sun_direction: tuple[float, float, float]
-    """Unit vector towards the sun, world frame."""
+    sun_direction: tuple[float, float, float]  # unit vector towards the sun, world frame
     sun_color: tuple[float, float, float]
     """Linear RGB irradiance of the unoccluded sun; zero when overcast."""
-    sun_softness: float
-    """Angular radius [rad] of the disc over which shadow rays are spread."""
+    sun_softness: float  # angular radius [rad] of the disc over which shadow rays are spread
     sky_zenith: tuple[float, float, float]
-    sky_horizon: tuple[float, float, float]
-    """Linear RGB radiance of the sky at the horizon."""
-    cloud_cover: float
-    """0 clear to 1 overcast."""
-    haze_m: float
-    """Distance over which contrast falls to 1/e."""
-    exposure: float
-    """Factor on `SensorConfig.sensitivity` suitable for this light."""
+    sky_horizon: tuple[float, float, float]  # linear RGB radiance of the sky at the horizon
+    cloud_cover: float  # 0 clear to 1 overcast
+    haze_m: float  # distance over which contrast falls to 1/e
+    exposure: float  # factor on `SensorConfig.sensitivity` suitable for this light
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Street:
     """Place with its traffic over time; world frame: z up, the ego starts near the origin."""
 
-    ground_and_buildings: Mesh
-    """All static meshes."""
+    ground_and_buildings: Mesh  # all static meshes
     actors: tuple[Actor, ...]
-    ego: Motion
-    """Motion of the point on the road below the LiDAR."""
+    ego: Motion  # motion of the point on the road below the LiDAR
     light: Light
 
     def snapshot(self, time_s: float = 0.0) -> "Scene":
@@ -259,10 +241,8 @@ class Scene:
     owners: Int32[np.ndarray, " num_faces"]
     """Index into `actors` of each face; -1 for the street itself."""
     actors: tuple[Actor, ...]
-    poses: tuple[Pose, ...]
-    """Poses of `actors`."""
-    ego: Pose
-    """Pose of the point on the road below the LiDAR."""
+    poses: tuple[Pose, ...]  # poses of `actors`
+    ego: Pose  # pose of the point on the road below the LiDAR
     light: Light
 
 

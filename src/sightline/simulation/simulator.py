@@ -18,8 +18,7 @@ from sightline.simulation.scene import Scene, Street, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.street import make_street
 
-FRAME_S = 0.1
-"""Interval between two frames of a sequence: KITTI's 10 Hz."""
+FRAME_S = 0.1  # interval between two frames of a sequence: KITTI's 10 Hz
 
 _IMAGE_FROM_CAMERA = (
     (KITTI_FOCAL_PX, 0.0, 609.5593, 44.85728),
@@ -28,11 +27,8 @@ _IMAGE_FROM_CAMERA = (
 )
 # KITTI's mount: camera 0 is 0.27 m ahead of the LiDAR and 0.08 m below it.
 _CAMERA_FROM_LIDAR = (
-    (0.0, -1.0, 0.0, 0.0),
-    (0.0, 0.0, -1.0, -0.08),
-    (1.0, 0.0, 0.0, -0.27),
-    (0.0, 0.0, 0.0, 1.0),
-)
+    (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, -0.08), (1.0, 0.0, 0.0, -0.27), (0.0, 0.0, 0.0, 1.0),
+)  # fmt: skip
 _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
@@ -59,8 +55,7 @@ class SimulatedFrame:
 
     sample_id: str
     calibration: CalibrationMatrices
-    image: UInt8[np.ndarray, "height width 3"] | None
-    """RGB; None without a camera."""
+    image: UInt8[np.ndarray, "height width 3"] | None  # RGB; None without a camera
     points: Float32[np.ndarray, "num_points 4"]
     """A whole turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 1]."""
     objects: KittiObjects
@@ -72,8 +67,7 @@ class SimulatedFrame:
     instances: Int32[np.ndarray, "height width"]
     """1 + the label row of each pixel's object; 0 for all other pixels."""
     world_from_lidar: Float64[np.ndarray, "4 4"]
-    time_s: float
-    """Time since the drive's first frame."""
+    time_s: float  # time since the drive's first frame
 
     @property
     def image_size(self) -> tuple[int, int]:

@@ -25,8 +25,7 @@ class ClassCount(NamedTuple):
     """Label statistics of a class in KITTI."""
 
     per_frame: float
-    share_of_frames: float
-    """Share of frames with at least one label."""
+    share_of_frames: float  # share of frames with at least one label
     mean_distance_m: float
 
 
@@ -49,8 +48,7 @@ class Traffic:
     actors: tuple[Actor, ...]
     ego: Motion
     ego_travel: Travel
-    taken: Occupancy
-    """Ground of all road users and buildings."""
+    taken: Occupancy  # ground of all road users and buildings
 
 
 def place_traffic(

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
+from sightline.simulation.arrays import Columns, Shaped
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import painted
 from sightline.simulation.shapes.primitives import Finish, grid, kept, without_slivers
@@ -29,8 +30,7 @@ _SIDE_INSETS = np.array([0.06, 0.022, 0.004, 0.0, 0.0, 0.002, 0.006, 0.011, 0.02
 _ARCH_ANGLES = 9
 _GAP_HALF_WIDTH = 0.005  # half width of gaps [m]
 _ROUND_ROWS = np.array([0.965, 0.885, 0.87, 0.55, 0.25, 0.0])  # from the shoulder to the middle
-CROWN = 0.05
-"""Additional height [m] of bonnet and boot in the middle."""
+CROWN = 0.05  # additional height [m] of bonnet and boot in the middle
 _UNDER_SHARE = 0.68  # share of half the width, between the wheels
 
 
@@ -38,12 +38,10 @@ _UNDER_SHARE = 0.68  # share of half the width, between the wheels
 class BodyForm:
     """Proportions of a body. Heights are shares of the vehicle's height unless in metres."""
 
-    front_wheel: float
-    """Place of the front axle; `rear_wheel` is that of the rear one."""
+    front_wheel: float  # place of the front axle; `rear_wheel` is that of the rear one
     rear_wheel: float
     wheel_radius: float
-    clearance: float
-    """Height of the lower edge."""
+    clearance: float  # height of the lower edge
     shoulder: tuple[tuple[float, float], ...]
     """(place, height) of the line between the sides and bonnet, window sill and boot."""
     front_insets_m: tuple[float, ...] = (
@@ -59,15 +57,12 @@ class BodyForm:
     screen_base: float
     """Place of the windscreen's lower corners; its middle is `screen_bow_m` ahead."""
     screen_top: float
-    rear_base: float
-    """Place of the lower corners of the cabin's rear."""
+    rear_base: float  # place of the lower corners of the cabin's rear
     rear_top: float
-    rear_base_spread: float = 0.01
-    """Variation of `rear_base` between makes."""
+    rear_base_spread: float = 0.01  # variation of `rear_base` between makes
     screen_bow_m: float = 0.16
     rear_bow_m: float = 0.07
-    base_width: float = 0.925
-    """Width of the cabin's base, as a share of the vehicle's width."""
+    base_width: float = 0.925  # width of the cabin's base, as a share of the vehicle's width
     roof_width: float = 0.74
     roof_crown_m: float = 0.05
     roof_fall_front_m: float = 0.05
@@ -77,30 +72,23 @@ class BodyForm:
     glazed: tuple[bool, bool, bool] = (True, True, False)
     """Whether the front, rear and last side windows are glass."""
     rear_glazed: bool = True
-    window_top: float = 0.85
-    """Upper end of the windows, between the cabin's base 0 and its roof 1."""
+    window_top: float = 0.85  # upper end of the windows, between the cabin's base 0 and its roof 1
     last_window_end: float = 0.55
     """End of the last side window, between its pillar and the cabin's rear corner."""
-    door_gaps: tuple[float, ...]
-    """Places of the gaps between doors and wings."""
-    lamp_end: float = 0.80
-    """Place of the headlights' end at the side."""
-    lamp_inner: float = 0.55
-    """Start of the headlights, as a share of half the width."""
+    door_gaps: tuple[float, ...]  # places of the gaps between doors and wings
+    lamp_end: float = 0.80  # place of the headlights' end at the side
+    lamp_inner: float = 0.55  # start of the headlights, as a share of half the width
     lamp_levels: tuple[float, float] = (0.58, 0.82)
     grille_half_width: float = 0.40
     grille_levels: tuple[float, float] = (0.58, 0.78)
     tail_start: float = -0.90
     tail_inner: float = 0.66
     tail_levels: tuple[float, float] = (0.58, 0.82)
-    pillar_lamps: bool = False
-    """Whether there are tail lights beside the rear window."""
-    cladding: bool = False
-    """Whether the lower edge is unpainted plastic."""
+    pillar_lamps: bool = False  # whether there are tail lights beside the rear window
+    cladding: bool = False  # whether the lower edge is unpainted plastic
     covered_bed: bool = False
     """Whether the part behind the cabin is a loading bed under a dark cover."""
-    split_rear: bool = False
-    """Whether the rear has two doors side by side."""
+    split_rear: bool = False  # whether the rear has two doors side by side
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -112,16 +100,14 @@ class Body:
     width: float
     height: float
     paint: Finish
-    roof: Finish
-    """Finish of the cabin: paint, or the cloth of a soft top."""
+    roof: Finish  # finish of the cabin: paint, or the cloth of a soft top
 
-    def shoulder_height(self, x: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
+    def shoulder_height(self, x: Shaped) -> Shaped:
         """Compute the shoulder's height [m] at x [m]; corners of the form's line are rounded."""
         places, heights = np.array(self.form.shoulder).T
         place = x / (self.length / 2)
         nearby = [np.interp(place + step, places, heights) for step in (-0.07, -0.03, 0.03, 0.07)]
-        rounded: Float64[np.ndarray, "*shape"] = sum(nearby) / len(nearby) * self.height
-        return rounded
+        return np.asarray(sum(nearby) / len(nearby) * self.height)
 
     @property
     def wheel_radius(self) -> float:
@@ -161,23 +147,16 @@ class Body:
         inset = float(np.interp(level, LEVELS, _SIDE_INSETS))
         return float(self.width / 2 * outline * (1 - inset))
 
-    def screen_x(
-        self, level: float | Float64[np.ndarray, "*shape"]
-    ) -> float | Float64[np.ndarray, "*shape"]:
+    def screen_x(self, level: float | Shaped) -> float | Shaped:
         """Compute x [m] of the windscreen's corners, from the cabin's base 0 to its roof 1."""
         form = self.form
         return (form.screen_base + level * (form.screen_top - form.screen_base)) * self.length / 2
 
-    def cabin_half_width(
-        self, level: float | Float64[np.ndarray, "*shape"]
-    ) -> float | Float64[np.ndarray, "*shape"]:
+    def cabin_half_width(self, level: float | Shaped) -> float | Shaped:
         """Compute half the width [m] of the cabin at a height from its base 0 to its roof 1."""
         form = self.form
         share = form.base_width + level * (form.roof_width - form.base_width)
-        half_width: float | Float64[np.ndarray, "*shape"] = (
-            self.width / 2 * (share + 0.018 * np.sin(np.pi * level))
-        )
-        return half_width
+        return np.asarray(self.width / 2 * (share + 0.018 * np.sin(np.pi * level)))
 
 
 def lower_body(body: Body) -> Mesh:
@@ -223,7 +202,7 @@ def _arch_radius(body: Body) -> float:
     return 1.10 * body.wheel_radius + 0.025
 
 
-def _lower_edge(body: Body, x: Float64[np.ndarray, " columns"]) -> Float64[np.ndarray, " columns"]:
+def _lower_edge(body: Body, x: Columns) -> Columns:
     """Compute the height [m] of the skin's lower edge, which rises over the wheels."""
     edge = np.full_like(x, body.clearance)
     for wheel in body.wheel_places:
@@ -270,10 +249,7 @@ def _lower_points(
 
 
 def _lower_cells(
-    body: Body,
-    level: Float64[np.ndarray, "cell_rows 1"],
-    place: Float64[np.ndarray, " columns"],
-    across: Float64[np.ndarray, " columns"],
+    body: Body, level: Float64[np.ndarray, "cell_rows 1"], place: Columns, across: Columns
 ) -> Int[np.ndarray, "cell_rows columns"]:
     """Choose the palette index of each cell: paint, plastic, gap, lamps."""
     form = body.form
@@ -303,12 +279,9 @@ def _lower_cells(
     return cells
 
 
-def within(
-    values: Float64[np.ndarray, "*shape"], low: float, high: float
-) -> Bool[np.ndarray, "*shape"]:
+def within(values: Shaped, low: float, high: float) -> Bool[np.ndarray, "*shape"]:
     """Test which values lie between the limits."""
-    between: Bool[np.ndarray, "*shape"] = (values > low) & (values < high)
-    return between
+    return np.asarray((values > low) & (values < high))
 
 
 def _sorted(*values: float) -> Float64[np.ndarray, " num_values"]:
@@ -318,18 +291,14 @@ def _sorted(*values: float) -> Float64[np.ndarray, " num_values"]:
     return ordered[apart]
 
 
-def _superellipse(
-    coordinate: Float64[np.ndarray, "*shape"], exponent: float | Float64[np.ndarray, "*shape"]
-) -> Float64[np.ndarray, "*shape"]:
+def _superellipse(coordinate: Shaped, exponent: float | Shaped) -> Shaped:
     """Compute the other coordinate of a point on the unit superellipse."""
-    other: Float64[np.ndarray, "*shape"] = (1 - coordinate**exponent) ** (1 / exponent)
-    return other
+    return np.asarray((1 - coordinate**exponent) ** (1 / exponent))
 
 
-def _smooth_step(values: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
+def _smooth_step(values: Shaped) -> Shaped:
     clipped = np.clip(values, 0.0, 1.0)
-    smooth: Float64[np.ndarray, "*shape"] = clipped * clipped * (3 - 2 * clipped)
-    return smooth
+    return np.asarray(clipped * clipped * (3 - 2 * clipped))
 
 
 _ROOF_ROWS = np.array([0.965, 0.86, 0.6, 0.3, 0.0])  # from the roof's edge to its middle
@@ -341,11 +310,9 @@ _HEADER = 0.045  # height of the black frame above the windows, as a share of th
 
 
 class _Window(NamedTuple):
-    start: float
-    """Way of the start."""
+    start: float  # way of the start
     end: float
-    frame: float
-    """Width of the black frame on either side, in units of way."""
+    frame: float  # width of the black frame on either side, in units of way
     is_glazed: bool
 
 
@@ -379,9 +346,7 @@ def _levels(form: BodyForm) -> Float64[np.ndarray, " rows"]:
     return np.array([0.0, _FRAME_LEVEL, _SILL_LEVEL, 0.45, top, top + _HEADER, 1.0])
 
 
-def _columns(
-    form: BodyForm,
-) -> tuple[Float64[np.ndarray, " columns"], Float64[np.ndarray, " columns"]]:
+def _columns(form: BodyForm) -> tuple[Columns, Columns]:
     """Compute columns' way and side (1 left, -1 right), from the front's middle over the left."""
     edges = [
         edge
@@ -400,9 +365,7 @@ def _columns(
     return np.concatenate((left, right)), sides
 
 
-def _wall_points(
-    body: Body, way: Float64[np.ndarray, " columns"], side: Float64[np.ndarray, " columns"]
-) -> Float64[np.ndarray, "rows columns 3"]:
+def _wall_points(body: Body, way: Columns, side: Columns) -> Float64[np.ndarray, "rows columns 3"]:
     """Compute the rings from the sill to the edge of the roof."""
     form, half = body.form, body.length / 2
     level = _levels(form)[:, None]
@@ -425,15 +388,12 @@ def _wall_points(
 
 
 def _along_side(
-    knots: Float64[np.ndarray, "rows 4"], way: Float64[np.ndarray, " columns"]
+    knots: Float64[np.ndarray, "rows 4"], way: Columns
 ) -> Float64[np.ndarray, "rows columns"]:
     """Compute x of each column: `knots` are the places at ways 1, 2, 3 and 4."""
     along = np.clip(way - 1, 0, 3)
     index = np.minimum(along.astype(np.int64), 2)
-    x: Float64[np.ndarray, "rows columns"] = knots[:, index] + (along - index) * (
-        knots[:, index + 1] - knots[:, index]
-    )
-    return x
+    return np.asarray(knots[:, index] + (along - index) * (knots[:, index + 1] - knots[:, index]))
 
 
 def _roof_points(
@@ -449,7 +409,7 @@ def _roof_height(
     body: Body,
     x: Float64[np.ndarray, "*rows columns"],
     y: Float64[np.ndarray, "*rows columns"],
-    edge_y: Float64[np.ndarray, " columns"],
+    edge_y: Columns,
 ) -> Float64[np.ndarray, "*rows columns"]:
     """Compute the height [m] of the roof, which falls to both ends and to the sides."""
     form, half = body.form, body.length / 2
@@ -457,14 +417,13 @@ def _roof_height(
     reach = (form.screen_top - form.rear_top) / 2 * half
     fall = np.where(x > middle, form.roof_fall_front_m, form.roof_fall_rear_m)
     across = np.abs(y) / np.abs(edge_y).max()
-    height: Float64[np.ndarray, "*rows columns"] = (
+    return np.asarray(
         body.height - form.roof_crown_m * across**2.5 - fall * np.square((x - middle) / reach)
     )
-    return height
 
 
 def _cells(
-    form: BodyForm, level: Float64[np.ndarray, "cell_rows 1"], way: Float64[np.ndarray, " columns"]
+    form: BodyForm, level: Float64[np.ndarray, "cell_rows 1"], way: Columns
 ) -> Int[np.ndarray, "cell_rows columns"]:
     """Choose the finish of each cell: paint, glass or plastic."""
     cells = np.zeros((len(level), len(way)), dtype=np.int64)

@@ -28,11 +28,9 @@ class Panel(NamedTuple):
     """Rectangle of another finish."""
 
     face: Face
-    start: float
-    """Start along x at the sides, or along |y| at the ends [m]."""
+    start: float  # start along x at the sides, or along |y| at the ends [m]
     end: float
-    low: float
-    """Lower height [m]."""
+    low: float  # lower height [m]
     high: float
     finish: Finish
 
@@ -43,18 +41,13 @@ class Coachwork:
 
     length: float
     width: float
-    low: float
-    """Height [m] of the floor."""
-    high: float
-    """Height [m] of the roof."""
-    corner: float
-    """Radius [m] of the upright edges."""
-    crown: float = 0.04
-    """Additional height [m] of the roof in the middle."""
+    low: float  # height [m] of the floor
+    high: float  # height [m] of the roof
+    corner: float  # radius [m] of the upright edges
+    crown: float = 0.04  # additional height [m] of the roof in the middle
     profile: tuple[tuple[float, float, float], ...] = ()
     """(height, inset of the front, inset of the sides) [m] at the bends of the walls, upwards."""
-    rear_leans: bool = False
-    """Whether the rear has the same insets as the front."""
+    rear_leans: bool = False  # whether the rear has the same insets as the front
 
 
 def coachwork_mesh(work: Coachwork, finish: Finish, panels: Sequence[Panel] = ()) -> Mesh:

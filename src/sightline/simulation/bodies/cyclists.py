@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.simulation.arrays import Bones, Vector3
 from sightline.simulation.bodies.figure import Figure, Hair, Legwear, Luggage, make_figure
 from sightline.simulation.bodies.models import ActorModel
 from sightline.simulation.bodies.people import draw_build, draw_outfit
@@ -50,14 +51,9 @@ _BLACK = Finish(Material.PLASTIC, (0.02, 0.02, 0.02))
 _REFLECTOR = Finish(Material.RETRO_REFLECTOR, (0.5, 0.02, 0.01))
 _LAMP = Finish(Material.HEADLIGHT, (0.8, 0.8, 0.8))
 _FRAME_COLORS: tuple[Color, ...] = (
-    (0.02, 0.02, 0.022),
-    (0.30, 0.31, 0.32),
-    (0.30, 0.02, 0.02),
-    (0.02, 0.05, 0.20),
-    (0.04, 0.14, 0.07),
-    (0.55, 0.55, 0.53),
-    (0.08, 0.25, 0.35),
-)
+    (0.02, 0.02, 0.022), (0.30, 0.31, 0.32), (0.30, 0.02, 0.02), (0.02, 0.05, 0.20),
+    (0.04, 0.14, 0.07), (0.55, 0.55, 0.53), (0.08, 0.25, 0.35),
+)  # fmt: skip
 _TURNS = np.arange(4) * (np.pi / 2)  # positions of the cranks at which the extent is measured
 _FOOT_PITCH = -0.12  # rad
 
@@ -69,13 +65,10 @@ class Bicycle:
     frame: Mesh
     front_hub: tuple[float, float, float]
     wheel: Mesh
-    crank: Mesh
-    """Both cranks and the chain wheel; the left crank points up."""
+    crank: Mesh  # both cranks and the chain wheel; the left crank points up
     pedal: Mesh
-    saddle: tuple[float, float]
-    """x and height [m] of the rider's hips above the saddle."""
-    grips: tuple[float, float, float]
-    """x, half the distance and height [m] of the hands."""
+    saddle: tuple[float, float]  # x and height [m] of the rider's hips above the saddle
+    grips: tuple[float, float, float]  # x, half the distance and height [m] of the hands
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -84,11 +77,9 @@ class PedallingCyclist:
 
     bicycle: Bicycle
     rider: Figure
-    lean: float
-    """Forward lean of the back [rad]."""
+    lean: float  # forward lean of the back [rad]
     speed_mps: float
-    start: float
-    """Angle of the cranks at time 0 [rad]."""
+    start: float  # angle of the cranks at time 0 [rad]
     offset: tuple[float, float, float]
     """Shift that centres the box around a whole turn of the cranks over the origin [m]."""
 
@@ -108,7 +99,7 @@ class PedallingCyclist:
         transforms, shift = self._rider_transforms(crank)
         return Mesh.joined([*parts, moved(self.rider.skinned.bent(transforms), shift)])
 
-    def extent(self) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    def extent(self) -> tuple[Vector3, Vector3]:
         """Corners [m] of the upright box around a whole turn of the cranks, frame's origin."""
         rolling = _WHEEL_RADIUS * np.array((1.0, 0.0, 1.0))
         wheels = np.array((_REAR_HUB - rolling, self.bicycle.front_hub + rolling))
@@ -121,9 +112,7 @@ class PedallingCyclist:
         together = np.vstack(corners)
         return together.min(axis=0), together.max(axis=0)
 
-    def _rider_transforms(
-        self, crank: float
-    ) -> tuple[Float64[np.ndarray, "num_bones 3 4"], Float64[np.ndarray, "3"]]:
+    def _rider_transforms(self, crank: float) -> tuple[Bones, Vector3]:
         """Compute bone transforms and a shift for a rider on the saddle, pedals and handlebar."""
         joints = self.rider.joints
         pose: Pose = {
@@ -157,12 +146,7 @@ class PedallingCyclist:
             foot: Turn(forward=_FOOT_PITCH - hip + knee),
         }
 
-    def _arm(
-        self,
-        resting: Float64[np.ndarray, "num_bones 3 4"],
-        shift: Float64[np.ndarray, "3"],
-        limbs: Limbs,
-    ) -> Pose:
+    def _arm(self, resting: Bones, shift: Vector3, limbs: Limbs) -> Pose:
         joints = self.rider.joints
         arm, forearm, side = limbs.arm, limbs.forearm, limbs.side
         shoulder = _moved_joint(resting, joints, arm) + shift
@@ -212,20 +196,14 @@ def make_cyclist(rng: np.random.Generator, speed_mps: float) -> ActorModel:
 
 
 def _moved_joint(
-    transforms: Float64[np.ndarray, "num_bones 3 4"],
-    joints: Float64[np.ndarray, "num_bones 3"],
-    bone: Bone,
-) -> Float64[np.ndarray, "3"]:
-    moved_joint: Float64[np.ndarray, "3"] = (
-        transforms[bone, :, :3] @ joints[bone] + transforms[bone, :, 3]
-    )
-    return moved_joint
+    transforms: Bones, joints: Float64[np.ndarray, "num_bones 3"], bone: Bone
+) -> Vector3:
+    return np.asarray(transforms[bone, :, :3] @ joints[bone] + transforms[bone, :, 3])
 
 
 def _forward_roll(angle: float) -> Float64[np.ndarray, "3 3"]:
     """Compute the rotation of a rolling wheel: its top moves forward."""
-    rotation: Float64[np.ndarray, "3 3"] = turn_matrices(np.array([Turn(forward=-angle)]))[0]
-    return rotation
+    return np.asarray(turn_matrices(np.array([Turn(forward=-angle)]))[0])
 
 
 def _pedal_place(crank: float, side: int) -> tuple[float, float, float]:

@@ -31,20 +31,12 @@ from sightline.simulation.shapes.primitives import (
     without_slivers,
 )
 
-HEAD_RINGS = np.array(  # height, half depth, half width, offset ahead [m], from the neck up
-    [
-        (1.440, 0.060, 0.066, -0.014),
-        (1.485, 0.054, 0.055, -0.012),
-        (1.525, 0.054, 0.054, -0.006),
-        (1.537, 0.074, 0.048, 0.014),
-        (1.562, 0.090, 0.063, 0.012),
-        (1.605, 0.097, 0.074, 0.006),
-        (1.655, 0.100, 0.078, 0.001),
-        (1.700, 0.094, 0.074, -0.003),
-        (1.733, 0.070, 0.056, -0.006),
-        (1.750, 0.010, 0.010, -0.008),
-    ]
-)
+HEAD_RINGS = np.array([  # height, half depth, half width, offset ahead [m], from the neck up
+    (1.440, 0.060, 0.066, -0.014), (1.485, 0.054, 0.055, -0.012), (1.525, 0.054, 0.054, -0.006),
+    (1.537, 0.074, 0.048, 0.014), (1.562, 0.090, 0.063, 0.012), (1.605, 0.097, 0.074, 0.006),
+    (1.655, 0.100, 0.078, 0.001), (1.700, 0.094, 0.074, -0.003), (1.733, 0.070, 0.056, -0.006),
+    (1.750, 0.010, 0.010, -0.008),
+])  # fmt: skip
 
 
 class Hair(Enum):
@@ -84,26 +76,22 @@ class Outfit:
     top: Color
     bottom: Color
     shoes: Color
-    accent: Color = (0.02, 0.02, 0.02)
-    """Colour of hat and luggage."""
+    accent: Color = (0.02, 0.02, 0.02)  # colour of hat and luggage
     short_sleeves: bool = False
     legwear: Legwear = Legwear.TROUSERS
-    hem: float = 0.97
-    """Height [m] of the top's hem on a figure of 1.75 m: 0.9 a jacket, 0.6 a coat."""
+    hem: float = 0.97  # height [m] of the top's hem on a figure of 1.75 m: 0.9 a jacket, 0.6 a coat
     shirt: Color | None = None
     """Colour visible where the top is open in front; None if it is closed."""
     luggage: Luggage = Luggage.NOTHING
 
 
-CLOTH_SIDES = 16
-"""Columns around trunk and cloth."""
+CLOTH_SIDES = 16  # columns around trunk and cloth
 
 
 def front_columns() -> Bool[np.ndarray, " columns"]:
     """Mark the columns of cloth in the middle of the front, where a jacket opens."""
     column = np.arange(CLOTH_SIDES)
-    front: Bool[np.ndarray, " columns"] = (column == 0) | (column == CLOTH_SIDES - 1)
-    return front
+    return np.asarray((column == 0) | (column == CLOTH_SIDES - 1))
 
 
 def ellipse_stack(
@@ -267,51 +255,25 @@ def luggage(outfit: Outfit, trunk_depth: float) -> list[Skinned]:
 
 
 # Rings (height, half depth, half width, offset ahead) [m] of the resting figure of 1.75 m.
-_TRUNK_RINGS = np.array(
-    [
-        (0.835, 0.050, 0.080, 0.0),
-        (0.870, 0.105, 0.150, -0.008),
-        (0.940, 0.120, 0.172, -0.014),
-        (0.990, 0.115, 0.167, -0.008),
-        (1.000, 0.117, 0.168, -0.006),
-        (1.100, 0.106, 0.150, 0.004),
-        (1.210, 0.115, 0.162, 0.006),
-        (1.310, 0.121, 0.181, 0.004),
-        (1.375, 0.108, 0.192, -0.002),
-        (1.412, 0.090, 0.184, -0.006),
-        (1.440, 0.074, 0.148, -0.010),
-        (1.463, 0.063, 0.098, -0.011),
-        (1.485, 0.059, 0.066, -0.012),
-    ]
-)
-_LEG_RINGS = np.array(
-    [
-        (0.058, 0.030, 0.030, -0.005),
-        (0.072, 0.058, 0.052, -0.005),
-        (0.180, 0.055, 0.050, -0.010),
-        (0.330, 0.063, 0.057, -0.012),
-        (0.450, 0.062, 0.058, 0.0),
-        (0.520, 0.065, 0.062, 0.002),
-        (0.650, 0.077, 0.072, 0.0),
-        (0.800, 0.090, 0.084, 0.0),
-        (0.900, 0.092, 0.086, 0.0),
-        (0.950, 0.060, 0.060, 0.0),
-    ]
-)
-_ARM_RINGS = np.array(
-    [
-        (0.868, 0.026, 0.024, 0.004),
-        (0.880, 0.035, 0.032, 0.004),
-        (1.000, 0.042, 0.039, 0.002),
-        (1.100, 0.044, 0.042, 0.0),
-        (1.150, 0.046, 0.044, 0.0),
-        (1.250, 0.052, 0.048, 0.0),
-        (1.335, 0.058, 0.053, -0.002),
-        (1.385, 0.056, 0.053, -0.003),
-        (1.415, 0.044, 0.042, -0.006),
-        (1.432, 0.022, 0.022, -0.008),
-    ]
-)
+_TRUNK_RINGS = np.array([
+    (0.835, 0.050, 0.080, 0.0), (0.870, 0.105, 0.150, -0.008), (0.940, 0.120, 0.172, -0.014),
+    (0.990, 0.115, 0.167, -0.008), (1.000, 0.117, 0.168, -0.006), (1.100, 0.106, 0.150, 0.004),
+    (1.210, 0.115, 0.162, 0.006), (1.310, 0.121, 0.181, 0.004), (1.375, 0.108, 0.192, -0.002),
+    (1.412, 0.090, 0.184, -0.006), (1.440, 0.074, 0.148, -0.010), (1.463, 0.063, 0.098, -0.011),
+    (1.485, 0.059, 0.066, -0.012),
+])  # fmt: skip
+_LEG_RINGS = np.array([
+    (0.058, 0.030, 0.030, -0.005), (0.072, 0.058, 0.052, -0.005), (0.180, 0.055, 0.050, -0.010),
+    (0.330, 0.063, 0.057, -0.012), (0.450, 0.062, 0.058, 0.0), (0.520, 0.065, 0.062, 0.002),
+    (0.650, 0.077, 0.072, 0.0), (0.800, 0.090, 0.084, 0.0), (0.900, 0.092, 0.086, 0.0),
+    (0.950, 0.060, 0.060, 0.0),
+])  # fmt: skip
+_ARM_RINGS = np.array([
+    (0.868, 0.026, 0.024, 0.004), (0.880, 0.035, 0.032, 0.004), (1.000, 0.042, 0.039, 0.002),
+    (1.100, 0.044, 0.042, 0.0), (1.150, 0.046, 0.044, 0.0), (1.250, 0.052, 0.048, 0.0),
+    (1.335, 0.058, 0.053, -0.002), (1.385, 0.056, 0.053, -0.003), (1.415, 0.044, 0.042, -0.006),
+    (1.432, 0.022, 0.022, -0.008),
+])  # fmt: skip
 _EYE = Finish(Material.SKIN, (0.03, 0.02, 0.02))
 _NECK_HEIGHT = 1.49
 _CROWN_HEIGHT = 1.765
@@ -321,12 +283,9 @@ _CROWN_HEIGHT = 1.765
 class Build:
     """Build of a body."""
 
-    height: float
-    """Height in metres, with hair."""
-    girth: float = 1.0
-    """Thickness of the trunk, 1 on average; the limbs follow partly."""
-    head: float = 1.0
-    """Size of the head relative to the body, 1 for adults."""
+    height: float  # height in metres, with hair
+    girth: float = 1.0  # thickness of the trunk, 1 on average; the limbs follow partly
+    head: float = 1.0  # size of the head relative to the body, 1 for adults
     shoulders: float = 1.0
     hips: float = 1.0
 
@@ -336,8 +295,7 @@ class Figure:
     """Clothed body with bones."""
 
     skinned: Skinned
-    joints: Float64[np.ndarray, "num_bones 3"]
-    """Start of each bone [m]."""
+    joints: Float64[np.ndarray, "num_bones 3"]  # start of each bone [m]
 
 
 def make_figure(build: Build, outfit: Outfit) -> Figure:

@@ -5,8 +5,8 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
 
+from sightline.simulation.arrays import Vector3
 from sightline.simulation.bodies.figure import (
     Build,
     Figure,
@@ -34,14 +34,10 @@ _PHASES = np.arange(12) * (np.pi / 6)  # phases of a stride for measuring its ex
 class Gait:
     """Gait of a walker."""
 
-    stride_hz: float
-    """Frequency of strides, of two steps each."""
-    swing: float
-    """Amplitude [rad] of the thighs' swing."""
-    start: float
-    """Phase at time 0 [rad]."""
-    arms: float
-    """Relative swing of the arms, 0 to 1."""
+    stride_hz: float  # frequency of strides, of two steps each
+    swing: float  # amplitude [rad] of the thighs' swing
+    start: float  # phase at time 0 [rad]
+    arms: float  # relative swing of the arms, 0 to 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -131,9 +127,7 @@ def _annotated(rng: np.random.Generator, model: ActorModel, *, walks: bool) -> A
     )
 
 
-def _extent(
-    figure: Figure, poses: Sequence[Pose]
-) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+def _extent(figure: Figure, poses: Sequence[Pose]) -> tuple[Vector3, Vector3]:
     """Compute corners [m] of the upright box around the figure in all these poses on the ground."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for pose in poses:
@@ -246,41 +240,22 @@ def _chair(rng: np.random.Generator, seat: float) -> Mesh:
 
 
 _SKINS: tuple[Color, ...] = (
-    (0.62, 0.42, 0.32),
-    (0.55, 0.35, 0.25),
-    (0.42, 0.26, 0.17),
-    (0.16, 0.09, 0.06),
-)
+    (0.62, 0.42, 0.32), (0.55, 0.35, 0.25), (0.42, 0.26, 0.17), (0.16, 0.09, 0.06),
+)  # fmt: skip
 _SKIN_SHARES = (0.45, 0.33, 0.14, 0.08)
 _HAIRS: tuple[Color, ...] = (
-    (0.018, 0.013, 0.010),
-    (0.06, 0.035, 0.02),
-    (0.14, 0.085, 0.04),
-    (0.36, 0.25, 0.12),
+    (0.018, 0.013, 0.010), (0.06, 0.035, 0.02), (0.14, 0.085, 0.04), (0.36, 0.25, 0.12),
     (0.36, 0.35, 0.34),
-)
+)  # fmt: skip
 _CLOTHS: tuple[Color, ...] = (
-    (0.015, 0.015, 0.017),
-    (0.04, 0.042, 0.05),
-    (0.02, 0.03, 0.08),
-    (0.18, 0.18, 0.19),
-    (0.55, 0.55, 0.53),
-    (0.30, 0.23, 0.15),
-    (0.33, 0.03, 0.03),
-    (0.05, 0.14, 0.30),
-    (0.05, 0.13, 0.06),
-    (0.50, 0.30, 0.05),
-    (0.32, 0.12, 0.20),
-    (0.10, 0.06, 0.035),
-)
+    (0.015, 0.015, 0.017), (0.04, 0.042, 0.05), (0.02, 0.03, 0.08), (0.18, 0.18, 0.19),
+    (0.55, 0.55, 0.53), (0.30, 0.23, 0.15), (0.33, 0.03, 0.03), (0.05, 0.14, 0.30),
+    (0.05, 0.13, 0.06), (0.50, 0.30, 0.05), (0.32, 0.12, 0.20), (0.10, 0.06, 0.035),
+)  # fmt: skip
 _TROUSERS: tuple[Color, ...] = (
-    (0.02, 0.03, 0.07),
-    (0.05, 0.075, 0.15),
-    (0.015, 0.015, 0.017),
-    (0.10, 0.10, 0.105),
-    (0.26, 0.21, 0.14),
-    (0.05, 0.035, 0.025),
-)
+    (0.02, 0.03, 0.07), (0.05, 0.075, 0.15), (0.015, 0.015, 0.017), (0.10, 0.10, 0.105),
+    (0.26, 0.21, 0.14), (0.05, 0.035, 0.025),
+)  # fmt: skip
 
 
 def draw_build(rng: np.random.Generator) -> Build:

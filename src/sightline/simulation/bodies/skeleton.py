@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from sightline.simulation.arrays import Bones
 from sightline.simulation.scene import Mesh
 
 
@@ -35,8 +36,7 @@ class Bone(IntEnum):
 class Limbs(NamedTuple):
     """The bones of one side."""
 
-    side: int
-    """1 left, -1 right."""
+    side: int  # 1 left, -1 right
     arm: Bone
     forearm: Bone
     thigh: Bone
@@ -49,23 +49,11 @@ RIGHT = Limbs(
     -1, Bone.RIGHT_ARM, Bone.RIGHT_FOREARM, Bone.RIGHT_THIGH, Bone.RIGHT_SHIN, Bone.RIGHT_FOOT
 )
 _PARENTS = (-1, 0, 1, 1, 3, 1, 5, 0, 7, 8, 0, 10, 11)
-REST_JOINTS = np.array(
-    [
-        (0.0, 0.0, 0.95),
-        (0.0, 0.0, 1.04),
-        (-0.01, 0.0, 1.49),
-        (0.0, 0.185, 1.41),
-        (0.0, 0.205, 1.13),
-        (0.0, -0.185, 1.41),
-        (0.0, -0.205, 1.13),
-        (0.0, 0.09, 0.91),
-        (0.0, 0.09, 0.49),
-        (0.0, 0.09, 0.08),
-        (0.0, -0.09, 0.91),
-        (0.0, -0.09, 0.49),
-        (0.0, -0.09, 0.08),
-    ]
-)
+REST_JOINTS = np.array([
+    (0.0, 0.0, 0.95), (0.0, 0.0, 1.04), (-0.01, 0.0, 1.49), (0.0, 0.185, 1.41), (0.0, 0.205, 1.13),
+    (0.0, -0.185, 1.41), (0.0, -0.205, 1.13), (0.0, 0.09, 0.91), (0.0, 0.09, 0.49),
+    (0.0, 0.09, 0.08), (0.0, -0.09, 0.91), (0.0, -0.09, 0.49), (0.0, -0.09, 0.08),
+])  # fmt: skip
 """Start of each bone [m]."""
 
 
@@ -80,8 +68,7 @@ class Turn(NamedTuple):
     twist: float = 0.0
 
 
-Pose = dict[Bone, Turn]
-"""Rotations of the bones that are not at rest."""
+Pose = dict[Bone, Turn]  # rotations of the bones that are not at rest
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -89,8 +76,7 @@ class Skinned:
     """Mesh in the resting pose with the weights of the bones at each vertex."""
 
     mesh: Mesh
-    weights: Float32[np.ndarray, "num_vertices num_bones"]
-    """Rows sum to 1."""
+    weights: Float32[np.ndarray, "num_vertices num_bones"]  # rows sum to 1
 
     @staticmethod
     def joined(parts: Sequence["Skinned"]) -> "Skinned":
@@ -100,13 +86,11 @@ class Skinned:
             weights=np.concatenate([part.weights for part in parts]),
         )
 
-    def bent_vertices(
-        self, transforms: Float64[np.ndarray, "num_bones 3 4"]
-    ) -> Float64[np.ndarray, "num_vertices 3"]:
+    def bent_vertices(self, transforms: Bones) -> Float64[np.ndarray, "num_vertices 3"]:
         """Compute the vertices after each bone's transform from the resting pose."""
         return self._moved(self._blended(transforms))
 
-    def bent(self, transforms: Float64[np.ndarray, "num_bones 3 4"]) -> Mesh:
+    def bent(self, transforms: Bones) -> Mesh:
         """Compute the mesh after each bone's transform from the resting pose."""
         blended = self._blended(transforms)
         vertices = self._moved(blended)
@@ -117,27 +101,21 @@ class Skinned:
             self.mesh, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32)
         )
 
-    def _blended(
-        self, transforms: Float64[np.ndarray, "num_bones 3 4"]
-    ) -> Float64[np.ndarray, "num_vertices 3 4"]:
+    def _blended(self, transforms: Bones) -> Float64[np.ndarray, "num_vertices 3 4"]:
         """Blend the bones' transforms at each vertex by its weights."""
-        blended: Float64[np.ndarray, "num_vertices 3 4"] = (
-            self.weights @ transforms.reshape(len(transforms), 12)
-        ).reshape(-1, 3, 4)
-        return blended
+        return np.asarray(
+            (self.weights @ transforms.reshape(len(transforms), 12)).reshape(-1, 3, 4)
+        )
 
     def _moved(
         self, blended: Float64[np.ndarray, "num_vertices 3 4"]
     ) -> Float64[np.ndarray, "num_vertices 3"]:
-        moved: Float64[np.ndarray, "num_vertices 3"] = (
+        return np.asarray(
             np.einsum("vij,vj->vi", blended[:, :, :3], self.mesh.vertices) + blended[:, :, 3]
         )
-        return moved
 
 
-def bone_transforms(
-    pose: Pose, joints: Float64[np.ndarray, "num_bones 3"]
-) -> Float64[np.ndarray, "num_bones 3 4"]:
+def bone_transforms(pose: Pose, joints: Float64[np.ndarray, "num_bones 3"]) -> Bones:
     """Compute the rigid motion [R | t] of each bone from rest to a pose with a fixed pelvis."""
     resting = Turn()
     turns = turn_matrices(np.array([pose.get(bone, resting) for bone in Bone], dtype=np.float64))
@@ -162,10 +140,7 @@ def turn_matrices(
     forward = np.array([[cf, zero, -sf], [zero, one, zero], [sf, zero, cf]])
     left = np.array([[one, zero, zero], [zero, cl, -sl], [zero, sl, cl]])
     twist = np.array([[ct, -st, zero], [st, ct, zero], [zero, zero, one]])
-    turned: Float64[np.ndarray, "num_turns 3 3"] = np.einsum(
-        "ijn,jkn,kln->nil", twist, left, forward
-    )
-    return turned
+    return np.asarray(np.einsum("ijn,jkn,kln->nil", twist, left, forward))
 
 
 def rigid(mesh: Mesh, bone: Bone) -> Skinned:
@@ -194,13 +169,11 @@ def chained(
 class Reach(NamedTuple):
     """Angles at which a limb of two bones reaches a point [rad]."""
 
-    toward: float
-    """Forward rotation from hanging to the point."""
+    toward: float  # forward rotation from hanging to the point
     opening: float
     """Angle between the first bone and the line to the point: a knee is ahead of it, an elbow
     behind."""
-    bend: float
-    """Angle between the bones; 0 is a straight limb."""
+    bend: float  # angle between the bones; 0 is a straight limb
 
 
 def reach(ahead: float, above: float, upper: float, lower: float) -> Reach:

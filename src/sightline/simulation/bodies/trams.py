@@ -14,11 +14,9 @@ from sightline.simulation.shapes.primitives import Color, Finish, box, boxes, mo
 
 _ROOF = Finish(Material.METAL, (0.20, 0.20, 0.21))
 _LIVERIES: tuple[tuple[Color, Color], ...] = (  # walls, band below the windows
-    ((0.62, 0.50, 0.06), (0.40, 0.02, 0.02)),
-    ((0.55, 0.02, 0.02), (0.62, 0.62, 0.60)),
-    ((0.62, 0.62, 0.60), (0.03, 0.10, 0.38)),
-    ((0.58, 0.56, 0.48), (0.05, 0.20, 0.10)),
-)
+    ((0.62, 0.50, 0.06), (0.40, 0.02, 0.02)), ((0.55, 0.02, 0.02), (0.62, 0.62, 0.60)),
+    ((0.62, 0.62, 0.60), (0.03, 0.10, 0.38)), ((0.58, 0.56, 0.48), (0.05, 0.20, 0.10)),
+)  # fmt: skip
 _SHORTEST = 11.0  # minimum length [m]
 _MODULE_LENGTH = 9.0  # m, roughly
 _PANTOGRAPH_ROOM = 0.28  # m

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from sightline.ops.compiled import compiled
+from sightline.simulation.arrays import RayRows, RayValues, RayVectors
 from sightline.simulation.camera.shading import (
     Daylight,
     LitWorld,
@@ -35,21 +36,17 @@ from sightline.simulation.rays.raycast import Hits
 from sightline.simulation.rays.surfaces import NOTHING, MeshTables, Rays, SurfaceHits, face_normal
 from sightline.simulation.scene import Material
 
-_TILE: Final = 4
-"""Side length of the pattern of directions, in points."""
+_TILE: Final = 4  # side length of the pattern of directions, in points
 _LEAF: Final = int(Material.LEAF)
 _LEAF_LIFT_M: Final = 0.06
-_LEAF_REACH_M: Final = 1.2
-"""Distance within which two points in a crown have the same light."""
-_OPEN_AT_M: Final = 5.0
-"""Distance at which a hit surface counts as open to the sky."""
+_LEAF_REACH_M: Final = 1.2  # distance within which two points in a crown have the same light
+_OPEN_AT_M: Final = 5.0  # distance at which a hit surface counts as open to the sky
 
 
 class AmbientGrid(NamedTuple):
     """Ambient light at the points of every `stride`-th pixel."""
 
-    radiance: Float32[np.ndarray, "rows columns 3"]
-    """Cosine-weighted mean over the hemisphere."""
+    radiance: Float32[np.ndarray, "rows columns 3"]  # cosine-weighted mean over the hemisphere
     positions: Float32[np.ndarray, "rows columns 3"]
     normals: Float32[np.ndarray, "rows columns 3"]
     distances: Float32[np.ndarray, "rows columns"]
@@ -144,7 +141,7 @@ def _tilted_away(points: SurfaceHits, row: int, direction: Vector) -> Vector:
     return minus(direction, scaled(flat, 2.0 * depth))
 
 
-def _arriving(world: LitWorld, rays: Rays) -> Float32[np.ndarray, "num_rays 3"]:
+def _arriving(world: LitWorld, rays: Rays) -> RayVectors:
     """Compute the radiance along rays: the sky's, or that of a surface in sun and sky light."""
     hits = world.raycaster.cast(rays.origins, rays.directions)
     sun_visible = np.zeros(len(hits.faces), bool)
@@ -193,7 +190,7 @@ def _bounce(
     rays: Rays,
     hits: Hits,
     sun_visible: Bool[np.ndarray, " num_rays"],
-    radiance: Float32[np.ndarray, "num_rays 3"],
+    radiance: RayVectors,
 ) -> None:
     for row in range(hits.faces.shape[0]):
         way = row_of(rays.directions, row)
@@ -214,8 +211,8 @@ def _bounce(
 
 @compiled
 def _average(
-    sources: Int32[np.ndarray, " num_rays"],
-    arriving: Float32[np.ndarray, "num_rays 3"],
+    sources: RayRows,
+    arriving: RayVectors,
     rays_per_point: int,
     radiance: Float32[np.ndarray, "num_points 3"],
 ) -> None:
@@ -278,12 +275,8 @@ def _alike(
 
 
 def ambient_of(
-    world: LitWorld,
-    grid: AmbientGrid,
-    found: SurfaceHits,
-    columns: Float32[np.ndarray, " num_rays"],
-    rows: Float32[np.ndarray, " num_rays"],
-) -> Float32[np.ndarray, "num_rays 3"]:
+    world: LitWorld, grid: AmbientGrid, found: SurfaceHits, columns: RayValues, rows: RayValues
+) -> RayVectors:
     """Interpolate the light at every surface from the grid points near its pixel (column, row)."""
     ambient = np.zeros((len(columns), 3), np.float32)
     _spread_to_pixels(world.light, grid, found, columns, rows, ambient)
@@ -295,9 +288,9 @@ def _spread_to_pixels(
     light: Daylight,
     grid: AmbientGrid,
     found: SurfaceHits,
-    columns: Float32[np.ndarray, " num_rays"],
-    rows: Float32[np.ndarray, " num_rays"],
-    ambient: Float32[np.ndarray, "num_rays 3"],
+    columns: RayValues,
+    rows: RayValues,
+    ambient: RayVectors,
 ) -> None:
     for ray in range(ambient.shape[0]):
         if found.materials[ray] == NOTHING:

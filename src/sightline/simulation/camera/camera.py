@@ -29,11 +29,9 @@ Image = TypeVar("Image", Float32[np.ndarray, "h w 3"], UInt16[np.ndarray, "h w 3
 _AMPLIFICATION: Final = (2.6, 1.0, 3.6)
 """Amplification of red, green and blue behind the photosites; it increases noise."""
 _SHOULDER: Final = 0.15
-_FULL: Final = 65535
-"""Value of a full photosite in the demosaicing."""
+_FULL: Final = 65535  # value of a full photosite in the demosaicing
 _REC709: Final = (0.2126, 0.7152, 0.0722)
-_METERED_FROM: Final = 0.45
-"""Share of the image, from its top, excluded from metering: mostly sky."""
+_METERED_FROM: Final = 0.45  # share of the image, from its top, excluded from metering: mostly sky
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,10 +47,8 @@ class SensorConfig:
     """Maximum factor by which metering raises or lowers the light's exposure."""
     target_level: float = 0.32
     """Target of metering: mean exposed radiance below the horizon; 1 fills a photosite."""
-    vignette: float = 0.16
-    """Share of the light lost in the corners."""
-    lens_blur_px: float = 0.4
-    """Standard deviation of the blur in front of the colour mosaic."""
+    vignette: float = 0.16  # share of the light lost in the corners
+    lens_blur_px: float = 0.4  # standard deviation of the blur in front of the colour mosaic
     resampling_blur_px: float = 0.4
     """Standard deviation of the blur behind it, from rectification of the image."""
     photon_noise: float = 0.025
@@ -60,8 +56,7 @@ class SensorConfig:
     of the light."""
     read_noise: float = 0.0016
     """Standard deviation of the noise in the dark, as a share of a full photosite."""
-    gamma: float = 1.08
-    """Exponent of the tone curve; KITTI's cameras are close to linear."""
+    gamma: float = 1.08  # exponent of the tone curve; KITTI's cameras are close to linear
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -102,10 +97,7 @@ def sensor_image(
     _count_photons(exposed, noise, config.photon_noise, config.read_noise, mosaic)
     # OpenCV names the pattern by its second row and column: this one has red first.
     counted = cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB_EA)
-    picture: UInt8[np.ndarray, "height width 3"] = _tone_curve(config.gamma)[
-        _blurred(counted, config.resampling_blur_px)
-    ]
-    return picture
+    return np.asarray(_tone_curve(config.gamma)[_blurred(counted, config.resampling_blur_px)])
 
 
 def _blurred(image: Image, sigma_px: float) -> Image:
@@ -161,10 +153,8 @@ def _tone_curve(gamma: float) -> UInt8[np.ndarray, " levels"]:
     return (255 * (encoded + _SHOULDER * encoded * (1 - encoded)) + 0.5).astype(np.uint8)
 
 
-SKY: Final = -2
-"""Owner of a pixel that shows no surface."""
-STREET: Final = -1
-"""Owner of a pixel that shows a surface of no actor."""
+SKY: Final = -2  # owner of a pixel that shows no surface
+STREET: Final = -1  # owner of a pixel that shows a surface of no actor
 
 _OFFSETS_OF_FOUR: Final = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
 _BRIGHTEST: Final = 3.0
@@ -175,14 +165,10 @@ _BRIGHTEST: Final = 3.0
 class CameraConfig:
     """Camera mount and rendering quality."""
 
-    picture: bool = True
-    """Whether to render the image as well as its ground truth."""
-    samples_per_pixel: int = 1
-    """Samples per pixel: 1, with more at edges, or 4 everywhere."""
-    ambient_stride: int = 3
-    """Step [px] of the grid on which ambient light is gathered."""
-    ambient_rays: int = 4
-    """Ambient rays per grid point."""
+    picture: bool = True  # whether to render the image as well as its ground truth
+    samples_per_pixel: int = 1  # samples per pixel: 1, with more at edges, or 4 everywhere
+    ambient_stride: int = 3  # step [px] of the grid on which ambient light is gathered
+    ambient_rays: int = 4  # ambient rays per grid point
     lidar_height_m: float = KITTI_LIDAR_HEIGHT_M
     """Height of the LiDAR, the calibration's reference frame, above the ego's footprint."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -202,8 +188,7 @@ class CameraConfig:
 class CameraFrame:
     """Camera image of one moment, with its ground truth."""
 
-    image: UInt8[np.ndarray, "height width 3"] | None
-    """RGB; None without `CameraConfig.picture`."""
+    image: UInt8[np.ndarray, "height width 3"] | None  # RGB; None without `CameraConfig.picture`
     depth_m: Float32[np.ndarray, "height width"]
     """Depth along the optical axis at the centre of each pixel; 0 = sky."""
     owners: Int32[np.ndarray, "height width"]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from sightline.ops.compiled import compiled
+from sightline.simulation.arrays import RayValues, RayVectors
 from sightline.simulation.camera.ambient import ambient_of, gathered_ambient
 from sightline.simulation.camera.samples import Samples
 from sightline.simulation.camera.shading import (
@@ -30,10 +31,8 @@ from sightline.simulation.rays.surfaces import (
 from sightline.simulation.scene import Material
 
 _GLASS: Final = int(Material.GLASS)
-_FAINTEST_IMAGE: Final = 0.02
-"""Minimum reflectance that is worth a mirror ray."""
-_GLASS_TINT: Final = 0.72
-"""Share of the light transmitted by a pane."""
+_FAINTEST_IMAGE: Final = 0.02  # minimum reflectance that is worth a mirror ray
+_GLASS_TINT: Final = 0.72  # share of the light transmitted by a pane
 _INSIDE_AMBIENT: Final = 0.22
 _OUTSIDE_AMBIENT: Final = 0.75
 """Light inside a car and in a street, as shares of the light in the open."""
@@ -44,7 +43,7 @@ def add_mirror_images(
     found: SurfaceHits,
     image_size: tuple[int, int],
     pixel_angle: float,
-    radiance: Float32[np.ndarray, "num_rays 3"],
+    radiance: RayVectors,
 ) -> None:
     """Add mirror images, and the view behind glass, to `radiance`, in place.
 
@@ -62,9 +61,7 @@ def add_mirror_images(
 
 
 @compiled
-def _mirror_shares(
-    materials: MaterialTables, found: SurfaceHits, shares: Float32[np.ndarray, " num_rays"]
-) -> None:
+def _mirror_shares(materials: MaterialTables, found: SurfaceHits, shares: RayValues) -> None:
     """Compute the Fresnel reflectance of each surface (Schlick 1994, Eq. 15); 0 if too faint."""
     for row in range(shares.shape[0]):
         material = found.materials[row]
@@ -79,7 +76,7 @@ def _mirror_shares(
 
 
 @compiled
-def _mirrored_rays(found: SurfaceHits, shares: Float32[np.ndarray, " num_rays"]) -> RayBatch:
+def _mirrored_rays(found: SurfaceHits, shares: RayValues) -> RayBatch:
     count = np.count_nonzero(shares)
     sources = np.empty(count, np.int32)
     origins, directions = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
@@ -105,11 +102,11 @@ def _reflected(way: Vector, normal: Vector) -> Vector:
 @compiled
 def _blend(
     found: SurfaceHits,
-    shares: Float32[np.ndarray, " num_rays"],
-    images: Float32[np.ndarray, "num_rays 3"],
+    shares: RayValues,
+    images: RayVectors,
     height: int,
     width: int,
-    radiance: Float32[np.ndarray, "num_rays 3"],
+    radiance: RayVectors,
 ) -> None:
     """Add mirror images, smoothed over 3 x 3 pixels with about the same mirror direction."""
     for row in range(shares.shape[0]):
@@ -133,10 +130,7 @@ def _blend(
 
 
 def _add_behind_glass(
-    world: LitWorld,
-    found: SurfaceHits,
-    pixel_angle: float,
-    radiance: Float32[np.ndarray, "num_rays 3"],
+    world: LitWorld, found: SurfaceHits, pixel_angle: float, radiance: RayVectors
 ) -> None:
     """Add the view through one pane into a car and through a second pane out of it."""
     panes = np.flatnonzero(found.materials == _GLASS).astype(np.int32)
@@ -194,9 +188,7 @@ def pixel_radiance(
     return pixels.reshape(height, width, 3)
 
 
-def _soft_sun(
-    world: LitWorld, found: SurfaceHits, samples: Samples
-) -> Float32[np.ndarray, " num_rays"]:
+def _soft_sun(world: LitWorld, found: SurfaceHits, samples: Samples) -> RayValues:
     """Compute the share of the sun's disc visible from each sample.
 
     One shadow ray per sample finds the borders of shadows. Pixels there cast three more, and the
@@ -238,11 +230,11 @@ def _mark_mixed(
 @compiled
 def _soften(
     found: SurfaceHits,
-    sun_visible: Float32[np.ndarray, " num_rays"],
+    sun_visible: RayValues,
     pixels: Int32[np.ndarray, " num_mixed"],
     height: int,
     width: int,
-    softened: Float32[np.ndarray, " num_rays"],
+    softened: RayValues,
 ) -> None:
     """Filter over 3 x 3 pixels with weights 1 2 1, which weighs all quarters of the sun equally."""
     for pixel in pixels:
@@ -275,7 +267,7 @@ def _same_surface(found: SurfaceHits, pixel: int, other: int) -> bool:
 
 @compiled
 def _blend_edges(
-    radiance: Float32[np.ndarray, "num_rays 3"],
+    radiance: RayVectors,
     edges: Int32[np.ndarray, " num_edges"],
     shown: Int32[np.ndarray, "num_offsets num_edges"],
     pixels: Float32[np.ndarray, "num_pixels 3"],

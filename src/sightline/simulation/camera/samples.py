@@ -3,11 +3,12 @@
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32
+from jaxtyping import Bool, Float32, Int32
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.pixels import unproject_pixels
 from sightline.ops.compiled import compiled
+from sightline.simulation.arrays import RayRows, RayValues, Vector3
 from sightline.simulation.camera.shading import SUN_QUARTERS, LitWorld
 from sightline.simulation.rays.kernels import Vector, dot, minus, plus, row_of, scaled
 from sightline.simulation.rays.raycast import Hits
@@ -22,8 +23,7 @@ The inverse depth of a plane is linear over the image, so only bends and steps c
 """
 _COLOR_STEP: Final = 0.04
 _SAME_CROWN_M: Final = 0.5
-_SAME_DIRECTION: Final = 0.9
-"""Minimum cosine between the normals of one surface."""
+_SAME_DIRECTION: Final = 0.9  # minimum cosine between the normals of one surface
 _SAME_PLANE: Final = 0.004
 """Maximum distance of a point from a plane that contains it, as a share of the depth."""
 
@@ -180,19 +180,17 @@ class View(NamedTuple):
     metre along the optical axis, so that distances along it are depths.
     """
 
-    center: Float64[np.ndarray, "3"]
-    corner: Float64[np.ndarray, "3"]
-    right: Float64[np.ndarray, "3"]
-    down: Float64[np.ndarray, "3"]
+    center: Vector3
+    corner: Vector3
+    right: Vector3
+    down: Vector3
 
     @property
     def pixel_angle(self) -> float:
         """Approximate angle between neighbouring pixels [rad]."""
         return float(np.sqrt(np.linalg.norm(self.right) * np.linalg.norm(self.down)))
 
-    def rays(
-        self, columns: Float32[np.ndarray, " num_rays"], rows: Float32[np.ndarray, " num_rays"]
-    ) -> Rays:
+    def rays(self, columns: RayValues, rows: RayValues) -> Rays:
         """Build rays through image positions [px]."""
         rays = Rays(np.empty((len(columns), 3), np.float32), np.empty((len(rows), 3), np.float32))
         _aim(self, columns, rows, rays)
@@ -202,29 +200,21 @@ class View(NamedTuple):
 class Samples(NamedTuple):
     """Rays of an image: one through each pixel, then more through the pixels at edges."""
 
-    image_size: tuple[int, int]
-    """(height, width)."""
+    image_size: tuple[int, int]  # (height, width)
     rays: Rays
-    hits: Hits
-    """Hits of the rays; their distances are depths."""
-    columns: Float32[np.ndarray, " num_rays"]
-    rows: Float32[np.ndarray, " num_rays"]
+    hits: Hits  # hits of the rays; their distances are depths
+    columns: RayValues
+    rows: RayValues
     """Image position of each ray [px], relative to the ray through the first pixel."""
-    strata: Int32[np.ndarray, " num_rays"]
+    strata: RayRows
     """Part of the sun's disc sampled by each ray's first shadow ray."""
-    edges: Int32[np.ndarray, " num_edges"]
-    """Flat indices of the pixels at edges."""
+    edges: Int32[np.ndarray, " num_edges"]  # flat indices of the pixels at edges
     shown: Int32[np.ndarray, "num_offsets num_edges"]
     """Row of the ray that gives an edge pixel its radiance at each of EDGE_OFFSETS."""
 
 
 @compiled
-def _aim(
-    view: View,
-    columns: Float32[np.ndarray, " num_rays"],
-    rows: Float32[np.ndarray, " num_rays"],
-    rays: Rays,
-) -> None:
+def _aim(view: View, columns: RayValues, rows: RayValues, rays: Rays) -> None:
     for ray in range(columns.shape[0]):
         for axis in range(3):
             rays.origins[ray, axis] = view.center[axis]

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32
 
 from sightline.ops.compiled import compiled
+from sightline.simulation.arrays import RayRows, RayValues, RayVectors
 from sightline.simulation.rays.kernels import (
     Vector,
     dot,
@@ -35,26 +36,20 @@ from sightline.simulation.scene import Light, Material, Scene
 
 _LAMPS_OFF_IRRADIANCE: Final = 2.0
 _LAMPS_ON_IRRADIANCE: Final = 0.8
-_GROUND_SHARE: Final = 0.4
-"""Radiance of the land below the horizon, as a share of the horizon's."""
+_GROUND_SHARE: Final = 0.4  # radiance of the land below the horizon, as a share of the horizon's
 
 
 class Daylight(NamedTuple):
     """`Light` in the form for the compiled kernels."""
 
-    sun_direction: Vector
-    """Unit vector towards the sun, world frame."""
-    sun_color: Vector
-    """Irradiance of a surface that faces the unoccluded sun."""
+    sun_direction: Vector  # unit vector towards the sun, world frame
+    sun_color: Vector  # irradiance of a surface that faces the unoccluded sun
     sky_zenith: Vector
-    sky_horizon: Vector
-    """Radiance of the sky at the horizon."""
+    sky_horizon: Vector  # radiance of the sky at the horizon
     cloud_cover: float
     haze_m: float
-    lamps: float
-    """Radiance of a lit lamp; 0 by day."""
-    seed: int
-    """Seed of the clouds."""
+    lamps: float  # radiance of a lit lamp; 0 by day
+    seed: int  # seed of the clouds
 
 
 def daylight(light: Light) -> Daylight:
@@ -157,10 +152,8 @@ def _sun_glow(light: Daylight, x: float, y: float, z: float) -> float:
     return float(0.03 * wide + 0.35 * narrow + 20.0 * disc)
 
 
-SUN_QUARTERS: Final = 4
-"""Quarters of the sun's disc; each of four neighbouring pixels samples one."""
-SUN_STRATA: Final = 16
-"""Parts of the sun's disc, alternating between its quarters."""
+SUN_QUARTERS: Final = 4  # quarters of the sun's disc; each of four neighbouring pixels samples one
+SUN_STRATA: Final = 16  # parts of the sun's disc, alternating between its quarters
 
 _LEAF: Final = int(Material.LEAF)
 _WINDOW: Final = int(Material.WINDOW)
@@ -172,8 +165,7 @@ _LEAF_TRANSMISSION: Final = 0.45
 _HIGHLIGHT_GAIN: Final = 0.7
 _HIGHLIGHT_SHARPNESS: Final = 6.0
 """Factor on `highlight_power`: the sun is small, and mirror rays cover the sky around it."""
-_BOUNCE: Final = 0.18
-"""Albedo of the surroundings if it is not looked up."""
+_BOUNCE: Final = 0.18  # albedo of the surroundings if it is not looked up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -184,15 +176,13 @@ class LitWorld:
     mesh: MeshTables
     materials: MaterialTables
     light: Daylight
-    sun_softness: float
-    """Angular radius of the sun [rad]."""
+    sun_softness: float  # angular radius of the sun [rad]
 
 
 class RayBatch(NamedTuple):
     """Rays that start on some of the surfaces."""
 
-    sources: Int32[np.ndarray, " num_rays"]
-    """Row of the surface at each ray's start."""
+    sources: RayRows  # row of the surface at each ray's start
     rays: Rays
 
 
@@ -208,11 +198,8 @@ def lit_world(scene: Scene, raycaster: Raycaster) -> LitWorld:
 
 
 def sun_visibility(
-    world: LitWorld,
-    found: SurfaceHits,
-    rows: Int32[np.ndarray, " num_rays"],
-    strata: Int32[np.ndarray, " num_rays"],
-) -> Float32[np.ndarray, " num_rays"]:
+    world: LitWorld, found: SurfaceHits, rows: RayRows, strata: RayRows
+) -> RayValues:
     """Compute whether the sun is visible from each surface in `rows`: 1 or 0; 0 if it faces away.
 
     Each surface samples one part of the sun's disc, `strata`, from 0 to SUN_STRATA - 1.
@@ -227,11 +214,7 @@ def sun_visibility(
 
 @compiled
 def _sun_rays(
-    found: SurfaceHits,
-    rows: Int32[np.ndarray, " num_rays"],
-    light: Daylight,
-    softness: float,
-    strata: Int32[np.ndarray, " num_rays"],
+    found: SurfaceHits, rows: RayRows, light: Daylight, softness: float, strata: RayRows
 ) -> RayBatch:
     sun = light.sun_direction
     side, rise = perpendicular(sun)
@@ -293,12 +276,8 @@ def perpendicular(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def shaded(
-    world: LitWorld,
-    found: SurfaceHits,
-    faces: Int32[np.ndarray, " num_rays"],
-    sun_visible: Float32[np.ndarray, " num_rays"],
-    ambient: Float32[np.ndarray, "num_rays 3"],
-) -> Float32[np.ndarray, "num_rays 3"]:
+    world: LitWorld, found: SurfaceHits, faces: RayRows, sun_visible: RayValues, ambient: RayVectors
+) -> RayVectors:
     """Compute the radiance returned along each ray, without mirror images and haze.
 
     `ambient` is the cosine-weighted mean of the incoming radiance.
@@ -314,10 +293,10 @@ def _shade(
     materials: MaterialTables,
     light: Daylight,
     found: SurfaceHits,
-    faces: Int32[np.ndarray, " num_rays"],
-    sun_visible: Float32[np.ndarray, " num_rays"],
-    ambient: Float32[np.ndarray, "num_rays 3"],
-    radiance: Float32[np.ndarray, "num_rays 3"],
+    faces: RayRows,
+    sun_visible: RayValues,
+    ambient: RayVectors,
+    radiance: RayVectors,
 ) -> None:
     for row in range(faces.shape[0]):
         material = found.materials[row]
@@ -384,9 +363,7 @@ def _lamp(mesh: MeshTables, light: Daylight, material: int, face: int, albedo: V
 
 
 @compiled
-def add_haze(
-    light: Daylight, found: SurfaceHits, radiance: Float32[np.ndarray, "num_rays 3"]
-) -> None:
+def add_haze(light: Daylight, found: SurfaceHits, radiance: RayVectors) -> None:
     """Blend distant surfaces into the colour of the horizon, in place."""
     air = smooth_sky(light, 0.03)
     for row in range(radiance.shape[0]):
@@ -427,7 +404,7 @@ def _guess(
 
 def shaded_directly(
     world: LitWorld, rays: Rays, pixel_angle: float, ambient_share: float
-) -> tuple[Float32[np.ndarray, "num_rays 3"], SurfaceHits]:
+) -> tuple[RayVectors, SurfaceHits]:
     """Compute radiance and surfaces along rays: sun and estimated ambient light, no mirrors."""
     hits = world.raycaster.cast(rays.origins, rays.directions)
     found = surfaces_met(world.mesh, rays, hits, pixel_angle)

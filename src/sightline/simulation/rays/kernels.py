@@ -84,13 +84,10 @@ class Spot(NamedTuple):
     """Footprint of one pixel on a textured surface."""
 
     u: float
-    v: float
-    """Position on the surface [m]."""
+    v: float  # position on the surface [m]
     width_u: float
-    width_v: float
-    """Extent of the pixel along either axis [m]."""
-    seed: int
-    """Seed that distinguishes surfaces of otherwise equal texture."""
+    width_v: float  # extent of the pixel along either axis [m]
+    seed: int  # seed that distinguishes surfaces of otherwise equal texture
 
 
 @compiled

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from sightline.ops.compiled import compiled
+from sightline.simulation.arrays import RayRows, RayValues, RayVectors
 from sightline.simulation.scene import Mesh
 
 
@@ -76,8 +77,7 @@ def embree_device() -> int:
     return device
 
 
-_LANES: Final = 8
-"""Rays per packet."""
+_LANES: Final = 8  # rays per packet
 _ALIGNMENT: Final = 64
 # Rows of an RTCRayHit8; each holds one number per lane.
 _ORIGIN, _NEAR, _DIRECTION, _TIME, _FAR, _MASK, _ID, _FLAGS = 0, 3, 4, 7, 8, 9, 10, 11
@@ -113,10 +113,8 @@ class _Packet(NamedTuple):
     """Memory of an RTCRayHit8."""
 
     floats: Float32[np.ndarray, "24 8"]
-    integers: Int32[np.ndarray, "24 8"]
-    """The same memory as integers."""
-    active: Int32[np.ndarray, "8"]
-    """-1 for lanes with a ray, otherwise 0."""
+    integers: Int32[np.ndarray, "24 8"]  # the same memory as integers
+    active: Int32[np.ndarray, "8"]  # -1 for lanes with a ray, otherwise 0
 
 
 class EmbreeScene:
@@ -160,16 +158,8 @@ class EmbreeScene:
         raise TypeError("an EmbreeScene cannot be copied or pickled: build it from its mesh")
 
     def intersect(
-        self,
-        origins: Float32[np.ndarray, "num_rays 3"],
-        directions: Float32[np.ndarray, "num_rays 3"],
-        *,
-        coherent: bool,
-    ) -> tuple[
-        Int32[np.ndarray, " num_rays"],
-        Float32[np.ndarray, " num_rays"],
-        Float32[np.ndarray, "num_rays 2"],
-    ]:
+        self, origins: RayVectors, directions: RayVectors, *, coherent: bool
+    ) -> tuple[RayRows, RayValues, Float32[np.ndarray, "num_rays 2"]]:
         """Find face, distance, u and v of each ray's first hit: -1, inf and 0 if there is none.
 
         Rays are `coherent` if eight in a row have nearly the same direction.
@@ -192,12 +182,7 @@ class EmbreeScene:
         return faces, distances, barycentric
 
     def occluded(
-        self,
-        origins: Float32[np.ndarray, "num_rays 3"],
-        directions: Float32[np.ndarray, "num_rays 3"],
-        max_distance: float,
-        *,
-        coherent: bool,
+        self, origins: RayVectors, directions: RayVectors, max_distance: float, *, coherent: bool
     ) -> Bool[np.ndarray, " num_rays"]:
         """Test whether each ray meets anything within `max_distance`, in units of its direction."""
         hidden = np.empty(_count(origins, directions), np.bool_)
@@ -245,11 +230,7 @@ def _packet() -> _Packet:
 
 @compiled
 def _fill(
-    packet: _Packet,
-    first: int,
-    origins: Float32[np.ndarray, "num_rays 3"],
-    directions: Float32[np.ndarray, "num_rays 3"],
-    far: float,
+    packet: _Packet, first: int, origins: RayVectors, directions: RayVectors, far: float
 ) -> None:
     """Fill a packet with rays, starting at row `first`."""
     for lane in range(min(_LANES, origins.shape[0] - first)):
@@ -273,10 +254,10 @@ def _intersect(
     scene: int,
     query: int,
     packet: _Packet,
-    origins: Float32[np.ndarray, "num_rays 3"],
-    directions: Float32[np.ndarray, "num_rays 3"],
-    faces: Int32[np.ndarray, " num_rays"],
-    distances: Float32[np.ndarray, " num_rays"],
+    origins: RayVectors,
+    directions: RayVectors,
+    faces: RayRows,
+    distances: RayValues,
     barycentric: Float32[np.ndarray, "num_rays 2"],
 ) -> None:
     for first in range(0, origins.shape[0], _LANES):
@@ -295,8 +276,8 @@ def _occluded(
     scene: int,
     query: int,
     packet: _Packet,
-    origins: Float32[np.ndarray, "num_rays 3"],
-    directions: Float32[np.ndarray, "num_rays 3"],
+    origins: RayVectors,
+    directions: RayVectors,
     far: float,
     hidden: Bool[np.ndarray, " num_rays"],
 ) -> None:
@@ -310,9 +291,8 @@ def _occluded(
 class Hits(NamedTuple):
     """First hit of each ray."""
 
-    faces: Int32[np.ndarray, " num_rays"]
-    """Index of the face; -1 = nothing."""
-    distances: Float32[np.ndarray, " num_rays"]
+    faces: RayRows  # index of the face; -1 = nothing
+    distances: RayValues
     """Distance along the ray, in units of its direction; inf = nothing."""
     barycentric: Float32[np.ndarray, "num_rays 2"]
     """Weights of the face's second and third vertices."""
@@ -328,20 +308,14 @@ class Raycaster:
     def __init__(self, mesh: Mesh) -> None:
         self._scene = EmbreeScene(mesh.vertices, mesh.faces)
 
-    def cast(
-        self,
-        origins: Float32[np.ndarray, "num_rays 3"],
-        directions: Float32[np.ndarray, "num_rays 3"],
-        *,
-        coherent: bool = False,
-    ) -> Hits:
+    def cast(self, origins: RayVectors, directions: RayVectors, *, coherent: bool = False) -> Hits:
         """Find the first hit of each ray."""
         return Hits(*self._scene.intersect(origins, directions, coherent=coherent))
 
     def occluded(
         self,
-        origins: Float32[np.ndarray, "num_rays 3"],
-        directions: Float32[np.ndarray, "num_rays 3"],
+        origins: RayVectors,
+        directions: RayVectors,
         max_distance_m: float = 1e4,
         *,
         coherent: bool = False,

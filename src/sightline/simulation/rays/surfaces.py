@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from sightline.ops.compiled import compiled
+from sightline.simulation.arrays import RayRows, RayValues, RayVectors
 from sightline.simulation.rays.kernels import (
     Spot,
     Vector,
@@ -26,8 +27,7 @@ from sightline.simulation.rays.raycast import Hits, Raycaster
 from sightline.simulation.rays.textures import ROAD_PAINT_LUMINANCE, textured
 from sightline.simulation.scene import SURFACES, Material, Mesh
 
-NOTHING = -1
-"""Material of a ray that hits nothing."""
+NOTHING = -1  # material of a ray that hits nothing
 
 _ASPHALT = int(Material.ASPHALT)
 _LEAF = int(Material.LEAF)
@@ -55,28 +55,23 @@ class MaterialTables(NamedTuple):
 class Rays(NamedTuple):
     """Origins and directions of rays."""
 
-    origins: Float32[np.ndarray, "num_rays 3"]
-    directions: Float32[np.ndarray, "num_rays 3"]
-    """Directions of any length but zero."""
+    origins: RayVectors
+    directions: RayVectors  # directions of any length but zero
 
 
 class SurfaceHits(NamedTuple):
     """Surfaces hit by rays; without a hit, only `directions` and `materials` are valid."""
 
-    positions: Float32[np.ndarray, "num_rays 3"]
-    directions: Float32[np.ndarray, "num_rays 3"]
-    """Direction of the ray, unit length."""
-    distances: Float32[np.ndarray, " num_rays"]
-    """Distance from the ray's origin [m]."""
-    flat_normals: Float32[np.ndarray, "num_rays 3"]
+    positions: RayVectors
+    directions: RayVectors  # direction of the ray, unit length
+    distances: RayValues  # distance from the ray's origin [m]
+    flat_normals: RayVectors
     """Normal of the triangle, on the side of the incoming ray."""
-    normals: Float32[np.ndarray, "num_rays 3"]
+    normals: RayVectors
     """Normal interpolated between the vertices, on the same side."""
-    tilted_normals: Float32[np.ndarray, "num_rays 3"]
-    """`normals` with the relief of the texture."""
-    albedos: Float32[np.ndarray, "num_rays 3"]
-    materials: Int32[np.ndarray, " num_rays"]
-    """`Material` of the surface, or NOTHING."""
+    tilted_normals: RayVectors  # `normals` with the relief of the texture
+    albedos: RayVectors
+    materials: RayRows  # `Material` of the surface, or NOTHING
 
 
 def mesh_tables(mesh: Mesh) -> MeshTables:
@@ -223,14 +218,12 @@ def face_normal(mesh: MeshTables, face: int) -> Vector:
     return normalized(cross(edge_a, edge_b), (0.0, 0.0, 1.0))
 
 
-_MOST_CARDS: Final = 3
-"""Maximum number of cards that a ray can pass; the next one stops it."""
+_MOST_CARDS: Final = 3  # maximum number of cards that a ray can pass; the next one stops it
 _PASSED_M: Final = 0.002
 _LARGEST_CARD_M: Final = 6.0
 """Maximum diagonal of a card of leaves; anything larger is a distant wood."""
 _LEAVES_PER_METRE: Final = 11.0
-_OPENNESS: Final = -0.12
-"""Noise level, from -1 to 1, below which there is no leaf."""
+_OPENNESS: Final = -0.12  # noise level, from -1 to 1, below which there is no leaf
 
 
 def cast_through_foliage(raycaster: Raycaster, mesh: MeshTables, rays: Rays) -> Hits:
@@ -255,9 +248,7 @@ def cast_through_foliage(raycaster: Raycaster, mesh: MeshTables, rays: Rays) -> 
 
 
 @compiled
-def _in_gap(
-    mesh: MeshTables, hits: Hits, rows: Int32[np.ndarray, " num_rays"]
-) -> Int32[np.ndarray, " num_gaps"]:
+def _in_gap(mesh: MeshTables, hits: Hits, rows: RayRows) -> Int32[np.ndarray, " num_gaps"]:
     """Find the positions in `rows` of rays that met foliage in a gap between leaves."""
     found = np.empty(rows.shape[0], np.int32)
     count = 0

@@ -59,11 +59,9 @@ _WINDOW: Final = int(Material.WINDOW)
 class Textured(NamedTuple):
     """Textured surface in one pixel."""
 
-    color: Vector
-    """Linear RGB albedo; `textured` keeps it in [0, 1]."""
+    color: Vector  # linear RGB albedo; `textured` keeps it in [0, 1]
     tilt_u: float
-    tilt_v: float
-    """Slope of the surface along u and v."""
+    tilt_v: float  # slope of the surface along u and v
 
 
 @compiled

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
+from sightline.simulation.arrays import AnyPoints
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.primitives import Color, Finish, Vector, moved
 
@@ -194,10 +195,7 @@ def box_corners(
         ),
         axis=-1,
     )
-    corners: Float64[np.ndarray, "num_quads 4 3"] = (
-        turned + np.asarray(centers)[:, None, None]
-    ).reshape(count * 5, 4, 3)
-    return corners
+    return np.asarray((turned + np.asarray(centers)[:, None, None]).reshape(count * 5, 4, 3))
 
 
 _OPEN_BOX: Final = np.array(
@@ -214,11 +212,11 @@ _OPEN_BOX: Final = np.array(
 
 def stamped(
     mesh: Mesh,
-    places: Float[np.ndarray, "count 3"],
+    places: AnyPoints,
     yaws: Float[np.ndarray, " count"],
     *,
-    scales: Float[np.ndarray, "count 3"] | None = None,
-    tints: Float[np.ndarray, "count 3"] | None = None,
+    scales: AnyPoints | None = None,
+    tints: AnyPoints | None = None,
     tinted: Sequence[Material] = (),
 ) -> Mesh:
     """Copy a mesh: stretched, turned about z, then moved.

@@ -14,10 +14,8 @@ from jaxtyping import Bool, Float
 
 from sightline.simulation.scene import Material, Mesh
 
-Color = tuple[float, float, float]
-"""Linear RGB albedo in [0, 1]."""
-Vector = Sequence[SupportsFloat] | Float[np.ndarray, "3"]
-"""Metres along x, y, z."""
+Color = tuple[float, float, float]  # linear RGB albedo in [0, 1]
+Vector = Sequence[SupportsFloat] | Float[np.ndarray, "3"]  # metres along x, y, z
 
 _SMALLEST_AREA = 1e-9  # m^2; cells collapsed to an edge or a pole have smaller triangles
 
@@ -311,8 +309,7 @@ def signed_power(
     values: Float[np.ndarray, "*shape"], exponent: float
 ) -> Float[np.ndarray, "*shape"]:
     """Compute the power of the magnitude with the value's sign, for superellipses."""
-    powers: Float[np.ndarray, "*shape"] = np.sign(values) * np.abs(values) ** exponent
-    return powers
+    return np.asarray(np.sign(values) * np.abs(values) ** exponent)
 
 
 def _mesh(

@@ -5,8 +5,9 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float64
 
+from sightline.simulation.arrays import AnyValues, Points
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import QuadBatch
 from sightline.simulation.shapes.primitives import Finish
@@ -22,12 +23,8 @@ from sightline.simulation.streets.layout import (
     ground_places,
 )
 from sightline.simulation.streets.markings import stop_lines
-from sightline.simulation.surroundings.furniture import (
-    Item,
-    add_boxes_along,
-    add_posts,
-    item_footprint,
-)
+from sightline.simulation.surroundings.boundaries import add_boxes_along, add_posts
+from sightline.simulation.surroundings.furniture import Item, item_footprint
 from sightline.simulation.surroundings.trees import Plants, Species
 
 _AT_KERB: Final = (
@@ -40,12 +37,10 @@ _AT_PLOTS: Final = (
     Item.WHEELED_BIN,
 )  # fmt: skip
 _IN_THE_MIDDLE: Final = (Item.KEEP_RIGHT_SIGN, Item.CHEVRONS, Item.SIGNAL_MAST, Item.BEACON)
-_NUM_KINDS: Final = 3.0
-"""Mean number of kinds of objects at a kerb, and the same at its plots."""
+_NUM_KINDS: Final = 3.0  # mean number of kinds of objects at a kerb, and the same at its plots
 _FIRST_M, _LAST_M = -5.0, 65.0
 """Range of stations of objects along the main road; half as far on either arm of another road."""
-_WORKS_SHARE: Final = 0.4
-"""Share of streets with road works."""
+_WORKS_SHARE: Final = 0.4  # share of streets with road works
 _NUM_SLENDER, _NUM_BROAD = 4.0, 3.0
 """Mean numbers of slender and broad bushes on each side of a road."""
 _SLENDER_HEIGHTS_M: Final = (0.9, 2.1)
@@ -55,12 +50,9 @@ _BROAD_SPREADS: Final = (0.9, 1.8)
 _FOOT_HEIGHTS_M: Final = (0.4, 0.9)
 _FOOT_SPREADS: Final = (0.5, 0.85)
 """Spreads of bushes around trunks, small enough for the ground kept free around them."""
-_BUSH_WIDTH: Final = 1.6
-"""Maximum width of a bush of spread 1, in heights, except for a few twigs."""
-_WIDEST: Final = 1.3
-"""Maximum factor of horizontal stretching."""
-_GARDEN_M: Final = 0.7
-"""Distance behind the last band, beyond hedges and fences."""
+_BUSH_WIDTH: Final = 1.6  # maximum width of a bush of spread 1, in heights, except for a few twigs
+_WIDEST: Final = 1.3  # maximum factor of horizontal stretching
+_GARDEN_M: Final = 0.7  # distance behind the last band, beyond hedges and fences
 
 
 def set_out_hard_negatives(
@@ -155,7 +147,7 @@ class _Planter:
                     plants = Plants(places=place, heights=np.array([height]), spread=float(spread))
                     self._things.plant(Species.BUSH, plants)
 
-    def bushes(self, places: Float64[np.ndarray, "count 3"]) -> None:
+    def bushes(self, places: Points) -> None:
         """Place bushes around trunks, or shoots from their feet."""
         heights = self._rng.uniform(*_FOOT_HEIGHTS_M, len(places))
         spread = float(self._rng.uniform(*_FOOT_SPREADS))
@@ -180,13 +172,7 @@ class _Planter:
         self._set(item, road, side, stations, distance, turn)
 
     def _set(
-        self,
-        item: Item,
-        road: Road,
-        side: Side,
-        stations: Float[np.ndarray, " count"],
-        distance: float,
-        turn: float,
+        self, item: Item, road: Road, side: Side, stations: AnyValues, distance: float, turn: float
     ) -> None:
         """Place objects at stations, all stretched alike, on the carriageway or the pavement."""
         wide, high = self._rng.uniform(0.8, _WIDEST), self._rng.uniform(0.85, 1.2)
@@ -202,8 +188,7 @@ def _reach(item: Item) -> float:
 
 _KERB_CLEARANCE: Final = 0.55
 _TRUNK_M: Final = 0.5
-_SITE_SHARE: Final = 0.12
-"""Share of streets with a building site."""
+_SITE_SHARE: Final = 0.12  # share of streets with a building site
 _ALONG: Final = (Item.PARKING_SIGN, Item.NO_PARKING_SIGN, Item.BICYCLE, Item.POSTER)
 """Items that face along the street instead of towards it."""
 _ROW_TREES: Final = (Species.PLANE, Species.LIME, Species.CHERRY, Species.BIRCH, Species.POPLAR)
@@ -333,9 +318,7 @@ class _Dresser:
                 if item is Item.BICYCLE_STAND:
                     self._bicycles(road, side, kept, distance)
 
-    def _bicycles(
-        self, road: Road, side: Side, stands: Float[np.ndarray, " count"], distance: float
-    ) -> None:
+    def _bicycles(self, road: Road, side: Side, stands: AnyValues, distance: float) -> None:
         """Place bicycles at most hoops of stands, with either wheel towards the road."""
         hoops = (stands[:, None] + 0.8 * (np.arange(4) - 1.5) + 0.22).ravel()
         hoops = hoops[self._rng.random(len(hoops)) < 0.7]
@@ -352,7 +335,7 @@ class _Dresser:
         stop = start + float(rng.uniform(8.0, 22.0))
         facing = -side.sign * np.pi / 2
 
-        def set_out(item: Item, stations: Float[np.ndarray, " count"], distance: float) -> None:
+        def set_out(item: Item, stations: AnyValues, distance: float) -> None:
             level = side.level if distance > side.edge else 0.0
             free = self.things.free_stations(main, side, stations, 1.0)
             self.things.put(item, main, free, side.sign * distance, level, facing)
@@ -384,7 +367,7 @@ class _Dresser:
             far = side.sign * (side.outer + 3.5)
             self.things.put(Item.WIRE_POLE, road, poles, far, -0.1, 0.0)
 
-    def _guard_rail(self, road: Road, side: Side, stations: Float[np.ndarray, " count"]) -> None:
+    def _guard_rail(self, road: Road, side: Side, stations: AnyValues) -> None:
         if len(stations) < 2:
             return
         zinc = Finish(Material.METAL, (0.42, 0.43, 0.44))

@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
+from sightline.simulation.arrays import AnyValues, Points, Values
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import stamped
 from sightline.simulation.streets.ground import surface_height
@@ -87,25 +88,16 @@ def rectangles_overlap(
     return overlap
 
 
-def _half_extent(
-    boxes: Float64[np.ndarray, "count 5"], angle: Float64[np.ndarray, " count"]
-) -> Float64[np.ndarray, " count"]:
+def _half_extent(boxes: Float64[np.ndarray, "count 5"], angle: Values) -> Values:
     turn = boxes[:, 2] - angle
-    extent: Float64[np.ndarray, " count"] = (
-        np.abs(np.cos(turn)) * boxes[:, 3] + np.abs(np.sin(turn)) * boxes[:, 4]
-    ) / 2
-    return extent
+    return np.asarray((np.abs(np.cos(turn)) * boxes[:, 3] + np.abs(np.sin(turn)) * boxes[:, 4]) / 2)
 
 
-_FAR: Final = 115.0
-"""Station beyond which nothing is placed [m]."""
-_ROOM_M: Final = 0.25
-"""Free space around objects along a street."""
-_TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))
-"""Range of the colour factors of painted objects."""
+_FAR: Final = 115.0  # station beyond which nothing is placed [m]
+_ROOM_M: Final = 0.25  # free space around objects along a street
+_TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))  # range of the colour factors of painted objects
 
-Rows = Float64[np.ndarray, "count 4"]
-"""x, y, z, yaw of objects."""
+Rows = Float64[np.ndarray, "count 4"]  # x, y, z, yaw of objects
 
 
 class Things:
@@ -141,7 +133,7 @@ class Things:
         self,
         item: Item,
         road: Road,
-        stations: Float[np.ndarray, " count"],
+        stations: AnyValues,
         offset: float,
         level: float | None,
         turn: float,
@@ -162,12 +154,9 @@ class Things:
         length, width = item_footprint(item)
         free = self.settle(rows, length * scale[0], width * scale[1])
         self.add(item, rows[free], scale)
-        kept: Float64[np.ndarray, " num_set"] = stations[free]
-        return kept
+        return np.asarray(stations[free])
 
-    def on_surface(
-        self, road: Road, stations: Float[np.ndarray, " count"], offset: float
-    ) -> Float64[np.ndarray, "count 3"]:
+    def on_surface(self, road: Road, stations: AnyValues, offset: float) -> Points:
         """Compute world points on the surface of a road or beside it, including crown and kerbs."""
         offsets = np.full(len(stations), offset)
         heights = surface_height(self._layout.terrain, road, stations, offsets)
@@ -194,12 +183,11 @@ class Things:
         return np.array(free, dtype=bool)
 
     def free_stations(
-        self, road: Road, side: Side, stations: Float[np.ndarray, " count"], margin: float
+        self, road: Road, side: Side, stations: AnyValues, margin: float
     ) -> Float64[np.ndarray, " num_free"]:
         """Select stations on the road, `margin` [m] from the junction and not too far ahead."""
         free = np.ones(len(stations), dtype=bool)
         for start, stop in side.gaps:
             free &= (stations < start - margin) | (stations > stop + margin)
         inside = (stations > road.first + 1.0) & (stations < min(road.last, _FAR) - 1.0)
-        kept: Float64[np.ndarray, " num_free"] = stations[free & inside]
-        return kept
+        return np.asarray(stations[free & inside])

@@ -3,8 +3,9 @@
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float64
 
+from sightline.simulation.arrays import Numbers
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.primitives import Color, Finish, grid
 from sightline.simulation.streets.layout import (
@@ -26,24 +27,18 @@ _RAMP_SLOPE_M: Final = 0.8
 """Half width of a lowered kerb, and length of the slope at each of its ends."""
 RAMP_DEPTH_M: Final = 1.0
 """Distance from a lowered kerb over which the pavement rises to its full height."""
-_STEP_M: Final = 0.3
-"""Distance over which a person who steps onto a kerb rises to its height."""
+_STEP_M: Final = 0.3  # distance over which a person who steps onto a kerb rises to its height
 
 
 def surface_height(
-    terrain: Terrain,
-    road: Road,
-    stations: Float[np.ndarray, "..."],
-    offsets: Float[np.ndarray, "..."],
+    terrain: Terrain, road: Road, stations: Numbers, offsets: Numbers
 ) -> Float64[np.ndarray, "..."]:
     """Compute the height [m] of the ground on or beside a road, in the world."""
     heights = terrain.height(road.line.place(stations, offsets))
     return np.asarray(heights + surface_level(road, stations, offsets))
 
 
-def surface_level(
-    road: Road, stations: Float[np.ndarray, "..."], offsets: Float[np.ndarray, "..."]
-) -> Float64[np.ndarray, "..."]:
+def surface_level(road: Road, stations: Numbers, offsets: Numbers) -> Float64[np.ndarray, "..."]:
     """Compute the height [m] of carriageway or bands above the terrain; kerbs are short ramps."""
     edges = np.where(np.asarray(offsets) >= 0, road.left.edge, road.right.edge)
     share = np.clip((np.abs(offsets) - edges) / _STEP_M + 0.5, 0.0, 1.0)
@@ -51,9 +46,7 @@ def surface_level(
     return np.asarray(crown_level(road, stations, offsets) + share * bands)
 
 
-def crown_level(
-    road: Road, stations: Float[np.ndarray, "..."], offsets: Float[np.ndarray, "..."]
-) -> Float64[np.ndarray, "..."]:
+def crown_level(road: Road, stations: Numbers, offsets: Numbers) -> Float64[np.ndarray, "..."]:
     """Compute the carriageway's height [m] above its edges: a parabola across, 0 in junctions."""
     edges = np.where(np.asarray(offsets) >= 0, road.left.edge, road.right.edge)
     across = np.clip(1.0 - (offsets / edges) ** 2, 0.0, 1.0)
@@ -64,18 +57,14 @@ def crown_level(
     return np.asarray(road.crown_m * across * along)
 
 
-def band_level(
-    road: Road, stations: Float[np.ndarray, "..."], offsets: Float[np.ndarray, "..."]
-) -> Float64[np.ndarray, "..."]:
+def band_level(road: Road, stations: Numbers, offsets: Numbers) -> Float64[np.ndarray, "..."]:
     """Compute the bands' height [m] above the terrain, less at lowered kerbs, 0 in junctions."""
     is_left = np.asarray(offsets) >= 0
     levels = [_level_of(side, stations, offsets) for side in road.sides]
     return np.where(is_left, *levels)
 
 
-def _level_of(
-    side: Side, stations: Float[np.ndarray, "..."], offsets: Float[np.ndarray, "..."]
-) -> Float64[np.ndarray, "..."]:
+def _level_of(side: Side, stations: Numbers, offsets: Numbers) -> Float64[np.ndarray, "..."]:
     stations, offsets = np.broadcast_arrays(stations, offsets)
     is_open: Bool[np.ndarray, "..."] = np.zeros(stations.shape, dtype=bool)
     for start, stop in side.gaps:
@@ -105,8 +94,7 @@ _BEYOND: Final = 160.0
 """Length of the carriageway beyond the street, so that its end is not visible."""
 _RIM_DROP: Final = 0.006
 """Offset by which plots along the crossing road are lower, where those of both roads overlap."""
-_LAND_DROP: Final = 0.12
-"""Height of the land below the adjoining bands."""
+_LAND_DROP: Final = 0.12  # height of the land below the adjoining bands
 
 
 class RoadFinishes(NamedTuple):
@@ -371,12 +359,10 @@ def _corner(
 
 
 _FIELD_COLORS: Final[tuple[tuple[Material, Color], ...]] = (
-    (Material.GRASS, (0.09, 0.13, 0.035)),
-    (Material.GRASS, (0.14, 0.16, 0.045)),
-    (Material.GRASS, (0.22, 0.19, 0.075)),
-    (Material.SOIL, (0.16, 0.11, 0.075)),
+    (Material.GRASS, (0.09, 0.13, 0.035)), (Material.GRASS, (0.14, 0.16, 0.045)),
+    (Material.GRASS, (0.22, 0.19, 0.075)), (Material.SOIL, (0.16, 0.11, 0.075)),
     (Material.GRASS, (0.07, 0.11, 0.03)),
-)
+)  # fmt: skip
 
 
 def _land(rng: np.random.Generator, layout: Layout, around: Finish) -> Mesh:

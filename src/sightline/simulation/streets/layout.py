@@ -7,6 +7,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Float64
 
+from sightline.simulation.arrays import Numbers, Shaped
+
 _STEP: Final = 0.5  # spacing of a line's points [m]
 
 
@@ -18,19 +20,15 @@ class CenterLine:
     """
 
     first_station: float
-    points: Float64[np.ndarray, "num_points 2"]
-    """World x, y every half metre."""
-    yaws: Float64[np.ndarray, " num_points"]
-    """Heading at the points [rad], without jumps."""
+    points: Float64[np.ndarray, "num_points 2"]  # world x, y every half metre
+    yaws: Float64[np.ndarray, " num_points"]  # heading at the points [rad], without jumps
 
-    def yaw(self, station: Float[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
+    def yaw(self, station: Float[np.ndarray, "*shape"]) -> Shaped:
         """Compute the heading [rad] at a station."""
         rows = (np.asarray(station) - self.first_station) / _STEP
         return np.asarray(np.interp(rows, np.arange(len(self.yaws)), self.yaws))
 
-    def place(
-        self, station: Float[np.ndarray, "..."], offset: Float[np.ndarray, "..."]
-    ) -> Float64[np.ndarray, "... 2"]:
+    def place(self, station: Numbers, offset: Numbers) -> Float64[np.ndarray, "... 2"]:
         """Compute world x, y at stations and offsets, which are broadcast."""
         station, offset = np.broadcast_arrays(
             np.asarray(station, np.float64), np.asarray(offset, np.float64)
@@ -84,13 +82,11 @@ def curved_line(
 class Terrain:
     """Hills and bumps as sums of waves; height 0 at the world's origin."""
 
-    wave_vectors: Float64[np.ndarray, "num_waves 2"]
-    """Wave vectors [rad/m]."""
+    wave_vectors: Float64[np.ndarray, "num_waves 2"]  # wave vectors [rad/m]
     phases: Float64[np.ndarray, " num_waves"]
-    amplitudes: Float64[np.ndarray, " num_waves"]
-    """Amplitudes [m]."""
+    amplitudes: Float64[np.ndarray, " num_waves"]  # amplitudes [m]
 
-    def height(self, places: Float[np.ndarray, "*shape 2"]) -> Float64[np.ndarray, "*shape"]:
+    def height(self, places: Float[np.ndarray, "*shape 2"]) -> Shaped:
         """Compute the height [m] of the ground at world x, y."""
         waves = np.sin(places @ self.wave_vectors.T + self.phases) - np.sin(self.phases)
         return np.asarray(waves @ self.amplitudes)
@@ -179,11 +175,9 @@ class Plots(Enum):
 class Lane:
     """Vehicle lane of a road."""
 
-    offset: float
-    """Offset of its middle from the centre line [m], positive to the left."""
+    offset: float  # offset of its middle from the centre line [m], positive to the left
     width: float
-    direction: int
-    """1 along the line, -1 against it."""
+    direction: int  # 1 along the line, -1 against it
     for_trams: bool = False
 
 
@@ -200,24 +194,18 @@ class Band:
 class Side:
     """One side of a road; distances from the centre line [m], all positive."""
 
-    sign: int
-    """1 left, -1 right."""
-    lane_edge: float
-    """End of the lanes and start of parking."""
-    edge: float
-    """Edge of the carriageway."""
-    level: float
-    """Height of the bands above the carriageway."""
+    sign: int  # 1 left, -1 right
+    lane_edge: float  # end of the lanes and start of parking
+    edge: float  # edge of the carriageway
+    level: float  # height of the bands above the carriageway
     parking: Parking
     bands: tuple[Band, ...]
     plots: Plots
-    setback: float
-    """Distance between the last band and the buildings."""
+    setback: float  # distance between the last band and the buildings
     has_tree_row: bool = False
     gaps: tuple[tuple[float, float], ...] = ()
     """Ranges of stations where a crossing road opens this side."""
-    ramps: tuple[float, ...] = ()
-    """Stations where the kerb is lowered for driveways."""
+    ramps: tuple[float, ...] = ()  # stations where the kerb is lowered for driveways
 
     @property
     def outer(self) -> float:
@@ -246,14 +234,12 @@ class Road:
 
     line: CenterLine
     first: float
-    last: float
-    """Range of stations where the road is built."""
+    last: float  # range of stations where the road is built
     lanes: tuple[Lane, ...]
     left: Side
     right: Side
     has_kerbs: bool
-    crown_m: float = 0.0
-    """Height of the carriageway's middle above its edges, for drainage."""
+    crown_m: float = 0.0  # height of the carriageway's middle above its edges, for drainage
 
     @property
     def sides(self) -> tuple[Side, Side]:
@@ -269,10 +255,8 @@ class Junction:
     """
 
     station: float
-    radius: float
-    """Radius of the kerb at the corners [m]."""
-    corner: float
-    """Side length of a corner's square beside both carriageways [m]."""
+    radius: float  # radius of the kerb at the corners [m]
+    corner: float  # side length of a corner's square beside both carriageways [m]
     cross: Road
     opens_left: bool
     opens_right: bool
@@ -299,11 +283,7 @@ class Layout:
 
 
 def ground_places(
-    layout: Layout,
-    road: Road,
-    stations: Float[np.ndarray, "..."],
-    offsets: Float[np.ndarray, "..."] | float,
-    level: float,
+    layout: Layout, road: Road, stations: Numbers, offsets: Numbers | float, level: float
 ) -> Float64[np.ndarray, "... 3"]:
     """Compute world points at stations and offsets of a road, at a level above the terrain."""
     places = road.line.place(np.asarray(stations, np.float64), np.asarray(offsets, np.float64))

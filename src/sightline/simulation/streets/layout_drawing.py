@@ -26,8 +26,7 @@ from sightline.simulation.streets.layout import (
 )
 
 BEHIND_M: Final = 60.0
-AHEAD_M: Final = 130.0
-"""Built length of the street behind and ahead of the ego."""
+AHEAD_M: Final = 130.0  # built length of the street behind and ahead of the ego
 _CROSS_REACH_M: Final = 90.0
 _KIND_SHARES: Final = {
     StreetKind.RESIDENTIAL: 0.36,
@@ -183,8 +182,7 @@ def _draw_section(
     )
 
 
-_FALLS: Final = (0.012, 0.03)
-"""Mean slope of carriageways towards their edges."""
+_FALLS: Final = (0.012, 0.03)  # mean slope of carriageways towards their edges
 
 
 def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -> tuple[Lane, ...]:

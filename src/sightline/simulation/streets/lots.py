@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.simulation.arrays import Values
 from sightline.simulation.streets.layout import Layout, Plots, Road, Side
 
 _BUILT_FROM_M: Final = -50.0
@@ -31,15 +32,11 @@ class Lot:
     road: Road
     side: Side
     plots: Plots
-    start: float
-    """Station of its start."""
+    start: float  # station of its start
     width: float
-    front: float
-    """Distance of the building's front from the centre line."""
-    building: tuple[float, float, float] | None
-    """Start station, width and depth of the building."""
-    driveway: float | None
-    """Station of the middle of a driveway or of the entrance to a forecourt."""
+    front: float  # distance of the building's front from the centre line
+    building: tuple[float, float, float] | None  # start station, width and depth of the building
+    driveway: float | None  # station of the middle of a driveway or of the entrance to a forecourt
     boundary: Boundary
 
     @property
@@ -52,10 +49,8 @@ class Lot:
 class Footprint:
     """Rectangle covered by a building."""
 
-    corner: tuple[float, float]
-    """World x, y of the left end of its front, viewed from the street."""
-    yaw: float
-    """Heading of the front to the right; the building is to the left of it."""
+    corner: tuple[float, float]  # world x, y of the left end of its front, viewed from the street
+    yaw: float  # heading of the front to the right; the building is to the left of it
     width: float
     depth: float
 
@@ -67,10 +62,8 @@ class Bay:
     x: float
     y: float
     yaw: float
-    level: float
-    """Height above the terrain [m]."""
-    taken: float
-    """Probability of a parked car."""
+    level: float  # height above the terrain [m]
+    taken: float  # probability of a parked car
 
 
 def draw_lots(rng: np.random.Generator, layout: Layout) -> tuple[Lot, ...]:
@@ -138,9 +131,7 @@ def bays_of(rng: np.random.Generator, lots: tuple[Lot, ...]) -> tuple[Bay, ...]:
     return tuple(bays)
 
 
-def _bay_grid(
-    rng: np.random.Generator, lot: Lot
-) -> tuple[Float64[np.ndarray, " count"], Float64[np.ndarray, " count"]]:
+def _bay_grid(rng: np.random.Generator, lot: Lot) -> tuple[Values, Values]:
     """Compute the station and the distance from the centre line of each parking place on a lot."""
     room = lot.front - lot.side.outer
     distances: tuple[float, ...] = ()
@@ -166,7 +157,7 @@ CAR_ROWS_M: Final = (4.0, 14.6)
 """Middles of the two rows of a car park, measured beyond the pavement; cars drive between them."""
 
 
-def car_park_rows(lot: Lot) -> Float64[np.ndarray, " count"]:
+def car_park_rows(lot: Lot) -> Values:
     """Compute the stations of the lines between the places of a car park."""
     return np.arange(lot.start + 3.0, min(lot.stop - 3.0, 80.0), 2.6)
 

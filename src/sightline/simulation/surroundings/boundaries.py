@@ -7,16 +7,49 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.simulation.scene import Material, Mesh
-from sightline.simulation.shapes.edits import QuadBatch
+from sightline.simulation.shapes.edits import QuadBatch, box_corners
 from sightline.simulation.shapes.primitives import Finish
 from sightline.simulation.streets.layout import Layout, Plots, Side, ground_places
 from sightline.simulation.streets.lots import Boundary, Lot
-from sightline.simulation.surroundings.furniture import add_boxes_along, add_posts
 from sightline.simulation.surroundings.trees import make_hedge
 
 _WIDEST_GAP_M: Final = 26.0
 _CLOSED_SHARE: Final = 0.9
 _GARAGE_DEPTH_M: Final = 5.4
+
+
+def add_boxes_along(
+    batch: QuadBatch,
+    line: Float[np.ndarray, "num_points 3"],
+    finish: Finish,
+    *,
+    half_width: float,
+    heights: tuple[float, float],
+) -> None:
+    """Add a wall or rail along a line of world points, between two heights above it."""
+    steps = np.diff(line, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    low, high = heights
+    # Pieces overlap a little; otherwise bends would have gaps.
+    halves = np.stack(
+        (lengths / 2 + half_width * 0.5, np.full(len(steps), half_width),
+         np.full(len(steps), (high - low) / 2)),
+        axis=1,
+    )  # fmt: skip
+    centers = (line[1:] + line[:-1]) / 2 + [0, 0, (high + low) / 2]
+    batch.add(box_corners(centers, halves, np.arctan2(steps[:, 1], steps[:, 0])), finish)
+
+
+def add_posts(
+    batch: QuadBatch,
+    places: Float[np.ndarray, "count 3"],
+    yaws: Float[np.ndarray, " count"],
+    half_size: tuple[float, float, float],
+    finish: Finish,
+) -> None:
+    """Add upright posts or pickets with their feet at places on the ground."""
+    halves = np.tile(half_size, (len(places), 1))
+    batch.add(box_corners(places + np.array([0, 0, half_size[2]]), halves, yaws), finish)
 
 
 def enclose(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot) -> list[Mesh]:

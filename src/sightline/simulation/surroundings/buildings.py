@@ -20,12 +20,9 @@ class BuildingForm:
     look: Look
     storeys: int
     storey_height: float
-    plinth: float
-    """Height of the ground floor's level above the street [m]."""
-    roof: str
-    """flat, gable (ridge along the front) or cross (ridge across)."""
-    roof_pitch: float
-    """Rise per metre."""
+    plinth: float  # height of the ground floor's level above the street [m]
+    roof: str  # flat, gable (ridge along the front) or cross (ridge across)
+    roof_pitch: float  # rise per metre
     roof_finish: Finish
     has_shop: bool
     has_balconies: bool
@@ -35,34 +32,20 @@ class BuildingForm:
 
 
 _PLASTERS: Final[tuple[Color, ...]] = (
-    (0.72, 0.68, 0.58),
-    (0.76, 0.74, 0.70),
-    (0.66, 0.55, 0.38),
-    (0.70, 0.60, 0.44),
-    (0.60, 0.42, 0.30),
-    (0.56, 0.58, 0.60),
-    (0.74, 0.69, 0.50),
-    (0.58, 0.36, 0.28),
-    (0.50, 0.56, 0.48),
-    (0.47, 0.52, 0.60),
-    (0.80, 0.79, 0.76),
-)
+    (0.72, 0.68, 0.58), (0.76, 0.74, 0.70), (0.66, 0.55, 0.38), (0.70, 0.60, 0.44),
+    (0.60, 0.42, 0.30), (0.56, 0.58, 0.60), (0.74, 0.69, 0.50), (0.58, 0.36, 0.28),
+    (0.50, 0.56, 0.48), (0.47, 0.52, 0.60), (0.80, 0.79, 0.76),
+)  # fmt: skip
 _BRICKS: Final[tuple[Color, ...]] = ((0.36, 0.15, 0.10), (0.42, 0.22, 0.14), (0.45, 0.36, 0.25))
 _ROOFS: Final[tuple[Color, ...]] = (
-    (0.30, 0.11, 0.07),
-    (0.36, 0.15, 0.09),
-    (0.22, 0.10, 0.08),
-    (0.09, 0.09, 0.10),
+    (0.30, 0.11, 0.07), (0.36, 0.15, 0.09), (0.22, 0.10, 0.08), (0.09, 0.09, 0.10),
     (0.14, 0.11, 0.10),
-)
+)  # fmt: skip
 _TRIMS: Final[tuple[Color, ...]] = ((0.78, 0.77, 0.74), (0.62, 0.60, 0.55), (0.30, 0.20, 0.13))
 _DOORS: Final[tuple[Color, ...]] = (
-    (0.20, 0.10, 0.05),
-    (0.10, 0.16, 0.12),
-    (0.45, 0.45, 0.46),
-    (0.08, 0.10, 0.18),
+    (0.20, 0.10, 0.05), (0.10, 0.16, 0.12), (0.45, 0.45, 0.46), (0.08, 0.10, 0.18),
     (0.28, 0.05, 0.05),
-)
+)  # fmt: skip
 
 
 def _pick(rng: np.random.Generator, colors: tuple[Color, ...]) -> Color:
@@ -184,8 +167,7 @@ def draw_hall(rng: np.random.Generator) -> BuildingForm:
     )
 
 
-_FOUNDATION: Final = 2.0
-"""Depth of the walls below the ground [m], which may slope."""
+_FOUNDATION: Final = 2.0  # depth of the walls below the ground [m], which may slope
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -196,15 +178,12 @@ class BuildingSite:
     line.
     """
 
-    corner: tuple[float, float]
-    """World x, y of the front's start."""
+    corner: tuple[float, float]  # world x, y of the front's start
     yaw: float
-    ground: float
-    """Height of the ground in front."""
+    ground: float  # height of the ground in front
     width: float
     depth: float
-    is_far: bool
-    """Whether details smaller than a hand are left out."""
+    is_far: bool  # whether details smaller than a hand are left out
     is_free: tuple[bool, bool] = (True, True)
     """Whether its right and its left side have no neighbours."""
 
@@ -296,16 +275,12 @@ def _boxes(
 class _Gable:
     """Shape of a roof with two slopes; lengths across, along and above its ridge."""
 
-    is_cross: bool
-    """Whether the ridge runs across the front."""
+    is_cross: bool  # whether the ridge runs across the front
     wide: float
-    ends: tuple[float, float]
-    """Ends of the roof along the ridge, including the overhang."""
+    ends: tuple[float, float]  # ends of the roof along the ridge, including the overhang
     long: float
-    low: float
-    """Height of the lower edges."""
-    over: float
-    """Overhang of the lower edges."""
+    low: float  # height of the lower edges
+    over: float  # overhang of the lower edges
     eaves: float
     rise: float
     thickness: float

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64
 
+from sightline.simulation.arrays import Values
 from sightline.simulation.scene import Material
 from sightline.simulation.shapes.edits import QuadBatch
 from sightline.simulation.shapes.primitives import Finish
@@ -30,12 +31,9 @@ class Look:
     door: Finish
     window_width: float
     window_height: float
-    window_pitch: float
-    """Distance between the middles of neighbouring windows."""
-    recess: float
-    """Depth of windows in the wall."""
-    shutter_share: float
-    """Share of windows with lowered roller blinds."""
+    window_pitch: float  # distance between the middles of neighbouring windows
+    recess: float  # depth of windows in the wall
+    shutter_share: float  # share of windows with lowered roller blinds
     has_folding_shutters: bool
 
 
@@ -43,11 +41,9 @@ class Look:
 class Front:
     """Wall that runs to the right from its start, viewed from outside."""
 
-    start: tuple[float, float]
-    """World x, y."""
+    start: tuple[float, float]  # world x, y
     yaw: float
-    ground: float
-    """World z of the street in front."""
+    ground: float  # world z of the street in front
     length: float
     plinth: float
     storeys: int
@@ -68,8 +64,7 @@ class _Openings(NamedTuple):
 
 
 _ALONG: Final = np.array([0, 1, 1, 0])
-_UP: Final = np.array([0, 0, 1, 1])
-"""Index of the span's end for each corner of a rectangle."""
+_UP: Final = np.array([0, 0, 1, 1])  # index of the span's end for each corner of a rectangle
 _SHOP_HEIGHT: Final = 2.5
 _DOOR_WIDTH: Final = 1.1
 _FRAME: Final = 0.07
@@ -277,11 +272,7 @@ def _panes(
 
 
 def _sheets(
-    starts: Float64[np.ndarray, " count"],
-    stops: Float64[np.ndarray, " count"],
-    low: Float64[np.ndarray, " count"],
-    high: Float64[np.ndarray, " count"],
-    deep: float,
+    starts: Values, stops: Values, low: Values, high: Values, deep: float
 ) -> Float64[np.ndarray, "count 4 3"]:
     """Compute rectangles parallel to the wall, at a depth behind its surface."""
     corners = np.empty((len(starts), 4, 3))
@@ -292,8 +283,8 @@ def _sheets(
 
 
 def _rectangles(
-    along: tuple[Float64[np.ndarray, " count"], Float64[np.ndarray, " count"]],
-    up: tuple[Float64[np.ndarray, " count"], Float64[np.ndarray, " count"]],
+    along: tuple[Values, Values],
+    up: tuple[Values, Values],
     into: tuple[float, float],
     *,
     upright: bool,

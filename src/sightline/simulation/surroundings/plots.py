@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
+from sightline.simulation.arrays import Points
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import QuadBatch, stamped
 from sightline.simulation.shapes.primitives import Finish, grid
@@ -180,7 +181,7 @@ def _paving(
 def planted(
     rng: np.random.Generator,
     species: Species,
-    places: Float64[np.ndarray, "count 3"],
+    places: Points,
     heights: tuple[float, float],
     *,
     spread: float = 1.0,
@@ -194,7 +195,7 @@ def planted(
 
 def _scattered(
     rng: np.random.Generator, layout: Layout, lot: Lot, count: int, distances: tuple[float, float]
-) -> Float64[np.ndarray, "count 3"]:
+) -> Points:
     stations = rng.uniform(lot.start, lot.stop, count)
     offsets = lot.side.sign * rng.uniform(*distances, count)
     return ground_places(layout, lot.road, stations, offsets, -0.05)

@@ -6,11 +6,13 @@ from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 
+from sightline.simulation.arrays import AnyPoints, Points, Values
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import stamped
 from sightline.simulation.shapes.primitives import Color, Finish, boxes, kept, repainted, tube
+from sightline.simulation.tables import read_table
 
 
 class Species(Enum):
@@ -39,69 +41,25 @@ class Detail(Enum):
 class _Habit:
     """Habit of a species; lengths are shares of its height."""
 
-    height: float
-    """Height of the model [m]."""
+    height: float  # height of the model [m]
     crown_base: float
     crown_radius: float
-    profile: tuple[float, ...]
-    """Relative radius of the crown from its base to its top."""
+    profile: tuple[float, ...]  # relative radius of the crown from its base to its top
     clumps: int
-    clump_radius: float
-    """Radius relative to the crown's."""
+    clump_radius: float  # radius relative to the crown's
     trunk_radius: float
-    droop: float
-    """Droop of the foliage, 0 to 1."""
+    droop: float  # droop of the foliage, 0 to 1
     leaf: Color
     bark: Color
 
 
 _HABITS: Final = {
-    Species.LIME: _Habit(
-        height=9.0, crown_base=0.24, crown_radius=0.30, profile=(0.55, 1.0, 1.0, 0.8, 0.35),
-        clumps=26, clump_radius=0.40, trunk_radius=0.019, droop=0.1,
-        leaf=(0.115, 0.203, 0.047), bark=(0.15, 0.12, 0.09),
-    ),
-    Species.PLANE: _Habit(
-        height=14.0, crown_base=0.30, crown_radius=0.33, profile=(0.5, 0.95, 1.0, 0.9, 0.5),
-        clumps=34, clump_radius=0.33, trunk_radius=0.020, droop=0.1,
-        leaf=(0.128, 0.203, 0.061), bark=(0.26, 0.24, 0.18),
-    ),
-    Species.POPLAR: _Habit(
-        height=16.0, crown_base=0.10, crown_radius=0.11, profile=(0.6, 1.0, 1.0, 0.85, 0.3),
-        clumps=26, clump_radius=0.60, trunk_radius=0.014, droop=0.0,
-        leaf=(0.101, 0.176, 0.047), bark=(0.17, 0.15, 0.12),
-    ),
-    Species.BIRCH: _Habit(
-        height=11.0, crown_base=0.22, crown_radius=0.22, profile=(0.6, 1.0, 0.85, 0.6, 0.2),
-        clumps=30, clump_radius=0.34, trunk_radius=0.011, droop=0.7,
-        leaf=(0.149, 0.216, 0.061), bark=(0.48, 0.47, 0.44),
-    ),
-    Species.SPRUCE: _Habit(
-        height=14.0, crown_base=0.05, crown_radius=0.20, profile=(1.0, 0.8, 0.58, 0.34, 0.05),
-        clumps=46, clump_radius=0.30, trunk_radius=0.012, droop=0.4,
-        leaf=(0.047, 0.095, 0.041), bark=(0.13, 0.10, 0.08),
-    ),
-    Species.PINE: _Habit(
-        height=15.0, crown_base=0.52, crown_radius=0.22, profile=(0.5, 1.0, 0.95, 0.8, 0.5),
-        clumps=18, clump_radius=0.40, trunk_radius=0.013, droop=0.0,
-        leaf=(0.068, 0.115, 0.047), bark=(0.24, 0.14, 0.08),
-    ),
-    Species.CHERRY: _Habit(
-        height=5.0, crown_base=0.34, crown_radius=0.34, profile=(0.7, 1.0, 0.95, 0.5),
-        clumps=18, clump_radius=0.42, trunk_radius=0.016, droop=0.2,
-        leaf=(0.149, 0.189, 0.054), bark=(0.14, 0.09, 0.07),
-    ),
-    Species.BUSH: _Habit(
-        height=1.8, crown_base=0.0, crown_radius=0.55, profile=(0.9, 1.0, 0.85, 0.45),
-        clumps=14, clump_radius=0.42, trunk_radius=0.012, droop=0.2,
-        leaf=(0.095, 0.162, 0.047), bark=(0.14, 0.11, 0.08),
-    ),
-}  # fmt: skip
+    Species[name]: _Habit(**row) for name, row in read_table(__file__, "plants").items()
+}
 
 _CARDS: Final = {Detail.CLOSE: 3600, Detail.NEAR: 1000, Detail.MIDDLE: 340, Detail.FAR: 110}
 _DETAIL_LIMITS_M: Final = (14.0, 28.0, 58.0)
-_BEHIND_FACTOR: Final = 3.0
-"""Distance factor for plants behind the eye, visible only to the LiDAR."""
+_BEHIND_FACTOR: Final = 3.0  # distance factor for plants behind the eye, visible only to the LiDAR
 _BUSH_SHARE: Final = 0.35
 _VARIANTS: Final = 3
 
@@ -109,11 +67,9 @@ _VARIANTS: Final = 3
 class Plants(NamedTuple):
     """Plants to be placed."""
 
-    places: Float64[np.ndarray, "count 3"]
-    heights: Float64[np.ndarray, " count"]
-    """Heights [m]."""
-    spread: float
-    """Widths relative to the species' own."""
+    places: Points
+    heights: Values  # heights [m]
+    spread: float  # widths relative to the species' own
     coarseness: float = 1.0
     """Factor on the distance for choosing models; above 1 for plants in the rear."""
 
@@ -177,9 +133,7 @@ def set_out(
     return parts
 
 
-def _clumps(
-    rng: np.random.Generator, habit: _Habit
-) -> tuple[Float64[np.ndarray, "count 3"], Float64[np.ndarray, " count"]]:
+def _clumps(rng: np.random.Generator, habit: _Habit) -> tuple[Points, Values]:
     """Draw centres and radii [m] of the balls of foliage in a crown."""
     count = habit.clumps
     rise = (np.arange(count) + rng.uniform(0.1, 0.9, count)) / count
@@ -196,11 +150,7 @@ def _clumps(
 
 
 def _foliage(
-    rng: np.random.Generator,
-    habit: _Habit,
-    clumps: Float64[np.ndarray, "count 3"],
-    radii: Float64[np.ndarray, " count"],
-    num_cards: int,
+    rng: np.random.Generator, habit: _Habit, clumps: Points, radii: Values, num_cards: int
 ) -> Mesh:
     """Build cards of leaves on the clumps; fewer cards are larger."""
     weights = radii**2
@@ -233,7 +183,7 @@ def _foliage(
 def _card_mesh(
     rng: np.random.Generator,
     corners: Float[np.ndarray, "count 4 3"],
-    normals: Float[np.ndarray, "count 3"],
+    normals: AnyPoints,
     leaf: Color,
 ) -> Mesh:
     count = len(corners)
@@ -267,9 +217,7 @@ def _trunk(rng: np.random.Generator, habit: _Habit, detail: Detail) -> Mesh:
     return tube(path, radii, Finish(Material.BARK, habit.bark), num_sides=sides, capped=False)
 
 
-def _boughs(
-    rng: np.random.Generator, habit: _Habit, clumps: Float64[np.ndarray, "count 3"], count: int
-) -> list[Mesh]:
+def _boughs(rng: np.random.Generator, habit: _Habit, clumps: Points, count: int) -> list[Mesh]:
     """Build branches from the trunk into some of the clumps."""
     boughs = []
     thick = habit.trunk_radius * habit.height
@@ -328,10 +276,7 @@ def hedge_model(variant: int, is_fine: bool) -> Mesh:  # noqa: FBT001 - a key of
 
 
 def make_hedge(
-    rng: np.random.Generator,
-    starts: Float[np.ndarray, "count 3"],
-    stops: Float[np.ndarray, "count 3"],
-    height: float,
+    rng: np.random.Generator, starts: AnyPoints, stops: AnyPoints, height: float
 ) -> list[Mesh]:
     """Build hedges between pairs of world points, in pieces that follow the ground."""
     pieces = []

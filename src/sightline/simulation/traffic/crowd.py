@@ -27,8 +27,7 @@ _MAKERS: Final = {
 _MOST_MODELS: Final = 4
 """Maximum models of a class such as Truck or Tram; making one takes longer than copying one."""
 _FAMILIES: Final = {family.class_name: family for family in (CARS, VANS)}
-_MOST_DESIGNS: Final = 16
-"""Maximum designs of a street's cars or vans."""
+_MOST_DESIGNS: Final = 16  # maximum designs of a street's cars or vans
 
 
 @runtime_checkable
@@ -66,15 +65,11 @@ class Fleet:
 
 
 FASTEST_EGO_MPS: Final = 14.0
-EGO_SIZE_LW: Final = (4.4, 1.9)
-"""Length and width [m] of the car that carries the sensors."""
+EGO_SIZE_LW: Final = (4.4, 1.9)  # length and width [m] of the car that carries the sensors
 BACK_M: Final = -45.0
-AHEAD_M: Final = 125.0
-"""Range of stations with road users."""
-_MOMENT_S: Final = 0.25
-"""Interval between the moments at which overlaps are checked."""
-_EGO_ROOM_M: Final = 1.4
-"""Free space in front of the ego and behind it."""
+AHEAD_M: Final = 125.0  # range of stations with road users
+_MOMENT_S: Final = 0.25  # interval between the moments at which overlaps are checked
+_EGO_ROOM_M: Final = 1.4  # free space in front of the ego and behind it
 _WHEELS_OF_EGO_LW: Final = (2.7, 1.55)
 _WHEELS: Final = {
     **dict.fromkeys(("Car", "Van", "Truck", "Misc"), (0.6, 0.85)),
@@ -98,20 +93,16 @@ _HARD_RARITY: Final = 0.4
 class Customs:
     """Traffic rates for a kind of street."""
 
-    vehicles_per_km: float
-    """Moving vehicles per lane; the mean over streets, which differ widely."""
-    heavy_share: float
-    """Share of lorries among the vehicles."""
+    vehicles_per_km: float  # moving vehicles per lane; the mean over streets, which differ widely
+    heavy_share: float  # share of lorries among the vehicles
     van_share: float
     speed_mps: tuple[float, float]
-    jam_share: float
-    """Share of streets with a traffic jam."""
+    jam_share: float  # share of streets with a traffic jam
     parked_share: float
     """Mean share of parking places taken; most rows are nearly full or nearly empty."""
     walkers: tuple[float, float]
     """Probability of any pedestrians, and their mean number if there are any."""
-    cyclists: float
-    """Mean number of cyclists."""
+    cyclists: float  # mean number of cyclists
 
 
 CUSTOMS: Final = {

@@ -117,8 +117,7 @@ _PARKED_VANS: Final = 0.042
 _PARKED_MISC: Final = 0.05
 _QUEUE_FACTOR: Final = 0.8
 """Factor on the probability of closing up on the crossing road: its queues are shorter."""
-_JAMMED_LANES: Final = 0.6
-"""Probability of a queue on a lane in a traffic jam."""
+_JAMMED_LANES: Final = 0.6  # probability of a queue on a lane in a traffic jam
 
 
 def drive_lanes(crowd: Crowd) -> None:

@@ -6,6 +6,7 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Float64
 
+from sightline.simulation.arrays import AnyValues
 from sightline.simulation.scene import Motion, Pose
 from sightline.simulation.streets.ground import surface_height
 from sightline.simulation.streets.layout import Road, Terrain
@@ -15,8 +16,7 @@ _LEAN: Final = 0.003
 _LEAN_FREEDOM: Final = 2.0
 """Scale [rad] and degrees of freedom of Student's t: mostly small, sometimes a degree."""
 _LARGEST_LEAN: Final = 0.03
-_LARGEST_SWING: Final = 0.002
-"""Maximum swing of a body on its springs [rad]."""
+_LARGEST_SWING: Final = 0.002  # maximum swing of a body on its springs [rad]
 
 
 @runtime_checkable
@@ -26,7 +26,7 @@ class Track(Protocol):
     def at(self, time_s: float) -> Pose:
         """Compute the pose at a time [s]."""
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+    def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
 
 
@@ -37,8 +37,7 @@ class Travel:
     Vehicles of one lane share a travel, so that the gaps between them never change.
     """
 
-    speed_mps: float
-    """Mean speed."""
+    speed_mps: float  # mean speed
     sway_mps: float = 0.0
     """Amplitude of the speed's changes; less than the mean, so that nothing moves backwards."""
     period_s: float = 12.0
@@ -61,11 +60,9 @@ class AlongRoad:
 
     terrain: Terrain
     road: Road
-    station: float
-    """Station at time 0."""
+    station: float  # station at time 0
     offset: float
-    direction: int
-    """1 along the line, -1 against it."""
+    direction: int  # 1 along the line, -1 against it
     travel: Travel
     turn: float = 0.0
     """Heading relative to the direction of travel [rad], for example of a car parked askew."""
@@ -76,7 +73,7 @@ class AlongRoad:
         """Compute the pose at a time [s]."""
         return _pose(self.poses(np.array([time_s])))
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+    def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
         stations = self.station + self.direction * self.travel.distance(times_s)
         places = self.road.line.place(stations, np.array(self.offset))
@@ -102,17 +99,15 @@ class AcrossRoad:
     terrain: Terrain
     road: Road
     station: float
-    offset: float
-    """Offset at time 0."""
-    direction: int
-    """1 to the left of the road, -1 to its right."""
+    offset: float  # offset at time 0
+    direction: int  # 1 to the left of the road, -1 to its right
     travel: Travel
 
     def at(self, time_s: float) -> Pose:
         """Compute the pose at a time [s]."""
         return _pose(self.poses(np.array([time_s])))
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+    def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
         offsets = self.offset + self.direction * self.travel.distance(times_s)
         station = np.array(self.station)
@@ -132,7 +127,7 @@ class Still:
         """Return the pose, which is the same at all times."""
         return self.pose
 
-    def poses(self, times_s: Float[np.ndarray, " count"]) -> Float64[np.ndarray, "count 6"]:
+    def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Return world x, y, z [m], yaw, pitch and roll [rad] at each time."""
         return np.tile(np.array(astuple(self.pose), dtype=np.float64), (len(times_s), 1))
 
@@ -142,10 +137,8 @@ class Rocking:
     """Vehicle body on springs, which leans with its load, brakes and motion."""
 
     track: Motion
-    lean: tuple[float, float]
-    """Constant part of pitch and roll [rad]."""
-    swing: tuple[float, float]
-    """Amplitude of pitch and roll [rad] around it."""
+    lean: tuple[float, float]  # constant part of pitch and roll [rad]
+    swing: tuple[float, float]  # amplitude of pitch and roll [rad] around it
     period_s: tuple[float, float]
     phases: tuple[float, float]
 

@@ -11,12 +11,9 @@ from sightline.simulation.streets.layout import Ground, Plots, Side, StreetKind
 from sightline.simulation.traffic.crowd import Crowd
 from sightline.simulation.traffic.motion import AcrossRoad, AlongRoad, Still, Travel
 
-_PAIRS: Final = 0.08
-"""Share of cyclists who ride with another."""
-_ON_PAVEMENT: Final = 0.5
-"""Share of cyclists on the pavement if there is no path."""
-_ELBOW_M: Final = 0.04
-"""Minimum distance between people."""
+_PAIRS: Final = 0.08  # share of cyclists who ride with another
+_ON_PAVEMENT: Final = 0.5  # share of cyclists on the pavement if there is no path
+_ELBOW_M: Final = 0.04  # minimum distance between people
 _HARD_FACTOR: Final = 1.5
 
 
@@ -98,8 +95,7 @@ def _abreast(rng: np.random.Generator, count: int) -> Float64[np.ndarray, "count
     files = min(count, 1 if rng.random() < 0.5 else 3 if count == 3 else 2)
     rank, file = np.divmod(np.arange(count), files)
     places = np.stack((-0.95 * rank, rng.uniform(0.58, 0.8) * file), axis=1)
-    scattered: Float64[np.ndarray, "count 2"] = places + rng.uniform(-0.2, 0.2, (count, 2)) * [1, 0]
-    return scattered
+    return np.asarray(places + rng.uniform(-0.2, 0.2, (count, 2)) * [1, 0])
 
 
 def _walk_group(crowd: Crowd, station: float, count: int) -> None:
