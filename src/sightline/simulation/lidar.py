@@ -1,9 +1,9 @@
 """Spinning LiDARs: laser models, and the sweep of a scene."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
@@ -22,6 +22,7 @@ from sightline.simulation.rays.surfaces import (
 )
 from sightline.simulation.scene import SURFACES, Material, Motion, Scene, world_from_footprint
 from sightline.simulation.settings import LidarModel
+from sightline.simulation.tables import read_table
 
 _MID_GREY = 0.25  # linear albedo of the sample for `Surface.lidar_reflectance`
 _COLOR_RANGE = (0.35, 1.8)  # range of the colour's factor on the reflectance at 905 nm
@@ -126,56 +127,47 @@ class LidarConfig:
             raise ValueError(f"detectable_echo must be above 0, got {self.detectable_echo}")
 
 
-def _fan(top_deg: float, bottom_deg: float, count: int, offset_m: float = 0.0) -> tuple[Laser, ...]:
-    elevations = np.linspace(top_deg, bottom_deg, count).tolist()
-    return tuple(Laser(elevation_deg=elevation, offset_m=offset_m) for elevation in elevations)
+def _lidar(row: Mapping[str, Any]) -> LidarConfig:
+    """Build a LiDAR from its row of the table.
 
-
-def _with_biases(
-    lasers: Sequence[Laser], ranges_mm: Sequence[int], readings_percent: Sequence[int]
-) -> tuple[Laser, ...]:
-    return tuple(
-        replace(laser, range_bias_m=range_mm / 1000, reading_bias=percent / 100)
-        for laser, range_mm, percent in zip(lasers, ranges_mm, readings_percent, strict=True)
+    `fans` are blocks of evenly spread lasers from the top: first and last elevation [degrees],
+    number and offset [m]. Biases are those of the lasers from the top; `firings` are those of a
+    laser in a turn; blind sectors are start, end and lower elevation [degrees].
+    """
+    beams = [
+        (elevation, offset)
+        for top, bottom, count, offset in row["fans"]
+        for elevation in np.linspace(top, bottom, count).tolist()
+    ]
+    ranges_mm = row.get("range_biases_mm", (0,) * len(beams))
+    percents = row.get("reading_biases_percent", (0,) * len(beams))
+    return LidarConfig(
+        lasers=tuple(
+            Laser(
+                elevation_deg=elevation,
+                offset_m=offset,
+                range_bias_m=range_mm / 1000,
+                reading_bias=percent / 100,
+            )
+            for (elevation, offset), range_mm, percent in zip(
+                beams, ranges_mm, percents, strict=True
+            )
+        ),
+        azimuth_step_deg=360 / row["firings"],
+        lean_deg=row.get("lean_deg", 0.0),
+        blind_sectors=tuple(
+            BlindSector(azimuth_deg=(start, end), below_deg=below)
+            for start, end, below in row.get("blind_sectors", ())
+        ),
     )
 
 
-# Biases of KITTI's lasers, from the top. Ranges: against planes through walls, where the lower
-# ones read too little; readings: against the lasers above and below on the same surface.
-# fmt: off
-_RANGE_BIASES_MM = (
-    25, -14, 37, 4, 5, -20, 49, -11, -21, 12, 19, -10, 30, 26, -8, -15, 30, -7, 50, 13, 0, -18, -33,
-    -21, 19, -5, 3, -45, 30, 20, 1, 0, -6, -30, -3, -52, -33, -48, *(0,) * 26,
-)
-_READING_BIASES_PERCENT = (
-    2, -1, -3, -3, -3, -2, 1, -1, 2, -3, 0, 2, 3, 0, -1, -2, -1, -1, 2, -1, 3, -6, 1, 4,
-    -1, 1, 2, 3, 3, -4, 4, 5, 0, -1, 2, -8, -14, 1, 8, 7, -2, 2, -12, 2, 2, 2, 3, -1,
-    -4, 4, 6, -11, 3, -3, -5, 2, 3, 7, -6, -6, -7, 2, 5, 2,
-)
-# fmt: on
-
+# HDL-64E is KITTI's own sensor, measured in its sweeps: two blocks of lasers, the upper one denser,
+# and the car's roof, rails and aerial below them. Its biases of range are those against planes
+# through walls, where the lower lasers read too little; those of readings against the lasers above
+# and below on the same surface.
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
-    # KITTI's own sensor, measured in its sweeps: two blocks of lasers, the upper one denser, and
-    # the car's roof, rails and aerial below them.
-    "hdl-64e": LidarConfig(
-        lasers=_with_biases(
-            (*_fan(2.0, -8.6, 32, 0.19), *_fan(-8.95, -25.0, 32, 0.11)),
-            _RANGE_BIASES_MM,
-            _READING_BIASES_PERCENT,
-        ),
-        azimuth_step_deg=360 / 2150,
-        lean_deg=0.6,
-        blind_sectors=(
-            BlindSector(azimuth_deg=(160.0, 200.0), below_deg=-18.5),
-            BlindSector(azimuth_deg=(200.0, 210.0), below_deg=-22.5),
-            BlindSector(azimuth_deg=(150.0, 160.0), below_deg=-22.0),
-            BlindSector(azimuth_deg=(284.0, 302.0), below_deg=-16.5),
-            BlindSector(azimuth_deg=(340.0, 360.0), below_deg=-22.0),
-            BlindSector(azimuth_deg=(0.0, 16.0), below_deg=-22.0),
-        ),
-    ),
-    "hdl-32e": LidarConfig(lasers=_fan(10.67, -30.67, 32), azimuth_step_deg=360 / 2160),
-    "vlp-16": LidarConfig(lasers=_fan(15.0, -15.0, 16), azimuth_step_deg=0.2),
+    model: _lidar(row) for model, row in read_table(__file__, "lidars").items()
 }
 
 

@@ -16,6 +16,7 @@ from sightline.simulation.scene import Actor, Pose
 from sightline.simulation.streets.free_ground import Occupancy
 from sightline.simulation.streets.layout import Layout, StreetKind
 from sightline.simulation.streets.lots import Lot, footprint_corners, footprint_of
+from sightline.simulation.tables import read_table
 from sightline.simulation.traffic.motion import STANDING, AlongRoad, Still, Track, Travel, on_wheels
 
 _MAKERS: Final = {
@@ -106,27 +107,8 @@ class Customs:
 
 
 CUSTOMS: Final = {
-    StreetKind.RESIDENTIAL: Customs(
-        vehicles_per_km=9.5, heavy_share=0.014, van_share=0.056, speed_mps=(3.0, 9.0),
-        jam_share=0.02, parked_share=0.33, walkers=(0.30, 3.2), cyclists=0.29,
-    ),
-    StreetKind.CITY: Customs(
-        vehicles_per_km=13.7, heavy_share=0.030, van_share=0.062, speed_mps=(4.0, 12.0),
-        jam_share=0.08, parked_share=0.33, walkers=(0.50, 5.0), cyclists=0.49,
-    ),
-    StreetKind.AVENUE: Customs(
-        vehicles_per_km=17.4, heavy_share=0.048, van_share=0.062, speed_mps=(7.0, 14.0),
-        jam_share=0.08, parked_share=0.33, walkers=(0.20, 2.8), cyclists=0.35,
-    ),
-    StreetKind.COUNTRY: Customs(
-        vehicles_per_km=41.5, heavy_share=0.048, van_share=0.056, speed_mps=(9.0, 14.0),
-        jam_share=0.04, parked_share=0.0, walkers=(0.01, 1.3), cyclists=0.08,
-    ),
-    StreetKind.SQUARE: Customs(
-        vehicles_per_km=19.9, heavy_share=0.0, van_share=0.16, speed_mps=(1.0, 3.0),
-        jam_share=0.0, parked_share=0.0, walkers=(0.75, 8.4), cyclists=0.88,
-    ),
-}  # fmt: skip
+    StreetKind[name]: Customs(**row) for name, row in read_table(__file__, "customs").items()
+}
 
 
 class Crowd:
