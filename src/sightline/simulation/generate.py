@@ -1,8 +1,9 @@
 """Simulated data sets on disk, in KITTI's layouts: resumable and reproducible to the byte."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -250,10 +251,10 @@ def simulate(
 ) -> JobResult:
     """Write simulated frames as KITTI's object tree, or drives in the layout of its raw data.
 
-    `writer.ObjectLayout` and, where `config.sequence_length` is above 1, `writer.DriveLayout`
-    define the files. A file appears whole or not at all, and existing frames are skipped, so a
-    stopped run can be resumed; a larger `frames` extends the data set. The same settings give the
-    same bytes for any number of workers.
+    `ObjectLayout` and, where `config.sequence_length` is above 1, `DriveLayout` define the files. A
+    file appears whole or not at all, and existing frames are skipped, so a stopped run can be
+    resumed; a larger `frames` extends the data set. The same settings give the same bytes for any
+    number of workers.
 
     Args:
         out: Output folder; its simulation.json records the settings.
@@ -293,97 +294,60 @@ def simulate(
             "drives have images, whole sweeps and no validation_frames; keep to that, or make "
             "single frames with a sequence_length of 1"
         )
-    settings = _settings(config, velodyne, validation_frames, streets)
-    acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
-    make = _Maker(config, streets, workers, shard_index, num_shards)
-    if config.sequence_length > 1:
-        return make.drives(DriveLayout(root=out, sequence_length=config.sequence_length), frames)
-    layout = ObjectLayout(root=out, velodyne=velodyne, camera=config.camera)
-    return make.frames(layout, frames, validation_frames)
-
-
-@dataclass(frozen=True, slots=True)
-class _Maker:
-    """Maker of the missing files of one part, including files begun by earlier runs."""
-
-    config: SimulationConfig
-    streets: StreetMaker
-    workers: int
-    shard_index: int
-    num_shards: int
-
-    def frames(self, layout: ObjectLayout, frames: int, validation_frames: int) -> JobResult:
-        frames = layout.num_planned(frames)
-        result = self._run(layout, shard(range(frames), self.shard_index, self.num_shards), [])
-        layout.write_lists(frames, validation_frames)
-        return result
-
-    def drives(self, layout: DriveLayout, frames: int) -> JobResult:
-        drives = list(layout.drives(layout.num_planned(frames)))
-        layout.write_calibration(calibration_of(self.config))
-        mine = shard(drives, self.shard_index, self.num_shards)
-        courses = [
-            _CourseWork(layout, self.config, self.streets, drive, length)
-            for drive, length in mine
-            if not layout.has_course(drive, length)
-        ]
-        firsts = ((drive * layout.sequence_length, length) for drive, length in mine)
-        indices = [first + step for first, length in firsts for step in range(length)]
-        return self._run(layout, indices, courses)
-
-    def _run(
-        self, layout: Layout, indices: Sequence[int], courses: "list[_CourseWork]"
-    ) -> JobResult:
-        pending = [index for index in indices if not layout.frame(index).are_there()]
-        works = [_FrameWork(layout, self.config, self.streets, index) for index in pending]
-        run_job([*courses, *works], self.workers, description="simulating")
-        return JobResult(written=len(pending), skipped=len(indices) - len(pending))
-
-
-@dataclass(frozen=True, slots=True)
-class _FrameWork:
-    """Job that simulates and writes a frame."""
-
-    layout: Layout
-    config: SimulationConfig
-    streets: StreetMaker
-    index: int
-
-    def __str__(self) -> str:
-        return f"frame {self.index}"
-
-    def run(self) -> None:
-        frame = simulate_frame(self.config, self.index, self.streets)
-        velodyne = self.layout.velodyne if isinstance(self.layout, ObjectLayout) else "velodyne"
-        self.layout.frame(self.index).write(frame, velodyne)
-
-
-@dataclass(frozen=True, slots=True)
-class _CourseWork:
-    """Job that writes poses and times of a drive."""
-
-    layout: DriveLayout
-    config: SimulationConfig
-    streets: StreetMaker
-    drive: int
-    length: int
-
-    def __str__(self) -> str:
-        return f"drive {self.drive}"
-
-    def run(self) -> None:
-        poses = simulate_course(self.config, self.drive, self.length, self.streets)
-        self.layout.write_course(self.drive, poses)
-
-
-def _settings(
-    config: SimulationConfig, velodyne: Velodyne, validation_frames: int, streets: StreetMaker
-) -> dict[str, object]:
-    """Collect all settings that affect the bytes, except the number of frames."""
-    return {
+    settings = {  # all that affects the bytes, except the number of frames
         "revision": SIMULATOR_REVISION,
         "streets": f"{streets.__module__}.{streets.__qualname__}",
         "velodyne": velodyne,
         "validation_frames": validation_frames,
         **asdict(config),
     }
+    acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
+    works: list[_Work] = []
+    layout: Layout
+    if config.sequence_length > 1:
+        layout = DriveLayout(root=out, sequence_length=config.sequence_length)
+        drives = list(layout.drives(layout.num_planned(frames)))
+        layout.write_calibration(calibration_of(config))
+        indices = []
+        for drive, length in shard(drives, shard_index, num_shards):
+            first = drive * layout.sequence_length
+            indices += range(first, first + length)
+            if not layout.has_course(drive, length):
+                action = partial(_write_course, layout, config, streets, drive, length)
+                works.append(_Work(f"drive {drive}", action))
+    else:
+        layout = ObjectLayout(root=out, velodyne=velodyne, camera=config.camera)
+        frames = layout.num_planned(frames)
+        indices = list(shard(range(frames), shard_index, num_shards))
+    pending = [index for index in indices if not layout.frame(index).are_there()]
+    for index in pending:
+        action = partial(_write_frame, layout, config, streets, velodyne, index)
+        works.append(_Work(f"frame {index}", action))
+    run_job(works, workers, description="simulating")
+    if isinstance(layout, ObjectLayout):
+        layout.write_lists(frames, validation_frames)
+    return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+
+
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """Named part of a job; a worker process runs it."""
+
+    name: str
+    run: Callable[[], None]
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def _write_frame(
+    layout: Layout, config: SimulationConfig, streets: StreetMaker, velodyne: Velodyne, index: int
+) -> None:
+    layout.frame(index).write(simulate_frame(config, index, streets), velodyne)
+
+
+def _write_course(
+    layout: DriveLayout, config: SimulationConfig, streets: StreetMaker, drive: int, length: int
+) -> None:
+    """Write poses and times of a drive."""
+    layout.write_course(drive, simulate_course(config, drive, length, streets))

@@ -35,13 +35,9 @@ def labelled_ends(
 
     Annotators have only the points. An end that faces away is round, so the last visible part is
     where the line of sight leaves the flank: the box ends there, about 0.3 m before the bumper. The
-    length of a passing car changes by some centimetres during a drive.
-
-    Args:
-        vertices: Car vertices in its own frame [m]: x ahead, y left, z up, the origin on the
-            ground.
-        size_lwh: Length, width and height [m].
-        viewpoint: x and y of the sensor in that frame [m].
+    length of a passing car changes by some centimetres during a drive. `vertices` and `viewpoint`,
+    the x and y of the sensor, are in the car's frame [m]: x ahead, y left, z up, the origin on the
+    ground.
     """
     length, width, height = size_lwh
     body = vertices[vertices[:, 2] < _BELOW * height, :2]
@@ -116,17 +112,12 @@ def label_frame(
     """Label the objects in view as KITTI's annotators would, in the order of the actors.
 
     The 2D box is `kitti_boxes.project_box`, hidden parts included; a pedestrian's is as wide as the
-    person, not as the 3D box. `label_ends` gives the ends of cars and vans. Occlusion is 0, 1 or 2
-    by the visible share of the object's pixels within the image; a largely hidden object cut by the
-    image border has 3, as do 95 % of KITTI's cars of that level. Objects too small, far or hidden
-    to label are DontCare, with close ones merged into one box.
-
-    Args:
-        scene: The scene with its actors.
-        owners: Index of the actor at each pixel of the image; negative: none.
-        calibration: Calibration of the camera.
-        lidar_height_m: Height of the LiDAR, the calibration's reference frame, above the ego's
-            footprint.
+    person, not as the 3D box. `labelled_ends` gives the ends of cars and vans. Occlusion is 0, 1 or
+    2 by the visible share of the object's pixels within the image; a largely hidden object cut by
+    the image border has 3, as do 95 % of KITTI's cars of that level. Objects too small, far or
+    hidden to label are DontCare, with close ones merged into one box. `owners` are the indices of
+    the actors at each pixel, negative for none; the LiDAR, the calibration's reference frame, is
+    `lidar_height_m` above the ego's footprint.
     """
     lidar_from_world = np.linalg.inv(world_from_footprint(scene.ego, lidar_height_m))
     onlooker = _Onlooker(

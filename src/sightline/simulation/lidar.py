@@ -186,15 +186,8 @@ def take_sweep(
     counter-clockwise. An echo grows with the reflectance of the surface and the cosine of incidence
     and falls with the square of the range. Weak echoes are lost, most of all from shiny surfaces,
     and slightly stronger ones are found but read as 0. Glass lets most of the light through: the
-    surface behind it returns a weaker echo or none.
-
-    Args:
-        scene: The street, static during the turn.
-        raycaster: Raycaster over the scene's mesh.
-        rng: Source of noise and losses.
-        config: The sensor.
-        ego: Motion of the sensor, needed for `rolling_shutter`; the turn starts at `time_s`.
-        time_s: Start of the turn.
+    surface behind it returns a weaker echo or none. The scene stands still during the turn, which
+    starts at `time_s`; `raycaster` is over its mesh, and `ego` is the motion of the sensor.
 
     Raises:
         ValueError: The LiDAR has a rolling shutter, but no motion is given.

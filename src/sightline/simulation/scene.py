@@ -33,7 +33,7 @@ class Surface:
     materials of few colours."""
     lidar_transmission: float = 0.0
     """Probability that the beam is transmitted or lost instead of returning."""
-    mirror: float = 0.0  # fresnel reflectance at normal incidence; 0 = no mirror ray is cast
+    mirror: float = 0.0  # Fresnel reflectance at normal incidence; 0 = no mirror ray is cast
     highlight: float = 0.0  # strength of the sun's highlight
     highlight_power: float = 60.0  # sharpness of the highlight (Blinn-Phong exponent)
 

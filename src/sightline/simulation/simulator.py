@@ -10,11 +10,11 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
-from sightline.simulation.camera.camera import CameraConfig, CameraFrame, render_camera
+from sightline.simulation.camera.camera import CameraConfig, render_camera
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
 from sightline.simulation.rays.raycast import Raycaster
-from sightline.simulation.scene import Scene, Street, world_from_footprint
+from sightline.simulation.scene import Street, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.street import make_street
 
@@ -130,34 +130,20 @@ def simulate_frame(
     points = take_sweep(
         scene, raycaster, rng=lidar_rng, config=lidar, ego=street.ego, time_s=time_s
     )
-    name = f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}"
-    return _assemble(name, config, scene, picture, points, time_s)
-
-
-def _assemble(
-    name: str,
-    config: SimulationConfig,
-    scene: Scene,
-    picture: CameraFrame,
-    points: Float32[np.ndarray, "num_points 4"],
-    time_s: float,
-) -> SimulatedFrame:
-    lidar_height_m = lidar_of(config).height_m
-    labels = label_frame(scene, picture.owners, calibration_of(config), lidar_height_m)
+    labels = label_frame(scene, picture.owners, calibration_of(config), lidar.height_m)
     rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY index the last two
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
-    depth = np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0))
     return SimulatedFrame(
-        sample_id=name,
+        sample_id=f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}",
         calibration=calibration_of(config),
         image=picture.image,
         points=points,
         objects=labels.objects,
         visible_boxes=labels.visible_boxes,
-        depth_m=depth,
+        depth_m=np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0)),
         instances=rows[picture.owners],
-        world_from_lidar=world_from_footprint(scene.ego, lidar_height_m),
+        world_from_lidar=world_from_footprint(scene.ego, lidar.height_m),
         time_s=time_s,
     )
 

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sightline.simulation.scene import Actor, Light, Mesh, Motion, Street
+from sightline.simulation.shapes.primitives import Color
 from sightline.simulation.streets.dressing import dress
 from sightline.simulation.streets.free_ground import Occupancy
 from sightline.simulation.streets.ground import make_ground
@@ -86,6 +87,7 @@ _CLOUDY: Final = 0.75
 _LOW_SUN: Final = 0.85
 _OVERCAST: Final = 0.95
 """Cumulative shares of each weather; the rest is dusk. KITTI was recorded by day."""
+_NO_SUN: Final = (0.0, 0.0, 0.0)
 
 
 def draw_light(rng: np.random.Generator) -> Light:
@@ -93,87 +95,68 @@ def draw_light(rng: np.random.Generator) -> Light:
     weather = rng.random()
     azimuth = float(rng.uniform(-np.pi, np.pi))
     if weather < _CLEAR:
-        return _day(rng, azimuth, cloud_cover=float(rng.uniform(0.0, 0.25)))
+        return _day(rng, azimuth, float(rng.uniform(0.0, 0.25)))
     if weather < _CLOUDY:
-        return _day(rng, azimuth, cloud_cover=float(rng.uniform(0.35, 0.6)))
-    if weather < _LOW_SUN:
-        return _low_sun(rng, azimuth)
-    if weather < _OVERCAST:
-        return _overcast(rng, azimuth)
-    return _dusk(rng, azimuth)
+        return _day(rng, azimuth, float(rng.uniform(0.35, 0.6)))
+    if weather < _LOW_SUN:  # long shadows and warm light
+        elevation, cover = float(np.radians(rng.uniform(7.0, 18.0))), float(rng.uniform(0.0, 0.4))
+        sun, zenith, horizon = (1.0, 0.74, 0.46), (0.32, 0.52, 0.95), (1.0, 0.88, 0.72)
+        colors = _scaled(sun, 6.5), _scaled(zenith, 0.75), _scaled(horizon, 1.25)
+        softness, haze_m, exposure = 0.006, (500.0, 1200.0), (0.38, 0.52)
+    elif weather < _OVERCAST:  # without shadows
+        elevation, cover = 0.9, float(rng.uniform(0.9, 1.0))
+        colors = _NO_SUN, _scaled((0.92, 0.97, 1.05), 1.45), _scaled((0.96, 0.98, 1.0), 1.25)
+        softness, haze_m, exposure = 0.05, (350.0, 900.0), (0.50, 0.68)
+    else:  # the sun is down, lamps are lit
+        elevation, cover = 0.05, float(rng.uniform(0.0, 0.5))
+        colors = _NO_SUN, _scaled((0.28, 0.42, 0.85), 0.22), _scaled((1.0, 0.72, 0.55), 0.26)
+        softness, haze_m, exposure = 0.02, (500.0, 1000.0), (1.8, 2.6)
+    return _light(rng, (elevation, azimuth), colors, softness, cover, haze_m, exposure)
 
 
-def _sun_direction(elevation: float, azimuth: float) -> tuple[float, float, float]:
-    return (
-        float(np.cos(elevation) * np.cos(azimuth)),
-        float(np.cos(elevation) * np.sin(azimuth)),
-        float(np.sin(elevation)),
-    )
-
-
-def _scaled(color: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
-    red, green, blue = color
-    return red * factor, green * factor, blue * factor
-
-
-def _day(rng: np.random.Generator, azimuth: float, cloud_cover: float) -> Light:
+def _day(rng: np.random.Generator, azimuth: float, cover: float) -> Light:
     """Draw a day with the sun 22 to 55 degrees high; irradiance of 7 to 11 units on the ground."""
     elevation = float(np.radians(rng.uniform(22.0, 55.0)))
-    strength = 12.0 * (1.0 - 0.25 * cloud_cover)
     warmth = float(np.clip((elevation - 0.3) / 0.6, 0.0, 1.0))
+    colors = (
+        _scaled((1.0, 0.90 + 0.05 * warmth, 0.74 + 0.12 * warmth), 12.0 * (1.0 - 0.25 * cover)),
+        _scaled((0.30, 0.55, 1.0), 0.40 + 0.5 * cover),
+        _scaled((0.80, 0.92, 1.0), 0.72 + 0.4 * cover),
+    )
+    softness = 0.0047 + 0.01 * cover
+    return _light(rng, (elevation, azimuth), colors, softness, cover, (900.0, 2500.0), (0.23, 0.32))
+
+
+def _light(
+    rng: np.random.Generator,
+    sun_angles: tuple[float, float],
+    colors: tuple[Color, Color, Color],
+    softness: float,
+    cover: float,
+    haze_m: tuple[float, float],
+    exposure: tuple[float, float],
+) -> Light:
+    """Draw haze and exposure; angles: elevation, azimuth [rad]; colors: sun, zenith, horizon."""
+    elevation, azimuth = sun_angles
     return Light(
-        sun_direction=_sun_direction(elevation, azimuth),
-        sun_color=_scaled((1.0, 0.90 + 0.05 * warmth, 0.74 + 0.12 * warmth), strength),
-        sun_softness=0.0047 + 0.01 * cloud_cover,
-        sky_zenith=_scaled((0.30, 0.55, 1.0), 0.40 + 0.5 * cloud_cover),
-        sky_horizon=_scaled((0.80, 0.92, 1.0), 0.72 + 0.4 * cloud_cover),
-        cloud_cover=cloud_cover,
-        haze_m=float(rng.uniform(900.0, 2500.0)),
-        exposure=float(rng.uniform(0.23, 0.32)),
+        sun_direction=(
+            float(np.cos(elevation) * np.cos(azimuth)),
+            float(np.cos(elevation) * np.sin(azimuth)),
+            float(np.sin(elevation)),
+        ),
+        sun_color=colors[0],
+        sun_softness=softness,
+        sky_zenith=colors[1],
+        sky_horizon=colors[2],
+        cloud_cover=cover,
+        haze_m=float(rng.uniform(*haze_m)),
+        exposure=float(rng.uniform(*exposure)),
     )
 
 
-def _low_sun(rng: np.random.Generator, azimuth: float) -> Light:
-    """Draw a low sun with long shadows and warm light."""
-    elevation = float(np.radians(rng.uniform(7.0, 18.0)))
-    return Light(
-        sun_direction=_sun_direction(elevation, azimuth),
-        sun_color=_scaled((1.0, 0.74, 0.46), 6.5),
-        sun_softness=0.006,
-        sky_zenith=_scaled((0.32, 0.52, 0.95), 0.75),
-        sky_horizon=_scaled((1.0, 0.88, 0.72), 1.25),
-        cloud_cover=float(rng.uniform(0.0, 0.4)),
-        haze_m=float(rng.uniform(500.0, 1200.0)),
-        exposure=float(rng.uniform(0.38, 0.52)),
-    )
-
-
-def _overcast(rng: np.random.Generator, azimuth: float) -> Light:
-    """Draw an overcast sky, without shadows."""
-    return Light(
-        sun_direction=_sun_direction(0.9, azimuth),
-        sun_color=(0.0, 0.0, 0.0),
-        sun_softness=0.05,
-        sky_zenith=_scaled((0.92, 0.97, 1.05), 1.45),
-        sky_horizon=_scaled((0.96, 0.98, 1.0), 1.25),
-        cloud_cover=float(rng.uniform(0.9, 1.0)),
-        haze_m=float(rng.uniform(350.0, 900.0)),
-        exposure=float(rng.uniform(0.50, 0.68)),
-    )
-
-
-def _dusk(rng: np.random.Generator, azimuth: float) -> Light:
-    """Draw dusk: the sun is down, lamps are lit."""
-    return Light(
-        sun_direction=_sun_direction(0.05, azimuth),
-        sun_color=(0.0, 0.0, 0.0),
-        sun_softness=0.02,
-        sky_zenith=_scaled((0.28, 0.42, 0.85), 0.22),
-        sky_horizon=_scaled((1.0, 0.72, 0.55), 0.26),
-        cloud_cover=float(rng.uniform(0.0, 0.5)),
-        haze_m=float(rng.uniform(500.0, 1000.0)),
-        exposure=float(rng.uniform(1.8, 2.6)),
-    )
+def _scaled(color: Color, factor: float) -> Color:
+    red, green, blue = color
+    return red * factor, green * factor, blue * factor
 
 
 def make_street(
@@ -184,16 +167,15 @@ def make_street(
     hard: bool = False,
     hard_negatives: bool = False,
 ) -> Street:
-    """Draw a street with its traffic and weather.
+    """Draw a street with its traffic and weather; the same state of `rng` gives the same street.
 
     Args:
-        rng: Source of all randomness; the same state gives the same street.
+        rng: Source of all randomness.
         duration_s: Duration of the ego's drive. No road users collide until then, and the street is
             long enough.
         kind: Kind of street; None draws it.
         hard: Whether it is fuller and hillier than usual, with more objects far away and hidden.
-        hard_negatives: Whether to place many objects that are easily mistaken for a person or a
-            car.
+        hard_negatives: Whether to place many objects easily mistaken for a person or a car.
 
     Raises:
         ValueError: `duration_s` is negative.

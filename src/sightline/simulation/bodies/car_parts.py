@@ -40,12 +40,8 @@ def wheel(
 ) -> Mesh:
     """Build a wheel about the y axis at the origin, with its outside towards +y.
 
-    Args:
-        rng: Source of randomness for the spokes.
-        radius: Radius of the tyre [m].
-        width: Width of the tyre [m].
-        rim: Metal of the spokes.
-        spokes: Index of the pattern of spokes; -1 draws one.
+    `radius` and `width` [m] are those of the tyre, `rim` is the metal of the spokes; `spokes` is
+    the index of their pattern, and -1 draws one.
     """
     half = width / 2
     across = np.array((-1.0, -1.0, -0.7, 0.7, *np.ones(8))) * half

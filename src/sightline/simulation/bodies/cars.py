@@ -135,13 +135,10 @@ _PAINTS: tuple[tuple[float, Color], ...] = (  # share, linear albedo; roughly Ge
 class VehicleDesign:
     """Make of cars or vans, built when the first one is needed.
 
-    Args:
-        rng: Source of randomness.
-        family: Cars or vans.
-        style: Name of one of its styles; None draws one that suits a size drawn as KITTI's are.
+    Without a `style` one is drawn that suits a size drawn as KITTI's are.
 
     Raises:
-        ValueError: If the family has no such style.
+        ValueError: The family has no such style.
     """
 
     def __init__(self, rng: np.random.Generator, family: Family, style: str | None = None) -> None:

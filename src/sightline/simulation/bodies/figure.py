@@ -110,12 +110,8 @@ def hanging_cloth(
 ) -> Skinned:
     """Build a jacket's lower part, a coat or a skirt, following the hips and, lower, both thighs.
 
-    Args:
-        hem: Height [m] of its lower edge.
-        depth: Half size along x [m] at the hips.
-        width: Half size along y [m] at the hips.
-        finish: Finish of the cloth.
-        is_open: Whether it is open in front.
+    It reaches down to the height `hem` [m]; `depth` and `width` are half sizes along x and y [m] at
+    the hips.
     """
     start = 1.08  # the waist
     heights = np.linspace(hem, start, max(3, round((start - hem) / 0.07)))

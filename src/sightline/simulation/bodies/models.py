@@ -99,15 +99,9 @@ def draw_kind(
 ) -> tuple[int, Size]:
     """Draw a size from the class, and a kind by its likelihood of that size.
 
-    The class thus keeps its statistics for any kinds (Bayes' rule; within a kind sizes are normal).
-    For a `wanted` kind, one of many sizes of the class is drawn by its likelihood.
-
-    Args:
-        rng: Source of randomness.
-        statistics: Statistics of the class.
-        kinds: Shares and sizes of the kinds.
-        spread: Standard deviations within a kind [m].
-        wanted: Index of the kind; None draws it.
+    The class thus keeps its statistics for any kinds (Bayes' rule; within a kind sizes are normal
+    with the standard deviations `spread` [m]). For a `wanted` kind (an index), one of many sizes of
+    the class is drawn by its likelihood.
     """
     sizes = statistics.draw(rng, 1 if wanted is None else 64)
     means = np.array([kind.mean_size for kind in kinds])

@@ -179,11 +179,8 @@ class Reach(NamedTuple):
 def reach(ahead: float, above: float, upper: float, lower: float) -> Reach:
     """Compute the angles that bring a limb's end to a point, or as near as its length allows.
 
-    Args:
-        ahead: Distance of the point ahead of the limb's root [m].
-        above: Height of the point above the limb's root [m].
-        upper: Length of the first bone [m].
-        lower: Length of the second [m].
+    The point is `ahead` of the limb's root and `above` it [m]; `upper` and `lower` are the lengths
+    of the bones [m].
     """
     distance = min(float(np.hypot(ahead, above)), 0.999 * (upper + lower))
     opening = (upper**2 + distance**2 - lower**2) / (2 * upper * distance)

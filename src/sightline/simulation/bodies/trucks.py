@@ -241,12 +241,8 @@ class MiscKind(NamedTuple):
 def make_misc(rng: np.random.Generator, kind: str | None = None) -> ActorModel:
     """Draw a vehicle of KITTI's class Misc, with its drawbar or handlebar ahead.
 
-    Args:
-        rng: Source of randomness.
-        kind: One of `MISC_KINDS`; None draws it.
-
     Raises:
-        ValueError: If there is no such kind.
+        ValueError: The kind is none of `MISC_KINDS`.
     """
     names = list(MISC_KINDS)
     if kind is not None and kind not in names:

@@ -59,11 +59,8 @@ def stretched(
 ) -> Mesh:
     """Change the mesh's lengths between places along x, its width and its height.
 
-    Args:
-        mesh: The mesh to stretch.
-        knots: Places along x [m], in order.
-        places: Their new positions [m]. Parts beyond the ends move with them.
-        scale_yz: Factors for y and z.
+    The ordered `knots` move to `places` [m], and parts beyond the ends with them; `scale_yz` are
+    factors.
     """
     knots = np.array([knots[0] - 1, *knots, knots[-1] + 1])
     places = np.array([places[0] - 1, *places, places[-1] + 1])
@@ -120,12 +117,8 @@ class QuadBatch:
     ) -> None:
         """Add rectangles with corners counter-clockwise when viewed from outside.
 
-        Args:
-            corners: The first edge runs along u, the last one along v. Two coincident corners make
-                a triangle.
-            finish: Finish of all rectangles.
-            colors: Color of each, instead of the finish's.
-            uvs: Texture coordinates [m]; by default they start at each rectangle's first corner.
+        The first edge runs along u, the last one along v; two coincident corners make a triangle.
+        `colors` replace the finish's; `uvs` [m] start at each rectangle's first corner by default.
         """
         if len(corners) == 0:
             return
@@ -219,15 +212,9 @@ def stamped(
     tints: AnyPoints | None = None,
     tinted: Sequence[Material] = (),
 ) -> Mesh:
-    """Copy a mesh: stretched, turned about z, then moved.
+    """Copy a mesh to `places`: stretched along its own axes, turned about z by `yaws` [rad], moved.
 
-    Args:
-        mesh: The mesh to copy.
-        places: Positions of its origin.
-        yaws: Heading of each copy [rad].
-        scales: Factors along the mesh's own axes; 1 if not given.
-        tints: Factors for the colours of faces of the `tinted` materials.
-        tinted: Materials with a tint.
+    `tints` are factors for the colours of faces of the `tinted` materials.
     """
     count = len(places)
     if count == 0:

@@ -38,13 +38,9 @@ def grid(
     """Build the surface through a grid of points, with two triangles per cell.
 
     Cell (i, j), between rows i and i + 1 and columns j and j + 1, makes faces 2k and 2k + 1 with
-    k = i * cells_per_row + j. Texture coordinates are the lengths along the row and the column.
-
-    Args:
-        points: Points of the surface.
-        finish: Finish of all faces; see `painted` for several.
-        closed: Whether the last column is joined to the first.
-        smooth: Whether the cells share their normals at the points.
+    k = i * cells_per_row + j. Texture coordinates are the lengths along the row and the column. The
+    last column of a `closed` grid is joined to the first; cells of a `smooth` one share their
+    normals at the points. `painted` gives cells several finishes.
     """
     points = np.asarray(points, dtype=np.float64)
     if closed:  # the seam is duplicated; otherwise the texture would run back within one cell

@@ -63,11 +63,7 @@ def set_out_hard_negatives(
 ) -> None:
     """Add hard negatives to a street with furniture; none overlaps a road user or a house.
 
-    Args:
-        rng: Source of all randomness.
-        layout: The street.
-        things: Objects placed so far; extended in place.
-        trunks: Places of the trees in rows, which get bushes around them.
+    The objects extend `things`; `trunks`, places of the trees in rows, get bushes around them.
     """
     planter = _Planter(rng, layout, things)
     for road in layout.roads:
@@ -199,11 +195,7 @@ def dress(
 ) -> list[Mesh]:
     """Place all furniture and rows of trees of a street, clear of road users and walls.
 
-    Args:
-        rng: Source of all randomness.
-        layout: The street.
-        taken: Occupied ground; extended in place.
-        hard_negatives: Whether to add objects easily mistaken for a person or a car.
+    `hard_negatives` adds objects easily mistaken for a person or a car; all extend `taken`.
     """
     dresser = _Dresser(rng, layout, taken)
     if layout.junction is not None:  # lights and priority signs take precedence

@@ -45,13 +45,10 @@ class Occupancy:
         width: float,
         margin: float = 0.0,
     ) -> bool:
-        """Test whether the ground of a rectangle is free at all its poses.
+        """Test whether the ground of a rectangle is free at all its poses (x, y, z, yaw, others).
 
-        Args:
-            poses: x, y, z and yaw at each moment; further columns are ignored.
-            length: Length along its heading [m].
-            width: Width across its heading [m].
-            margin: Distance to all others [m]; it is not kept free for the rectangle later.
+        Its length is along its heading; all others are `margin` [m] away, which is not kept free
+        later.
         """
         sizes = np.tile([length, width], (len(poses), 1))
         candidate = np.concatenate((poses[:, [0, 1, 3]], sizes), axis=1)

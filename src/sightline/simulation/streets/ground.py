@@ -322,12 +322,8 @@ def _corner(
 ) -> list[Mesh]:
     """Build the pavement of a corner as a fan from its inner point, with a round kerb.
 
-    Args:
-        layout: The street.
-        junction: Junction of the street.
-        inner: Station and offset of the point farthest from both carriageways.
-        towards: Signs of the directions from there to the crossing and to the main carriageway.
-        finishes: Finishes of the ground.
+    `inner` is the station and offset of the point farthest from both carriageways, `towards` are
+    the signs of the directions from there to the crossing and to the main carriageway.
     """
     # Without kerbs the ground is still a little above the asphalt below it.
     level = max(layout.main.left.level, 0.012)

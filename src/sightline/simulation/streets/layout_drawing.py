@@ -1,5 +1,6 @@
 """Random street layouts: straight, curved and crossing roads of several kinds."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -24,17 +25,13 @@ from sightline.simulation.streets.layout import (
     station_grid,
     straight_line,
 )
+from sightline.simulation.tables import read_table
 
 BEHIND_M: Final = 60.0
 AHEAD_M: Final = 130.0  # built length of the street behind and ahead of the ego
 _CROSS_REACH_M: Final = 90.0
-_KIND_SHARES: Final = {
-    StreetKind.RESIDENTIAL: 0.36,
-    StreetKind.CITY: 0.20,
-    StreetKind.AVENUE: 0.20,
-    StreetKind.COUNTRY: 0.17,
-    StreetKind.SQUARE: 0.07,
-}
+_TABLES: Final = read_table(__file__, "street_kinds")
+_KINDS: Final = _TABLES["kinds"]  # probabilities and lane widths by kind; shares sum to 1
 
 
 def draw_layout(
@@ -46,18 +43,15 @@ def draw_layout(
 ) -> Layout:
     """Draw a street of a kind, or of a kind drawn as often as in KITTI's drives.
 
-    Args:
-        rng: Source of all randomness.
-        kind: Kind of street.
-        extra_length_m: Length of the ego's drive, by which the street is extended.
-        hard: Whether there are parked cars and junctions wherever possible.
+    `extra_length_m` is the length of the ego's drive, by which the street is extended; `hard` gives
+    parked cars and junctions wherever possible.
     """
     if kind is None:
-        kinds = list(_KIND_SHARES)
-        kind = kinds[int(rng.choice(len(kinds), p=list(_KIND_SHARES.values())))]
+        shares = {name: row["share"] for name, row in _KINDS.items()}
+        kind = StreetKind[_draw_name(rng, shares)]
     road = _draw_section(rng, kind, hard=hard)
     last = AHEAD_M + extra_length_m
-    crossing = kind is not StreetKind.SQUARE and rng.random() < _junction_share(kind) * (
+    crossing = kind is not StreetKind.SQUARE and rng.random() < _KINDS[kind.name]["junctions"] * (
         1.4 if hard else 1.0
     )
     station = float(rng.uniform(14.0, 75.0)) if crossing else None
@@ -79,10 +73,8 @@ def draw_layout(
     )
 
 
-def _junction_share(kind: StreetKind) -> float:
-    return {StreetKind.RESIDENTIAL: 0.55, StreetKind.CITY: 0.6, StreetKind.AVENUE: 0.5}.get(
-        kind, 0.2
-    )
+def _draw_name(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
+    return list(shares)[int(rng.choice(len(shares), p=list(shares.values())))]
 
 
 def _draw_line(
@@ -121,45 +113,6 @@ def _draw_ego_lane(rng: np.random.Generator, road: Road) -> Lane:
     return lanes[min(int(rng.random() * 1.45), len(lanes) - 1)]
 
 
-_PLOT_SHARES: Final = {
-    StreetKind.RESIDENTIAL: {
-        Plots.HOUSES: 0.42,
-        Plots.TERRACES: 0.24,
-        Plots.APARTMENTS: 0.18,
-        Plots.PARK: 0.13,
-        Plots.CAR_PARK: 0.03,
-    },
-    StreetKind.CITY: {
-        Plots.BLOCKS: 0.82,
-        Plots.APARTMENTS: 0.1,
-        Plots.PARK: 0.05,
-        Plots.CAR_PARK: 0.03,
-    },
-    StreetKind.AVENUE: {
-        Plots.APARTMENTS: 0.2,
-        Plots.BLOCKS: 0.12,
-        Plots.HALLS: 0.23,
-        Plots.PARK: 0.21,
-        Plots.FIELD: 0.10,
-        Plots.CAR_PARK: 0.04,
-        Plots.HOUSES: 0.1,
-    },
-    StreetKind.COUNTRY: {Plots.FIELD: 0.4, Plots.FOREST: 0.55, Plots.HOUSES: 0.05},
-    StreetKind.SQUARE: {Plots.BLOCKS: 0.9, Plots.PARK: 0.1},
-}
-_SETBACKS: Final = {
-    Plots.HOUSES: (3.0, 7.5),
-    Plots.TERRACES: (1.5, 5.0),
-    Plots.APARTMENTS: (3.0, 9.0),
-    Plots.BLOCKS: (0.0, 0.4),
-    Plots.HALLS: (7.0, 20.0),
-    Plots.PARK: (3.0, 6.0),
-    Plots.FOREST: (1.5, 4.0),
-    Plots.FIELD: (10.0, 20.0),
-    Plots.CAR_PARK: (18.5, 19.5),
-}
-
-
 def _draw_section(
     rng: np.random.Generator, kind: StreetKind, *, is_plain: bool = False, hard: bool = False
 ) -> Road:
@@ -187,7 +140,7 @@ _FALLS: Final = (0.012, 0.03)  # mean slope of carriageways towards their edges
 
 def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -> tuple[Lane, ...]:
     """Draw lanes from right to left; the line runs between the directions."""
-    width = float(rng.uniform(*_LANE_WIDTHS[kind]))
+    width = float(rng.uniform(*_KINDS[kind.name]["lane_width_m"]))
     is_narrow = kind in (StreetKind.RESIDENTIAL, StreetKind.SQUARE) and rng.random() < 0.3
     if is_narrow and not is_plain:
         return (Lane(offset=0.0, width=width + 0.6, direction=1),)
@@ -213,20 +166,10 @@ def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -
     return tuple(lanes)
 
 
-_LANE_WIDTHS: Final = {
-    StreetKind.RESIDENTIAL: (2.6, 3.1),
-    StreetKind.CITY: (3.0, 3.4),
-    StreetKind.AVENUE: (3.1, 3.5),
-    StreetKind.COUNTRY: (2.9, 3.6),
-    StreetKind.SQUARE: (3.0, 4.0),
-}
-
-
 def _draw_side(
     rng: np.random.Generator, kind: StreetKind, sign: int, lane_edge: float, *, hard: bool
 ) -> Side:
-    shares = _PLOT_SHARES[kind]
-    plots = list(shares)[int(rng.choice(len(shares), p=list(shares.values())))]
+    plots = Plots[_draw_name(rng, _KINDS[kind.name]["plots"])]
     parking = _draw_parking(rng, kind, hard=hard)
     edge = lane_edge + PARKING_DEPTH_M[parking]
     bands = []
@@ -244,17 +187,13 @@ def _draw_side(
         parking=parking,
         bands=tuple(bands),
         plots=plots,
-        setback=float(rng.uniform(*_SETBACKS[plots])),
+        setback=float(rng.uniform(*_TABLES["setbacks_m"][plots.name])),
         has_tree_row=bool(rng.random() < (0.8 if has_verge else rows.get(kind, 0.35))),
     )
 
 
 def _draw_parking(rng: np.random.Generator, kind: StreetKind, *, hard: bool) -> Parking:
-    parallel, angled = {
-        StreetKind.RESIDENTIAL: (0.70, 0.10),
-        StreetKind.CITY: (0.5, 0.14),
-        StreetKind.AVENUE: (0.2, 0.10),
-    }.get(kind, (0.0, 0.0))
+    parallel, angled = _KINDS[kind.name]["parallel"], _KINDS[kind.name]["angled"]
     chance = float(rng.random()) * (0.7 if hard else 1.0)
     if chance < parallel:
         return Parking.PARALLEL

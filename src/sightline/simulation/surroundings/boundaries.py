@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import QuadBatch, box_corners

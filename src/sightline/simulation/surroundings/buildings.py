@@ -24,11 +24,10 @@ class BuildingForm:
     roof: str  # flat, gable (ridge along the front) or cross (ridge across)
     roof_pitch: float  # rise per metre
     roof_finish: Finish
-    has_shop: bool
-    has_balconies: bool
-    has_windows_on_sides: bool
-    has_chimney: bool
-    has_dormers: bool
+    has_shop: bool = False
+    has_balconies: bool = False
+    has_chimney: bool = False
+    has_dormers: bool = False
 
 
 _PLASTERS: Final[tuple[Color, ...]] = (
@@ -85,9 +84,7 @@ def draw_house(rng: np.random.Generator) -> BuildingForm:
         roof=str(rng.choice(["gable", "cross", "gable", "flat"], p=[0.4, 0.3, 0.2, 0.1])),
         roof_pitch=float(rng.uniform(0.55, 1.05)),
         roof_finish=Finish(Material.ROOF_TILE, _pick(rng, _ROOFS)),
-        has_shop=False,
         has_balconies=bool(rng.random() < 0.25),
-        has_windows_on_sides=True,
         has_chimney=bool(rng.random() < 0.8),
         has_dormers=bool(rng.random() < 0.3),
     )
@@ -103,9 +100,6 @@ def draw_terrace(rng: np.random.Generator) -> BuildingForm:
         roof="gable",
         roof_pitch=float(rng.uniform(0.6, 0.9)),
         roof_finish=Finish(Material.ROOF_TILE, _pick(rng, _ROOFS)),
-        has_shop=False,
-        has_balconies=False,
-        has_windows_on_sides=True,
         has_chimney=True,
         has_dormers=bool(rng.random() < 0.4),
     )
@@ -113,20 +107,17 @@ def draw_terrace(rng: np.random.Generator) -> BuildingForm:
 
 def draw_apartments(rng: np.random.Generator) -> BuildingForm:
     """Draw a free-standing block of flats."""
-    has_flat_roof = rng.random() < 0.6
+    roof = "flat" if rng.random() < 0.6 else "gable"
     return BuildingForm(
         look=draw_look(rng, 0.1),
         storeys=int(rng.integers(3, 6)),
         storey_height=2.8,
         plinth=float(rng.uniform(0.4, 1.1)),
-        roof="flat" if has_flat_roof else "gable",
+        roof=roof,
         roof_pitch=0.45,
         roof_finish=Finish(Material.ROOF_TILE, _pick(rng, _ROOFS)),
-        has_shop=False,
         has_balconies=bool(rng.random() < 0.65),
-        has_windows_on_sides=True,
         has_chimney=True,
-        has_dormers=False,
     )
 
 
@@ -142,7 +133,6 @@ def draw_town_house(rng: np.random.Generator) -> BuildingForm:
         roof_finish=Finish(Material.ROOF_TILE, _pick(rng, _ROOFS)),
         has_shop=bool(rng.random() < 0.45),
         has_balconies=bool(rng.random() < 0.15),
-        has_windows_on_sides=True,
         has_chimney=bool(rng.random() < 0.7),
         has_dormers=bool(rng.random() < 0.5),
     )
@@ -150,9 +140,8 @@ def draw_town_house(rng: np.random.Generator) -> BuildingForm:
 
 def draw_hall(rng: np.random.Generator) -> BuildingForm:
     """Draw an office, a supermarket or a workshop."""
-    look = draw_look(rng, 0.15)
     return BuildingForm(
-        look=look,
+        look=draw_look(rng, 0.15),
         storeys=int(rng.choice([1, 1, 2, 4])),
         storey_height=float(rng.uniform(3.4, 5.0)),
         plinth=0.1,
@@ -160,10 +149,6 @@ def draw_hall(rng: np.random.Generator) -> BuildingForm:
         roof_pitch=0.0,
         roof_finish=Finish(Material.GRAVEL, (0.25, 0.25, 0.24)),
         has_shop=bool(rng.random() < 0.6),
-        has_balconies=False,
-        has_windows_on_sides=True,
-        has_chimney=False,
-        has_dormers=False,
     )
 
 
@@ -220,7 +205,7 @@ def _fronts(site: BuildingSite, form: BuildingForm) -> list[Front]:
     fronts = []
     for row, start in enumerate(starts):
         is_shown = row in (1, 3) and site.is_free[0 if row == 1 else 1]
-        sides_open = form.has_windows_on_sides and is_shown and not site.is_far
+        sides_open = is_shown and not site.is_far
         facade = Facade.STREET if row == 0 else Facade.SIDE if sides_open else Facade.BLIND
         fronts.append(
             Front(

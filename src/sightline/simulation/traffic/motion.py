@@ -25,6 +25,7 @@ class Track(Protocol):
 
     def at(self, time_s: float) -> Pose:
         """Compute the pose at a time [s]."""
+        return _pose(self.poses(np.array([time_s])))
 
     def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
@@ -55,7 +56,7 @@ STANDING = Travel(speed_mps=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class AlongRoad:
+class AlongRoad(Track):
     """Motion along a road at a constant distance from its centre line."""
 
     terrain: Terrain
@@ -68,10 +69,6 @@ class AlongRoad:
     """Heading relative to the direction of travel [rad], for example of a car parked askew."""
     wheels_lw: tuple[float, float] = (0.0, 0.0)
     """Wheelbase and track width [m], which define the tilt with the ground."""
-
-    def at(self, time_s: float) -> Pose:
-        """Compute the pose at a time [s]."""
-        return _pose(self.poses(np.array([time_s])))
 
     def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
@@ -93,7 +90,7 @@ class AlongRoad:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class AcrossRoad:
+class AcrossRoad(Track):
     """Walk straight across a road and beyond it, over the kerbs."""
 
     terrain: Terrain
@@ -102,10 +99,6 @@ class AcrossRoad:
     offset: float  # offset at time 0
     direction: int  # 1 to the left of the road, -1 to its right
     travel: Travel
-
-    def at(self, time_s: float) -> Pose:
-        """Compute the pose at a time [s]."""
-        return _pose(self.poses(np.array([time_s])))
 
     def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Compute world x, y, z [m], yaw, pitch and roll [rad] at each time."""
@@ -118,14 +111,10 @@ class AcrossRoad:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Still:
+class Still(Track):
     """Constant pose."""
 
     pose: Pose
-
-    def at(self, time_s: float) -> Pose:  # noqa: ARG002 - a `Motion`
-        """Return the pose, which is the same at all times."""
-        return self.pose
 
     def poses(self, times_s: AnyValues) -> Float64[np.ndarray, "count 6"]:
         """Return world x, y, z [m], yaw, pitch and roll [rad] at each time."""
