@@ -1,15 +1,13 @@
 """Street maker: ground, buildings, plants, objects, traffic, and the light of its weather."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from sightline.simulation.scene import Actor, Light, Mesh, Motion, Street
+from sightline.simulation.scene import Light, Mesh, Street
 from sightline.simulation.shapes.primitives import Color
 from sightline.simulation.streets.dressing import dress
-from sightline.simulation.streets.free_ground import Occupancy
 from sightline.simulation.streets.ground import make_ground
 from sightline.simulation.streets.layout import Layout, StreetKind
 from sightline.simulation.streets.layout_drawing import draw_layout
@@ -18,38 +16,8 @@ from sightline.simulation.streets.markings import make_markings
 from sightline.simulation.surroundings.plots import make_horizon, make_plots
 from sightline.simulation.traffic.crowd import FASTEST_EGO_MPS, Crowd, Fleet, ModelSource
 from sightline.simulation.traffic.driving import drive_lanes, fill_bays, park, turn
-from sightline.simulation.traffic.motion import Travel, draw_rocking
+from sightline.simulation.traffic.motion import draw_rocking
 from sightline.simulation.traffic.walking import cycle, sit, walk
-
-
-class ClassCount(NamedTuple):
-    """Label statistics of a class in KITTI."""
-
-    per_frame: float
-    share_of_frames: float  # share of frames with at least one label
-    mean_distance_m: float
-
-
-KITTI_COUNTS: Final = {
-    "Car": ClassCount(3.842, 0.893, 29.3),
-    "Van": ClassCount(0.390, 0.287, 36.2),
-    "Truck": ClassCount(0.146, 0.138, 48.4),
-    "Pedestrian": ClassCount(0.600, 0.238, 18.4),
-    "Person_sitting": ClassCount(0.030, 0.013, 11.4),
-    "Cyclist": ClassCount(0.217, 0.153, 25.9),
-    "Tram": ClassCount(0.068, 0.047, 49.6),
-}
-"""Statistics of the 7,481 training label files."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Traffic:
-    """All road users of a street and the ego's motion."""
-
-    actors: tuple[Actor, ...]
-    ego: Motion
-    ego_travel: Travel
-    taken: Occupancy  # ground of all road users and buildings
 
 
 def place_traffic(
@@ -61,7 +29,7 @@ def place_traffic(
     duration_s: float,
     *,
     hard: bool = False,
-) -> Traffic:
+) -> Crowd:
     """Fill a street for a drive of `duration_s`; no road user overlaps another or a wall.
 
     A `hard` street is fuller, and its cars extend into the distance.
@@ -77,9 +45,7 @@ def place_traffic(
     cycle(crowd)
     walk(crowd)
     sit(crowd)
-    return Traffic(
-        actors=tuple(crowd.actors), ego=crowd.ego, ego_travel=crowd.ego_travel, taken=crowd.taken
-    )
+    return crowd
 
 
 _CLEAR: Final = 0.52
@@ -193,7 +159,7 @@ def make_street(
     parts += dress(rng, layout, traffic.taken, hard_negatives=hard_negatives)
     return Street(
         ground_and_buildings=Mesh.joined(parts),
-        actors=traffic.actors,
+        actors=tuple(traffic.actors),
         ego=draw_rocking(rng, traffic.ego),
         light=draw_light(rng),
     )

@@ -16,12 +16,7 @@ _CORNER_STEPS = 3
 _ROOF_ROWS = np.array([0.96, 0.80, 0.0])
 
 
-class Face(Enum):
-    """Outer face of a box that a panel lies in."""
-
-    FRONT = 0
-    SIDES = 1
-    REAR = 2
+Face = Enum("Face", "FRONT SIDES REAR", start=0)  # outer face of a box that a panel lies in
 
 
 class Panel(NamedTuple):

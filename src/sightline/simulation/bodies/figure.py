@@ -39,31 +39,9 @@ HEAD_RINGS = np.array([  # height, half depth, half width, offset ahead [m], fro
 ])  # fmt: skip
 
 
-class Hair(Enum):
-    """Hair or headwear."""
-
-    SHORT = 0
-    LONG = 1
-    BALD = 2
-    CAP = 3
-    HELMET = 4
-
-
-class Legwear(Enum):
-    """Legwear."""
-
-    TROUSERS = 0
-    SHORTS = 1
-    SKIRT = 2
-
-
-class Luggage(Enum):
-    """Carried luggage."""
-
-    NOTHING = 0
-    BACKPACK = 1
-    HANDBAG = 2
-    SHOULDER_BAG = 3
+Hair = Enum("Hair", "SHORT LONG BALD CAP HELMET", start=0)  # hair or headwear
+Legwear = Enum("Legwear", "TROUSERS SHORTS SKIRT", start=0)  # legwear
+Luggage = Enum("Luggage", "NOTHING BACKPACK HANDBAG SHOULDER_BAG", start=0)  # carried luggage
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

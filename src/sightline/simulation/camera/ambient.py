@@ -274,24 +274,12 @@ def _alike(
     return max(0.0, 1.0 - height * height) * turned * turned
 
 
+@compiled
 def ambient_of(
-    world: LitWorld, grid: AmbientGrid, found: SurfaceHits, columns: RayValues, rows: RayValues
+    light: Daylight, grid: AmbientGrid, found: SurfaceHits, columns: RayValues, rows: RayValues
 ) -> RayVectors:
     """Interpolate the light at every surface from the grid points near its pixel (column, row)."""
-    ambient = np.zeros((len(columns), 3), np.float32)
-    _spread_to_pixels(world.light, grid, found, columns, rows, ambient)
-    return ambient
-
-
-@compiled
-def _spread_to_pixels(
-    light: Daylight,
-    grid: AmbientGrid,
-    found: SurfaceHits,
-    columns: RayValues,
-    rows: RayValues,
-    ambient: RayVectors,
-) -> None:
+    ambient = np.zeros((columns.shape[0], 3), np.float32)
     for ray in range(ambient.shape[0]):
         if found.materials[ray] == NOTHING:
             continue
@@ -304,6 +292,7 @@ def _spread_to_pixels(
             guess = guessed_ambient(light, row_of(found.normals, ray))
             total, sums = 1.0, scaled(guess, 0.6)
         store_row(ambient, ray, scaled(sums, 1.0 / total))
+    return ambient
 
 
 @compiled

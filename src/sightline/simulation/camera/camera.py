@@ -64,20 +64,9 @@ class SensorConfig:
             raise ValueError(f"gamma must be positive, got {self.gamma}")
         if self.metering_limit < 1:
             raise ValueError(f"metering_limit must be at least 1, got {self.metering_limit}")
-        if (
-            min(
-                self.vignette,
-                self.lens_blur_px,
-                self.resampling_blur_px,
-                self.photon_noise,
-                self.read_noise,
-            )
-            < 0
-        ):
-            raise ValueError(
-                "vignette, lens_blur_px, resampling_blur_px, photon_noise and read_noise must not "
-                f"be negative, got {self}"
-            )
+        names = ("vignette", "lens_blur_px", "resampling_blur_px", "photon_noise", "read_noise")
+        if min(getattr(self, name) for name in names) < 0:
+            raise ValueError(f"{', '.join(names)} must not be negative, got {self}")
 
 
 def sensor_image(

@@ -177,8 +177,10 @@ def pixel_radiance(
     grid = gathered_ambient(
         world, found, samples.image_size, stride=ambient_stride, rays_per_point=ambient_rays
     )
-    ambient = ambient_of(world, grid, found, samples.columns, samples.rows)
-    radiance = shaded(world, found, samples.hits.faces, sun_visible, ambient)
+    ambient = ambient_of(world.light, grid, found, samples.columns, samples.rows)
+    radiance = shaded(
+        world.mesh, world.materials, world.light, found, samples.hits.faces, sun_visible, ambient
+    )
     add_mirror_images(world, found, samples.image_size, pixel_angle, radiance)
     add_haze(world.light, found, radiance)
     np.minimum(radiance, np.float32(brightest), out=radiance)

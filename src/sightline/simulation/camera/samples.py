@@ -28,32 +28,19 @@ _SAME_PLANE: Final = 0.004
 """Maximum distance of a point from a plane that contains it, as a share of the depth."""
 
 
-def edge_pixels(
-    mesh: MeshTables,
-    owners: Int32[np.ndarray, " num_faces"],
-    hits: Hits,
-    image_size: tuple[int, int],
-) -> Int32[np.ndarray, " num_edges"]:
-    """Find the flat indices of pixels at edges, where a neighbour may show something else.
-
-    `hits` has one row per pixel; its distances are depths along the optical axis.
-    """
-    is_edge = np.zeros(image_size, bool)
-    _mark_edges(
-        mesh, owners, hits.faces.reshape(image_size), hits.distances.reshape(image_size), is_edge
-    )
-    return np.flatnonzero(is_edge).astype(np.int32)
-
-
 @compiled
-def _mark_edges(
+def edge_pixels(
     mesh: MeshTables,
     owners: Int32[np.ndarray, " num_faces"],
     faces: Int32[np.ndarray, "height width"],
     depths: Float32[np.ndarray, "height width"],
-    is_edge: Bool[np.ndarray, "height width"],
-) -> None:
+) -> Bool[np.ndarray, "height width"]:
+    """Mark pixels at edges, where a neighbour may show something else.
+
+    `depths` are those of the hits along the optical axis.
+    """
     height, width = faces.shape
+    is_edge = np.zeros((height, width), np.bool_)
     for row in range(height):
         for column in range(width):
             face, depth = faces[row, column], depths[row, column]
@@ -72,6 +59,7 @@ def _mark_edges(
                 if differs:
                     is_edge[row, column] = True
                     is_edge[next_row, next_column] = True
+    return is_edge
 
 
 @compiled
@@ -97,34 +85,20 @@ def _differ(
     return step > _COLOR_STEP
 
 
-def lenders(
-    mesh: MeshTables,
-    owners: Int32[np.ndarray, " num_faces"],
-    hits: Hits,
-    image_size: tuple[int, int],
-    more_rays: Rays,
-    more_hits: Hits,
-    pixels: Int32[np.ndarray, " num_more"],
-) -> Int32[np.ndarray, " num_more"]:
-    """Find a pixel on the same surface for each additional ray; -1 if there is none.
-
-    `pixels` holds the flat index of the pixel of each additional ray.
-    """
-    found = np.empty(len(pixels), np.int32)
-    _find_lenders(mesh, owners, hits.faces.reshape(image_size), more_rays, more_hits, pixels, found)
-    return found
-
-
 @compiled
-def _find_lenders(
+def lenders(
     mesh: MeshTables,
     owners: Int32[np.ndarray, " num_faces"],
     faces: Int32[np.ndarray, "height width"],
     more_rays: Rays,
     more_hits: Hits,
     pixels: Int32[np.ndarray, " num_more"],
-    found: Int32[np.ndarray, " num_more"],
-) -> None:
+) -> Int32[np.ndarray, " num_more"]:
+    """Find a pixel on the same surface for each additional ray; -1 if there is none.
+
+    `faces` are those of the pixels; `pixels` holds the flat index of each additional ray's pixel.
+    """
+    found = np.empty(pixels.shape[0], np.int32)
     height, width = faces.shape
     for ray in range(pixels.shape[0]):
         face = more_hits.faces[ray]
@@ -146,6 +120,7 @@ def _find_lenders(
             ):
                 found[ray] = row * width + column
                 break
+    return found
 
 
 @compiled
@@ -192,9 +167,7 @@ class View(NamedTuple):
 
     def rays(self, columns: RayValues, rows: RayValues) -> Rays:
         """Build rays through image positions [px]."""
-        rays = Rays(np.empty((len(columns), 3), np.float32), np.empty((len(rows), 3), np.float32))
-        _aim(self, columns, rows, rays)
-        return rays
+        return _aimed(self, columns, rows)
 
 
 class Samples(NamedTuple):
@@ -214,12 +187,15 @@ class Samples(NamedTuple):
 
 
 @compiled
-def _aim(view: View, columns: RayValues, rows: RayValues, rays: Rays) -> None:
-    for ray in range(columns.shape[0]):
+def _aimed(view: View, columns: RayValues, rows: RayValues) -> Rays:
+    count = columns.shape[0]
+    rays = Rays(np.empty((count, 3), np.float32), np.empty((count, 3), np.float32))
+    for ray in range(count):
         for axis in range(3):
             rays.origins[ray, axis] = view.center[axis]
             across, along = columns[ray] * view.right[axis], rows[ray] * view.down[axis]
             rays.directions[ray, axis] = view.corner[axis] + across + along
+    return rays
 
 
 def camera_view(calibration: CalibrationMatrices, ego: Pose, lidar_height_m: float) -> View:
@@ -261,13 +237,16 @@ def with_edge_samples(
     world: LitWorld, view: View, samples: Samples, owners: Int32[np.ndarray, " num_faces"]
 ) -> Samples:
     """Add samples at edges between neighbouring pixels."""
-    edges = edge_pixels(world.mesh, owners, samples.hits, samples.image_size)
+    faces = samples.hits.faces.reshape(samples.image_size)
+    depths = samples.hits.distances.reshape(samples.image_size)
+    is_edge = edge_pixels(world.mesh, owners, faces, depths)
+    edges = np.flatnonzero(is_edge).astype(np.int32)
     pixels = np.tile(edges, len(EDGE_OFFSETS))
     shifts = np.repeat(np.array(EDGE_OFFSETS, np.float32), len(edges), axis=0)
     columns, rows = samples.columns[pixels] + shifts[:, 0], samples.rows[pixels] + shifts[:, 1]
     rays = view.rays(columns, rows)
     hits = cast_through_foliage(world.raycaster, world.mesh, rays)
-    shown = lenders(world.mesh, owners, samples.hits, samples.image_size, rays, hits, pixels)
+    shown = lenders(world.mesh, owners, faces, rays, hits, pixels)
     own = np.flatnonzero(shown < 0)
     shown[own] = len(samples.columns) + np.arange(len(own))
     return Samples(

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
 
 from sightline.ops.compiled import compiled
 from sightline.simulation.arrays import RayRows, RayValues, RayVectors
@@ -275,20 +274,8 @@ def perpendicular(axis: Vector) -> tuple[Vector, Vector]:
     )
 
 
-def shaded(
-    world: LitWorld, found: SurfaceHits, faces: RayRows, sun_visible: RayValues, ambient: RayVectors
-) -> RayVectors:
-    """Compute the radiance returned along each ray, without mirror images and haze.
-
-    `ambient` is the cosine-weighted mean of the incoming radiance.
-    """
-    radiance = np.empty((len(faces), 3), np.float32)
-    _shade(world.mesh, world.materials, world.light, found, faces, sun_visible, ambient, radiance)
-    return radiance
-
-
 @compiled
-def _shade(
+def shaded(
     mesh: MeshTables,
     materials: MaterialTables,
     light: Daylight,
@@ -296,8 +283,12 @@ def _shade(
     faces: RayRows,
     sun_visible: RayValues,
     ambient: RayVectors,
-    radiance: RayVectors,
-) -> None:
+) -> RayVectors:
+    """Compute the radiance returned along each ray, without mirror images and haze.
+
+    `ambient` is the cosine-weighted mean of the incoming radiance.
+    """
+    radiance = np.empty((faces.shape[0], 3), np.float32)
     for row in range(faces.shape[0]):
         material = found.materials[row]
         view = row_of(found.directions, row)
@@ -320,6 +311,7 @@ def _shade(
                 + shine * light.sun_color[channel]
                 + lamp[channel]
             )
+    return radiance
 
 
 @compiled
@@ -393,13 +385,13 @@ def guessed_ambient(light: Daylight, normal: Vector) -> Vector:
 
 
 @compiled
-def _guess(
-    light: Daylight, found: SurfaceHits, share: float, ambient: Float32[np.ndarray, "n 3"]
-) -> None:
+def _guessed(light: Daylight, found: SurfaceHits, share: float) -> RayVectors:
+    ambient = np.zeros((found.materials.shape[0], 3), np.float32)
     for row in range(ambient.shape[0]):
         if found.materials[row] != NOTHING:
             guess = guessed_ambient(light, row_of(found.normals, row))
             store_row(ambient, row, scaled(guess, share))
+    return ambient
 
 
 def shaded_directly(
@@ -408,9 +400,8 @@ def shaded_directly(
     """Compute radiance and surfaces along rays: sun and estimated ambient light, no mirrors."""
     hits = world.raycaster.cast(rays.origins, rays.directions)
     found = surfaces_met(world.mesh, rays, hits, pixel_angle)
-    count = len(hits.faces)
-    rows = np.arange(count, dtype=np.int32)
+    rows = np.arange(len(hits.faces), dtype=np.int32)
     sun_visible = sun_visibility(world, found, rows, rows % np.int32(SUN_STRATA))
-    ambient = np.zeros((count, 3), np.float32)
-    _guess(world.light, found, ambient_share, ambient)
-    return shaded(world, found, hits.faces, sun_visible, ambient), found
+    ambient = _guessed(world.light, found, ambient_share)
+    lit = world.mesh, world.materials, world.light
+    return shaded(*lit, found, hits.faces, sun_visible, ambient), found

@@ -63,24 +63,20 @@ def grid(
 
 
 def loft(
-    rings: Float[np.ndarray, "num_rings num_sides 3"],
-    finish: Finish,
-    *,
-    capped: bool = True,
-    smooth: bool = True,
+    rings: Float[np.ndarray, "num_rings num_sides 3"], finish: Finish, *, capped: bool = True
 ) -> Mesh:
     """Build the skin over closed rings, which run counter-clockwise viewed from the last ring.
 
     Caps are flat fans about the middles of the end rings.
     """
     if not capped:
-        return grid(rings, finish, closed=True, smooth=smooth)
+        return grid(rings, finish, closed=True)
     rings = np.asarray(rings, dtype=np.float64)
     num_sides = rings.shape[1]
     middles = np.repeat(rings[[0, -1]].mean(axis=1, keepdims=True), num_sides, axis=1)
     # The end rings are duplicated, so that caps and sides do not share normals.
     rows = np.concatenate((middles[:1], rings[:1], rings, rings[-1:], middles[1:]))
-    skin = grid(rows, finish, closed=True, smooth=smooth)
+    skin = grid(rows, finish, closed=True)
     solid = np.ones((len(rings) + 3, num_sides, 2), dtype=bool)
     solid[[1, -2]] = False
     solid[0, :, 0] = False

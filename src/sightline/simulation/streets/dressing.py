@@ -41,12 +41,8 @@ _NUM_KINDS: Final = 3.0  # mean number of kinds of objects at a kerb, and the sa
 _FIRST_M, _LAST_M = -5.0, 65.0
 """Range of stations of objects along the main road; half as far on either arm of another road."""
 _WORKS_SHARE: Final = 0.4  # share of streets with road works
-_NUM_SLENDER, _NUM_BROAD = 4.0, 3.0
-"""Mean numbers of slender and broad bushes on each side of a road."""
-_SLENDER_HEIGHTS_M: Final = (0.9, 2.1)
-_SLENDER_SPREADS: Final = (0.28, 0.6)
-_BROAD_HEIGHTS_M: Final = (1.0, 2.0)
-_BROAD_SPREADS: Final = (0.9, 1.8)
+_SHRUBS: Final = ((4.0, (0.9, 2.1), (0.28, 0.6)), (3.0, (1.0, 2.0), (0.9, 1.8)))
+"""Mean number on each side of a road, heights [m] and spreads of slender and broad bushes."""
 _FOOT_HEIGHTS_M: Final = (0.4, 0.9)
 _FOOT_SPREADS: Final = (0.5, 0.85)
 """Spreads of bushes around trunks, small enough for the ground kept free around them."""
@@ -127,11 +123,7 @@ class _Planter:
 
     def shrubs(self, road: Road, side: Side) -> None:
         """Place bushes as slender as people and as large as cars, beyond the last band."""
-        kinds = (
-            (_NUM_SLENDER, _SLENDER_HEIGHTS_M, _SLENDER_SPREADS),
-            (_NUM_BROAD, _BROAD_HEIGHTS_M, _BROAD_SPREADS),
-        )
-        for mean, heights, spreads in kinds:
+        for mean, heights, spreads in _SHRUBS:
             stations = self._stations(road, int(self._rng.poisson(mean)))
             for station in self._things.free_stations(road, side, stations, 1.0):
                 height, spread = self._rng.uniform(*heights), self._rng.uniform(*spreads)

@@ -121,23 +121,9 @@ def draw_terrain(rng: np.random.Generator, *, hard: bool = False) -> Terrain:
 KERB_HEIGHT_M: Final = 0.12
 
 
-class StreetKind(Enum):
-    """Kind of street."""
-
-    RESIDENTIAL = "residential"
-    CITY = "city"
-    AVENUE = "avenue"
-    COUNTRY = "country"
-    SQUARE = "square"
-
-
-class Parking(Enum):
-    """Arrangement of cars along the kerb."""
-
-    NONE = "none"
-    PARALLEL = "parallel"
-    ANGLED = "angled"
-    PERPENDICULAR = "perpendicular"
+StreetKind = Enum("StreetKind", "RESIDENTIAL CITY AVENUE COUNTRY SQUARE")  # kind of street
+Parking = Enum("Parking", "NONE PARALLEL ANGLED PERPENDICULAR")
+"""Arrangement of cars along the kerb."""
 
 
 PARKING_DEPTH_M: Final = {
@@ -148,27 +134,12 @@ PARKING_DEPTH_M: Final = {
 }
 
 
-class Ground(Enum):
-    """Kind of a band beside the carriageway."""
-
-    VERGE = "verge"
-    CYCLE_PATH = "cycle path"
-    PAVEMENT = "pavement"
-    SHOULDER = "shoulder"
+Ground = Enum("Ground", "VERGE CYCLE_PATH PAVEMENT SHOULDER")
+"""Kind of a band beside the carriageway."""
 
 
-class Plots(Enum):
-    """Kind of plots beyond the pavement."""
-
-    HOUSES = "houses"
-    TERRACES = "terraces"
-    APARTMENTS = "apartments"
-    BLOCKS = "blocks"
-    HALLS = "halls"
-    PARK = "park"
-    FOREST = "forest"
-    FIELD = "field"
-    CAR_PARK = "car park"
+Plots = Enum("Plots", "HOUSES TERRACES APARTMENTS BLOCKS HALLS PARK FOREST FIELD CAR_PARK")
+"""Kind of plots beyond the pavement."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,13 +16,7 @@ _CROSS_CLEARANCE_M: Final = 26.0
 """Distance of the crossing road's plots from the junction, beyond the main road's plots."""
 
 
-class Boundary(Enum):
-    """Boundary between a plot and the pavement."""
-
-    OPEN = "open"
-    HEDGE = "hedge"
-    FENCE = "fence"
-    WALL = "wall"
+Boundary = Enum("Boundary", "OPEN HEDGE FENCE WALL")  # boundary between a plot and the pavement
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

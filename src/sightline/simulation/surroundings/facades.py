@@ -12,13 +12,7 @@ from sightline.simulation.scene import Material
 from sightline.simulation.shapes.edits import QuadBatch
 from sightline.simulation.shapes.primitives import Finish
 
-
-class Facade(Enum):
-    """Kind of a building's wall."""
-
-    STREET = "street"
-    SIDE = "side"
-    BLIND = "blind"
+Facade = Enum("Facade", "STREET SIDE BLIND")  # kind of a building's wall
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -76,8 +76,8 @@ def item_footprint(item: Item) -> tuple[float, float]:
     return float(reach[0]), float(reach[1])
 
 
-def _post(height: float, radius: float = 0.03, finish: Finish = _STEEL) -> Mesh:
-    return tube([(0, 0, -0.3), (0, 0, height)], radius, finish, num_sides=7)
+def _post(height: float, radius: float = 0.03) -> Mesh:
+    return tube([(0, 0, -0.3), (0, 0, height)], radius, _STEEL, num_sides=7)
 
 
 def _face(

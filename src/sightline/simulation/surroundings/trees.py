@@ -14,27 +14,8 @@ from sightline.simulation.shapes.edits import stamped
 from sightline.simulation.shapes.primitives import Color, Finish, boxes, kept, repainted, tube
 from sightline.simulation.tables import read_table
 
-
-class Species(Enum):
-    """Kinds of plants."""
-
-    LIME = "lime"
-    PLANE = "plane"
-    POPLAR = "poplar"
-    BIRCH = "birch"
-    SPRUCE = "spruce"
-    PINE = "pine"
-    CHERRY = "cherry"
-    BUSH = "bush"
-
-
-class Detail(Enum):
-    """Level of detail of a plant, by its distance."""
-
-    CLOSE = "close"
-    NEAR = "near"
-    MIDDLE = "middle"
-    FAR = "far"
+Species = Enum("Species", "LIME PLANE POPLAR BIRCH SPRUCE PINE CHERRY BUSH")  # kinds of plants
+Detail = Enum("Detail", "CLOSE NEAR MIDDLE FAR")  # level of detail of a plant, by its distance
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,7 +40,7 @@ _HABITS: Final = {
 
 _CARDS: Final = {Detail.CLOSE: 3600, Detail.NEAR: 1000, Detail.MIDDLE: 340, Detail.FAR: 110}
 _DETAIL_LIMITS_M: Final = (14.0, 28.0, 58.0)
-_BEHIND_FACTOR: Final = 3.0  # distance factor for plants behind the eye, visible only to the LiDAR
+_BEHIND_FACTOR: Final = 3.0  # distance factor for plants behind the ego, visible only to the LiDAR
 _BUSH_SHARE: Final = 0.35
 _VARIANTS: Final = 3
 
@@ -93,18 +74,16 @@ def tree_model(species: Species, detail: Detail, variant: int) -> Mesh:
     return Mesh.joined((wood, foliage))
 
 
-def set_out(
-    rng: np.random.Generator, species: Species, plants: Plants, eye: tuple[float, float] = (0, 0)
-) -> list[Mesh]:
+def set_out(rng: np.random.Generator, species: Species, plants: Plants) -> list[Mesh]:
     """Copy a species' models, each with its own heading, stretch and colour.
 
-    The model is finer the nearer the plant is to the `eye` (world x, y).
+    The model is finer the nearer the plant is to the world's origin, where the ego starts.
     """
     count = len(plants.places)
     if count == 0:
         return []
-    distance = np.hypot(plants.places[:, 0] - eye[0], plants.places[:, 1] - eye[1])
-    is_behind = plants.places[:, 0] < eye[0] - 8.0
+    distance = np.hypot(plants.places[:, 0], plants.places[:, 1])
+    is_behind = plants.places[:, 0] < -8.0
     distance *= plants.coarseness * np.where(is_behind, _BEHIND_FACTOR, 1.0)
     detail = np.digitize(distance, _DETAIL_LIMITS_M)
     variant = rng.integers(0, _VARIANTS, count)

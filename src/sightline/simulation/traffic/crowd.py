@@ -14,7 +14,7 @@ from sightline.simulation.bodies.trams import make_tram
 from sightline.simulation.bodies.trucks import make_misc, make_truck
 from sightline.simulation.scene import Actor, Pose
 from sightline.simulation.streets.free_ground import Occupancy
-from sightline.simulation.streets.layout import Layout, StreetKind
+from sightline.simulation.streets.layout import Layout, Road, StreetKind
 from sightline.simulation.streets.lots import Lot, footprint_corners, footprint_of
 from sightline.simulation.tables import read_table
 from sightline.simulation.traffic.motion import STANDING, AlongRoad, Still, Track, Travel, on_wheels
@@ -159,6 +159,26 @@ class Crowd:
             x, y = footprint_corners(footprint).mean(axis=0).tolist()
             still = Still(pose=Pose(x=x, y=y, z=0.0, yaw=footprint.yaw))
             self.taken.take(still.poses(self.times), footprint.width, footprint.depth)
+
+    def along(
+        self,
+        road: Road,
+        station: float,
+        offset: float,
+        direction: int,
+        travel: Travel,
+        turn: float = 0.0,
+    ) -> AlongRoad:
+        """Build a motion along a road of this street; see the fields of `AlongRoad`."""
+        return AlongRoad(
+            terrain=self.layout.terrain,
+            road=road,
+            station=station,
+            offset=offset,
+            direction=direction,
+            travel=travel,
+            turn=turn,
+        )
 
     def draw_travel(self, standing_share: float) -> Travel:
         """Draw a usual speed for this kind of street, or 0 with some probability."""

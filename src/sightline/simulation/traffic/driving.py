@@ -35,7 +35,7 @@ from sightline.simulation.traffic.crowd import (
     Crowd,
     stopping_distance_m,
 )
-from sightline.simulation.traffic.motion import STANDING, AlongRoad, Still, Travel
+from sightline.simulation.traffic.motion import STANDING, Still, Travel
 
 _TURNING_SHARE = 0.18
 _REACH_M = 40.0
@@ -62,14 +62,10 @@ def turn(crowd: Crowd) -> None:
         radius = junction.radius + 1.7 if not is_left else float(rng.uniform(8.0, 12.0))
         line = turning_line(layout, main_lane, cross_lane, radius, is_from_main=is_from_main)
         speed = float(rng.uniform(2.5, 6.0))
-        track = AlongRoad(
-            terrain=layout.terrain,
-            road=replace(layout.main, line=line, lanes=(), crown_m=0.0),
-            station=float(rng.uniform(-8.0, 8.0)),
-            offset=0.0,
-            direction=1,
-            travel=STANDING if rng.random() < 0.2 else Travel(speed_mps=speed),
-        )
+        road = replace(layout.main, line=line, lanes=(), crown_m=0.0)
+        station = float(rng.uniform(-8.0, 8.0))
+        travel = STANDING if rng.random() < 0.2 else Travel(speed_mps=speed)
+        track = crowd.along(road, station, 0.0, 1, travel)
         crowd.add(crowd.draw_vehicle(crowd.customs.heavy_share, 0.07), track, 0.3)
 
 
@@ -163,14 +159,8 @@ def _fill_lane(
         model = crowd.draw_vehicle(crowd.customs.heavy_share, crowd.customs.van_share)
         length = model.size_lwh[0]
         station = position - lane.direction * length / 2
-        track = AlongRoad(
-            terrain=crowd.layout.terrain,
-            road=road,
-            station=station,
-            offset=lane.offset + float(rng.normal(0, 0.12)),
-            direction=lane.direction,
-            travel=travel,
-        )
+        offset = lane.offset + float(rng.normal(0, 0.12))
+        track = crowd.along(road, station, offset, lane.direction, travel)
         if (
             first < station - length / 2
             and station + length / 2 < last
@@ -194,14 +184,8 @@ def _drive_tram(crowd: Crowd, road: Road, lane: Lane, first: float, last: float)
     if crowd.rng.random() > 0.46:
         return
     model = crowd.models.draw(crowd.rng, "Tram", 0.0)
-    track = AlongRoad(
-        terrain=crowd.layout.terrain,
-        road=road,
-        station=float(crowd.rng.uniform(max(first, 5.0), min(last, 105.0))),
-        offset=lane.offset,
-        direction=lane.direction,
-        travel=crowd.draw_travel(0.3),
-    )
+    station = float(crowd.rng.uniform(max(first, 5.0), min(last, 105.0)))
+    track = crowd.along(road, station, lane.offset, lane.direction, crowd.draw_travel(0.3))
     crowd.add(model, track, 0.3)
 
 
@@ -235,15 +219,9 @@ def _park_parallel(
             continue
         model = crowd.draw_vehicle(0.006, _PARKED_VANS, _PARKED_MISC)
         direction = usual if rng.random() < (0.96 if side.sign < 0 else 0.8) else -usual
-        track = AlongRoad(
-            terrain=crowd.layout.terrain,
-            road=road,
-            station=position + model.size_lwh[0] / 2,
-            offset=side.sign * (middle + float(rng.normal(0, 0.08))),
-            direction=direction,
-            travel=STANDING,
-            turn=_askew(rng),
-        )
+        offset = side.sign * (middle + float(rng.normal(0, 0.08)))
+        station = position + model.size_lwh[0] / 2
+        track = crowd.along(road, station, offset, direction, STANDING, _askew(rng))
         if position + model.size_lwh[0] < last:
             crowd.add(model, track, 0.15, rarity)
         position += model.size_lwh[0] + float(rng.uniform(0.4, 1.3))
@@ -264,15 +242,10 @@ def _park_across(
             continue
         model = crowd.draw_vehicle(0.0, _PARKED_VANS, _PARKED_MISC)
         backwards = side.parking is Parking.PERPENDICULAR and rng.random() < 0.3
-        track = AlongRoad(
-            terrain=crowd.layout.terrain,
-            road=road,
-            station=float(start) + (pitch + drift) / 2,
-            offset=side.sign * ((side.edge + side.lane_edge) / 2 + float(rng.normal(0, 0.12))),
-            direction=1,
-            travel=STANDING,
-            turn=heading + (np.pi if backwards else 0.0) + _askew(rng),
-        )
+        station = float(start) + (pitch + drift) / 2
+        offset = side.sign * ((side.edge + side.lane_edge) / 2 + float(rng.normal(0, 0.12)))
+        turned = heading + (np.pi if backwards else 0.0) + _askew(rng)
+        track = crowd.along(road, station, offset, 1, STANDING, turned)
         crowd.add(model, track, 0.1, rarity)
 
 

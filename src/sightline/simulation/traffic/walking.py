@@ -9,7 +9,7 @@ from sightline.simulation.scene import Pose
 from sightline.simulation.streets.ground import surface_height
 from sightline.simulation.streets.layout import Ground, Plots, Side, StreetKind
 from sightline.simulation.traffic.crowd import Crowd
-from sightline.simulation.traffic.motion import AcrossRoad, AlongRoad, Still, Travel
+from sightline.simulation.traffic.motion import AcrossRoad, Still, Travel
 
 _PAIRS: Final = 0.08  # share of cyclists who ride with another
 _ON_PAVEMENT: Final = 0.5  # share of cyclists on the pavement if there is no path
@@ -55,15 +55,8 @@ def _move_along(
     offset = side.sign * distance
     if any(start - 1.0 < station < stop + 1.0 for start, stop in side.gaps):
         return False
-    track = AlongRoad(
-        terrain=crowd.layout.terrain,
-        road=main,
-        station=station,
-        offset=offset,
-        direction=direction,
-        travel=Travel(speed_mps=speed),
-        turn=float(crowd.rng.normal(0, 0.03) if speed > 0 else crowd.rng.uniform(-np.pi, np.pi)),
-    )
+    turn = float(crowd.rng.normal(0, 0.03) if speed > 0 else crowd.rng.uniform(-np.pi, np.pi))
+    track = crowd.along(main, station, offset, direction, Travel(speed_mps=speed), turn)
     reach = station + direction * track.travel.distance(crowd.times[-1:])[0]
     if any(start - 1.0 < reach < stop + 1.0 for start, stop in side.gaps):
         return False  # the pavement ends at the junction

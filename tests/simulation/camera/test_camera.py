@@ -19,7 +19,7 @@ from sightline.simulation.camera.camera import (
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import Material, Pose
 from tests.reference import shading as reference
-from tests.simulation.camera_scenes import (
+from tests.simulation.camera.scenes import (
     DAY,
     DUSK,
     IMAGE_SIZE,

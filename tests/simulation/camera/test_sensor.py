@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.simulation.camera.camera import SensorConfig, sensor_image
-from tests.simulation.camera_scenes import QUIET
+from tests.simulation.camera.scenes import QUIET
 
 SHARP = QUIET.sensor
 

@@ -21,7 +21,7 @@ from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.rays.surfaces import surfaces_met
 from sightline.simulation.scene import Material
 from tests.reference import shading as reference
-from tests.simulation.camera_scenes import (
+from tests.simulation.camera.scenes import (
     DAY,
     DUSK,
     EVEN,
@@ -61,7 +61,8 @@ class Observed:
         grid = gathered_ambient(
             self.world, self.found, self.size, stride=stride, rays_per_point=rays
         )
-        ambient = ambient_of(self.world, grid, self.found, self.samples.columns, self.samples.rows)
+        pixels = self.samples.columns, self.samples.rows
+        ambient = ambient_of(self.world.light, grid, self.found, *pixels)
         return ambient.reshape(*self.size, 3)
 
 

@@ -6,7 +6,7 @@ import pytest
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.rays.surfaces import Rays, cast_through_foliage, mesh_tables
 from sightline.simulation.scene import Material
-from tests.simulation.camera_scenes import rectangle, scene_of
+from tests.simulation.camera.scenes import rectangle, scene_of
 
 
 def cast_ahead(meshes, *, start=(0.0, 0.0, 0.0), reach=1.0):

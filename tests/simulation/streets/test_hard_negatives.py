@@ -9,8 +9,8 @@ from sightline.simulation.streets.dressing import dress, set_out_hard_negatives
 from sightline.simulation.streets.free_ground import Occupancy, Things
 from sightline.simulation.streets.layout import StreetKind
 from sightline.simulation.streets.layout_drawing import draw_layout
-from sightline.simulation.surroundings.furniture import DECOYS, Item, item_footprint
-from tests.simulation.mesh_checks import assert_sound
+from sightline.simulation.surroundings.furniture import _TABLES, Item, item_footprint
+from tests.simulation.shapes.mesh_checks import assert_sound
 
 KINDS = list(StreetKind)
 
@@ -74,7 +74,8 @@ def set_out():
 
 
 def test_all_kinds_of_decoys_stand_somewhere(set_out):
-    assert set(DECOYS) <= {item.value for item, *_ in set_out}
+    decoys = {*_TABLES["decoys"], "STAKED_TREE"}
+    assert decoys <= {item.name for item, *_ in set_out}
 
 
 def test_lanes_are_free_but_for_beacons_and_what_parts_them(set_out):

@@ -14,7 +14,7 @@ from sightline.simulation.rays import raycast
 from sightline.simulation.rays.raycast import EmbreeScene, Raycaster
 from sightline.simulation.scene import Material
 from tests.reference.raycast import crossing, first_hit, margin
-from tests.simulation.camera_scenes import rectangle
+from tests.simulation.camera.scenes import rectangle
 
 SEEDS = st.integers(0, 2**32 - 1)
 

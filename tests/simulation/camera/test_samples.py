@@ -8,7 +8,7 @@ from sightline.simulation.camera.samples import camera_view, pixel_samples, with
 from sightline.simulation.camera.shading import lit_world
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import Material
-from tests.simulation.camera_scenes import (
+from tests.simulation.camera.scenes import (
     DAY,
     EVEN,
     IMAGE_SIZE,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sightline.simulation.camera.shading import daylight, sky_radiance, smooth_sky
-from tests.simulation.camera_scenes import DAY, DUSK, EVEN
+from tests.simulation.camera.scenes import DAY, DUSK, EVEN
 
 OVERCAST = replace(DAY, sun_color=(0.0, 0.0, 0.0), cloud_cover=1.0)
 directions = (

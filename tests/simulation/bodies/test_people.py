@@ -21,7 +21,7 @@ from sightline.simulation.bodies.skeleton import (
     turn_matrices,
 )
 from sightline.simulation.scene import Material
-from tests.simulation.mesh_checks import assert_sound, share_of_front_faces
+from tests.simulation.shapes.mesh_checks import assert_sound, share_of_front_faces
 
 WALKING_MPS = 1.4
 MAKERS = {

@@ -25,7 +25,7 @@ from sightline.simulation.bodies.trams import make_tram
 from sightline.simulation.bodies.trucks import MISC_KINDS, make_misc, make_truck
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import Material, Mesh
-from tests.simulation.mesh_checks import assert_sound, share_of_front_faces
+from tests.simulation.shapes.mesh_checks import assert_sound, share_of_front_faces
 
 
 def make_car(rng, style=None):
