@@ -3,12 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.ranges import Within, check_ranges
 from sightline.ops.compiled import compiled
 from sightline.simulation.arrays import RayRows, RayVectors
 from sightline.simulation.rays.kernels import dot, row_of
@@ -99,8 +100,9 @@ class LidarConfig:
     lean_deg: float = 0.0  # forward lean of its axis; points are nevertheless in a level frame
     min_range_m: float = 1.5
     max_range_m: float = 80.0
-    range_noise_m: float = 0.01  # standard deviation along the ray, around the laser's bias
-    drop_out: float = 0.01  # share of returns lost on any surface
+    range_noise_m: Annotated[float, Within(0)] = 0.01
+    """Standard deviation along the ray, around the laser's bias."""
+    drop_out: Annotated[float, Within(0, 1)] = 0.01  # share of returns lost on any surface
     detectable_echo: float = 0.006
     """Echo (reflectance * cosine / (range / 40 m)^2) with detection probability 1 - 1/e."""
     rolling_shutter: bool = False
@@ -118,11 +120,7 @@ class LidarConfig:
                 "a LiDAR needs azimuth_step_deg above 0 and min_range_m below max_range_m, got "
                 f"{self.azimuth_step_deg}, {self.min_range_m} and {self.max_range_m}"
             )
-        if not 0 <= self.drop_out <= 1 or not self.range_noise_m >= 0:
-            raise ValueError(
-                "a LiDAR needs a drop_out from 0 to 1 and a range_noise_m of at least 0, got "
-                f"{self.drop_out} and {self.range_noise_m}"
-            )
+        check_ranges(self)
         if not self.detectable_echo > 0:
             raise ValueError(f"detectable_echo must be above 0, got {self.detectable_echo}")
 

@@ -193,8 +193,8 @@ def test_more_samples_change_little_and_neither_depth_nor_owners():
     ("choice", "message"),
     [
         ({"samples_per_pixel": 3}, "samples_per_pixel must be 1 or 4, got 3"),
-        ({"ambient_stride": 0}, "must be at least 1, got 0 and 4"),
-        ({"ambient_rays": 0}, "must be at least 1, got 3 and 0"),
+        ({"ambient_stride": 0}, "ambient_stride must be finite and at least 1, got 0"),
+        ({"ambient_rays": 0}, "ambient_rays must be finite and at least 1, got 0"),
     ],
 )
 def test_a_choice_that_makes_no_picture_is_named(choice, message):

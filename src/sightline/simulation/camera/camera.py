@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Final, TypeVar, cast
+from typing import Annotated, Final, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Float32, Int32, UInt8, UInt16
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.ranges import Within, check_ranges
 from sightline.ops.compiled import compiled
 from sightline.simulation.camera.radiance import pixel_radiance
 from sightline.simulation.camera.samples import (
@@ -43,18 +44,19 @@ class SensorConfig:
     metering: float = 0.7
     """Weight of the scene's brightness in the exposure; 0: only the light's exposure, 1: full
     metering."""
-    metering_limit: float = 2.5
+    metering_limit: Annotated[float, Within(1)] = 2.5
     """Maximum factor by which metering raises or lowers the light's exposure."""
     target_level: float = 0.32
     """Target of metering: mean exposed radiance below the horizon; 1 fills a photosite."""
-    vignette: float = 0.16  # share of the light lost in the corners
-    lens_blur_px: float = 0.4  # standard deviation of the blur in front of the colour mosaic
-    resampling_blur_px: float = 0.4
+    vignette: Annotated[float, Within(0)] = 0.16  # share of the light lost in the corners
+    lens_blur_px: Annotated[float, Within(0)] = 0.4
+    """Standard deviation of the blur in front of the colour mosaic."""
+    resampling_blur_px: Annotated[float, Within(0)] = 0.4
     """Standard deviation of the blur behind it, from rectification of the image."""
-    photon_noise: float = 0.025
+    photon_noise: Annotated[float, Within(0)] = 0.025
     """Standard deviation of a full photosite's noise, as a share; noise grows with the square root
     of the light."""
-    read_noise: float = 0.0016
+    read_noise: Annotated[float, Within(0)] = 0.0016
     """Standard deviation of the noise in the dark, as a share of a full photosite."""
     gamma: float = 1.08  # exponent of the tone curve; KITTI's cameras are close to linear
 
@@ -62,11 +64,7 @@ class SensorConfig:
         """Check the ranges."""
         if self.gamma <= 0:
             raise ValueError(f"gamma must be positive, got {self.gamma}")
-        if self.metering_limit < 1:
-            raise ValueError(f"metering_limit must be at least 1, got {self.metering_limit}")
-        names = ("vignette", "lens_blur_px", "resampling_blur_px", "photon_noise", "read_noise")
-        if min(getattr(self, name) for name in names) < 0:
-            raise ValueError(f"{', '.join(names)} must not be negative, got {self}")
+        check_ranges(self)
 
 
 def sensor_image(
@@ -156,8 +154,9 @@ class CameraConfig:
 
     picture: bool = True  # whether to render the image as well as its ground truth
     samples_per_pixel: int = 1  # samples per pixel: 1, with more at edges, or 4 everywhere
-    ambient_stride: int = 3  # step [px] of the grid on which ambient light is gathered
-    ambient_rays: int = 4  # ambient rays per grid point
+    ambient_stride: Annotated[int, Within(1)] = 3
+    """Step [px] of the grid on which ambient light is gathered."""
+    ambient_rays: Annotated[int, Within(1)] = 4  # ambient rays per grid point
     lidar_height_m: float = KITTI_LIDAR_HEIGHT_M
     """Height of the LiDAR, the calibration's reference frame, above the ego's footprint."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -166,11 +165,7 @@ class CameraConfig:
         """Check the values."""
         if self.samples_per_pixel not in (1, 4):
             raise ValueError(f"samples_per_pixel must be 1 or 4, got {self.samples_per_pixel}")
-        if self.ambient_stride < 1 or self.ambient_rays < 1:
-            raise ValueError(
-                "ambient_stride and ambient_rays must be at least 1, got "
-                f"{self.ambient_stride} and {self.ambient_rays}"
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
