@@ -15,10 +15,10 @@ from sightline.data.image_file import write_rgb
 from sightline.data.kitti_labels import write_objects
 from sightline.data.recording_calibration import RecordingCalibration, recording_calibration_text
 from sightline.files.atomic import atomic_write_bytes, atomic_write_text
-from sightline.simulation.camera import CameraConfig, render_camera
+from sightline.simulation.camera.camera import CameraConfig, render_camera
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.settings import KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.simulator import calibration_of, simulate_street
 

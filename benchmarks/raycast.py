@@ -28,12 +28,12 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy import ndarray
 
 from benchmarks.machine import describe_machine
-from sightline.simulation.camera_rays import camera_view
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.camera.samples import camera_view
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.rays.surfaces import Rays
 from sightline.simulation.scene import Mesh
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import calibration_of, lidar_of, simulate_street
-from sightline.simulation.surfaces import Rays
 
 _LIFT = np.float32(0.999)  # of the way to a surface, where rays around it start
 _SUN = np.array((0.48, 0.36, 0.8), np.float32)

@@ -29,19 +29,13 @@ import numpy as np
 
 from benchmarks.machine import describe_machine
 from sightline.jobs.pool import one_blas_thread
-from sightline.simulation.camera import CameraConfig, render_camera
-from sightline.simulation.generate import simulate
+from sightline.simulation.camera.camera import CameraConfig, render_camera
+from sightline.simulation.generate import ObjectLayout, simulate
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import take_sweep
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.settings import SimulationConfig
-from sightline.simulation.simulator import (
-    calibration_of,
-    lidar_of,
-    simulate_frame,
-    simulate_street,
-)
-from sightline.simulation.writer import ObjectLayout
+from sightline.simulation.simulator import calibration_of, lidar_of, simulate_frame, simulate_street
 
 Result = TypeVar("Result")
 

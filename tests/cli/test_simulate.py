@@ -7,8 +7,7 @@ from sightline.cli import main as cli
 from sightline.data.image_header import read_image_size
 from sightline.jobs.run import JobResult
 from sightline.simulation import generate
-from sightline.simulation.presets import PRESETS, SimulatedSet
-from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.settings import PRESETS, SimulatedSet, SimulationConfig
 
 
 @pytest.fixture

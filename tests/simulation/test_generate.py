@@ -25,10 +25,9 @@ from sightline.files.problem import FileError
 from sightline.geometry.projection import sparse_depth_map
 from sightline.jobs.run import JobResult, shard
 from sightline.simulation.dataset import sample_of
-from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION
+from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION, ObjectLayout
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
-from sightline.simulation.writer import ObjectLayout
 from tests.simulation.data_sets import DRIVES, TINY, content, make
 from tests.simulation.streets import make_tiny_street
 

@@ -12,7 +12,7 @@ from sightline.data.kitti_raw import KittiRawDrive
 from sightline.files.problem import FileError
 from sightline.geometry.transforms import transform_points
 from sightline.jobs.run import JobResult
-from sightline.simulation.writer import DriveLayout
+from sightline.simulation.generate import DriveLayout
 from tests.simulation.data_sets import DRIVES, content, make
 
 

@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -12,8 +12,6 @@ from sightline.corruptions.corruption import (
     CameraCorruption,
     Image,
     ImageChange,
-    check_number,
-    check_range,
     everywhere,
 )
 from sightline.corruptions.haze import airlight_level, to_levels, veil
@@ -21,6 +19,7 @@ from sightline.corruptions.precipitation import Precipitation, rain, snow
 from sightline.corruptions.scene_depth import scene_ranges
 from sightline.corruptions.streak_kernel import draw_streaks
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.ranges import Within, check_ranges
 from sightline.structures.sample import CameraLidarSample
 
 _NEAREST_M = 0.4  # the windscreen or the hood keeps nearer particles away
@@ -36,18 +35,16 @@ _SRGB_KNEE = np.float32(0.04045)
 class Exposure:
     """Camera motion and exposure time."""
 
-    time_s: float = 0.002
+    time_s: Annotated[float, Within(0, 1)] = 0.002
     """Exposure time; the default is the longest of KITTI's cameras."""
-    speed_mps: float = 10.0
+    speed_mps: Annotated[float, Within(0, 100)] = 10.0
     """Speed of the car, straight ahead."""
-    wind_mps: tuple[float, float] = (-3.0, 3.0)
+    wind_mps: Annotated[tuple[float, float], Within(-100, 100)] = (-3.0, 3.0)
     """Wind to the right; uniform distribution."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_number("time_s", self.time_s, 0, 1)
-        check_number("speed_mps", self.speed_mps, 0, 100)
-        check_range("wind_mps", self.wind_mps, -100, 100)
+        check_ranges(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,13 +54,9 @@ class _CameraPrecipitation(CameraCorruption):
     drawn_m: ClassVar[float]
     """Maximum distance of individually drawn particles."""
 
-    rate_mm_per_h: float
+    rate_mm_per_h: Annotated[float, Within(0.01, 300)]
     """Water rate; for snow, of the melted water."""
     exposure: Exposure = Exposure()
-
-    def __post_init__(self) -> None:
-        """Check the rate."""
-        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
 
     @abstractmethod
     def particles(self) -> Precipitation:

@@ -1,7 +1,6 @@
 """Base classes of corruptions: sensor faults with a record and masks of their changes."""
 
 import json
-import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -14,12 +13,12 @@ from torch import Tensor
 
 from sightline.augmentation.faults import Fault
 from sightline.geometry.checked import checked
+from sightline.geometry.ranges import Number, check_ranges
 from sightline.structures.sample import CameraLidarSample
 
 Sensor = Literal["camera", "lidar"]
 Image = UInt8[Tensor, "3 height width"]
 Sweep = Float32[Tensor, "num_points 4"]
-Number = float | int
 Parameter = Number | str | Sequence[Number]
 """Values that JSON can store."""
 
@@ -82,6 +81,10 @@ class Corruption(Fault):
     """Whether the effect depends on the calibration; masks of the LiDAR always do."""
     leaves_nothing: ClassVar[bool] = False
     """Whether the masked pixels show nothing of the scene any more, rather than less of it."""
+
+    def __post_init__(self) -> None:
+        """Check the settings; a subclass with checks of its own calls `check_ranges`, too."""
+        check_ranges(self)
 
     def __str__(self) -> str:
         """Name of the kind."""
@@ -222,30 +225,6 @@ def everywhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
 def nowhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
     """Make the mask of no pixel."""
     return torch.zeros(sample.image_size, dtype=torch.bool)
-
-
-def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
-    """Check a range for random draws: it must not be empty or exceed the limits.
-
-    Raises:
-        ValueError: The range is invalid.
-    """
-    if not (lowest <= bounds[0] <= bounds[1] <= highest and bounds[1] < math.inf):
-        raise ValueError(
-            f"{name} must be two numbers from {lowest:g} to {highest:g}, the lower first; got "
-            f"{bounds[0]:g} and {bounds[1]:g}"
-        )
-
-
-def check_number(name: str, value: Number, lowest: Number, highest: Number = math.inf) -> None:
-    """Check that a setting is finite and within the limits.
-
-    Raises:
-        ValueError: The setting is invalid.
-    """
-    if not (lowest <= value <= highest and value < math.inf):
-        limits = f"from {lowest:g} to {highest:g}" if highest < math.inf else f"at least {lowest:g}"
-        raise ValueError(f"{name} must be finite and {limits}, got {value:g}")
 
 
 def _unchanged(corruption: Corruption, sample: CameraLidarSample) -> Corrupted:

@@ -1,6 +1,7 @@
 """Mud on the camera's lens or window."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -10,9 +11,8 @@ from sightline.corruptions.corruption import (
     CameraCorruption,
     Image,
     ImageChange,
-    check_number,
-    check_range,
 )
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -22,20 +22,13 @@ class CameraDirt(CameraCorruption):
 
     kind = "camera_dirt"
 
-    num_blobs: int
-    radius_share: tuple[float, float] = (0.03, 0.12)
+    num_blobs: Annotated[int, Within(0, 100000)]
+    radius_share: Annotated[tuple[float, float], Within(0, 10)] = (0.03, 0.12)
     """Radius as a share of the image's height; uniform distribution."""
-    opacity: tuple[float, float] = (0.6, 0.97)
+    opacity: Annotated[tuple[float, float], Within(0, 1)] = (0.6, 0.97)
     """Opacity at a blob's middle; uniform distribution."""
-    color: tuple[float, float, float] = (62.0, 54.0, 44.0)
+    color: Annotated[tuple[float, float, float], Within(0, 255)] = (62.0, 54.0, 44.0)
     """RGB in levels of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_number("num_blobs", self.num_blobs, 0, 100000)
-        check_range("radius_share", self.radius_share, 0, 10)
-        check_range("opacity", self.opacity, 0, 1)
-        check_range("color", (min(self.color), max(self.color)), 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator

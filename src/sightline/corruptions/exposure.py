@@ -1,6 +1,7 @@
 """Wrong exposures and even veils of cameras: brightness, darkness, contrast."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -12,10 +13,10 @@ from sightline.corruptions.corruption import (
     CameraCorruption,
     Image,
     ImageChange,
-    check_number,
     everywhere,
 )
 from sightline.corruptions.shot_noise import detect_photons
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -25,12 +26,8 @@ class CameraBrightness(CameraCorruption):
 
     kind = "camera_brightness"
 
-    added_share: float
+    added_share: Annotated[float, Within(0, 1)]
     """Added share of full scale."""
-
-    def __post_init__(self) -> None:
-        """Check the share."""
-        check_number("added_share", self.added_share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -51,17 +48,11 @@ class CameraDarkness(CameraCorruption):
 
     kind = "camera_darkness"
 
-    peak: float
+    peak: Annotated[float, Within(0, 1)]
     """Mean of a white pixel, as a share of full scale."""
-    gamma: float = 2.0
-    full_scale_photons: float = 255.0
+    gamma: Annotated[float, Within(0.1, 10)] = 2.0
+    full_scale_photons: Annotated[float, Within(0.1, 10000)] = 255.0
     """Number of photons for a level of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_number("peak", self.peak, 0, 1)
-        check_number("gamma", self.gamma, 0.1, 10)
-        check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -78,12 +69,8 @@ class CameraContrast(CameraCorruption):
 
     kind = "camera_contrast"
 
-    factor: float
+    factor: Annotated[float, Within(0, 1)]
     """Factor on the distance to the mean."""
-
-    def __post_init__(self) -> None:
-        """Check the factor."""
-        check_number("factor", self.factor, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator

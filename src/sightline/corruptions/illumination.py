@@ -1,6 +1,7 @@
 """Blinding light on a part of the camera image."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -12,8 +13,8 @@ from sightline.corruptions.corruption import (
     Image,
     ImageChange,
     Parameter,
-    check_range,
 )
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -27,15 +28,10 @@ class CameraIllumination(CameraCorruption):
 
     kind = "camera_illumination"
 
-    radius_px: tuple[float, float] = (100.0, 400.0)
+    radius_px: Annotated[tuple[float, float], Within(0)] = (100.0, 400.0)
     """Radius; uniform distribution."""
-    added_levels: tuple[int, int] = (100, 230)
+    added_levels: Annotated[tuple[int, int], Within(0, 255)] = (100, 230)
     """Integer grey levels of 255 added to all channels; uniform, including the upper limit."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_range("radius_px", self.radius_px, 0, float("inf"))
-        check_range("added_levels", self.added_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator

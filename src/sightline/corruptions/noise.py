@@ -1,6 +1,7 @@
 """Noise and dead pixels of a camera's sensor."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -11,11 +12,10 @@ from sightline.corruptions.corruption import (
     CameraCorruption,
     Image,
     ImageChange,
-    check_number,
-    check_range,
     everywhere,
 )
 from sightline.corruptions.shot_noise import detect_photons
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -29,12 +29,8 @@ class CameraGaussianNoise(CameraCorruption):
 
     kind = "camera_gaussian_noise"
 
-    sigma_levels: tuple[float, float] = (20.0, 120.0)
+    sigma_levels: Annotated[tuple[float, float], Within(0, 255)] = (20.0, 120.0)
     """Standard deviation in grey levels of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        check_range("sigma_levels", self.sigma_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -51,12 +47,8 @@ class CameraUniformNoise(CameraCorruption):
 
     kind = "camera_uniform_noise"
 
-    half_width_levels: float
+    half_width_levels: Annotated[float, Within(0, 255)]
     """Maximum noise in grey levels of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the width."""
-        check_number("half_width_levels", self.half_width_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -73,12 +65,8 @@ class CameraShotNoise(CameraCorruption):
 
     kind = "camera_shot_noise"
 
-    full_scale_photons: float
+    full_scale_photons: Annotated[float, Within(0.1, 10000)]
     """Mean number of photons for a level of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the number."""
-        check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -97,12 +85,8 @@ class CameraImpulseNoise(CameraCorruption):
 
     kind = "camera_impulse_noise"
 
-    share: float
+    share: Annotated[float, Within(0, 1)]
     """Probability of replacing each value."""
-
-    def __post_init__(self) -> None:
-        """Check the share."""
-        check_number("share", self.share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -126,12 +110,8 @@ class CameraDeadPixels(CameraCorruption):
     kind = "camera_dead_pixels"
     leaves_nothing = True
 
-    share: tuple[float, float]
+    share: Annotated[tuple[float, float], Within(0, 1)]
     """Share of the pixels; uniform distribution."""
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        check_range("share", self.share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator

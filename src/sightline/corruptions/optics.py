@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -13,9 +14,9 @@ from sightline.corruptions.corruption import (
     CameraCorruption,
     Image,
     ImageChange,
-    check_number,
     everywhere,
 )
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 _FINE = 8  # samples per side of a pixel, of a disc
@@ -27,11 +28,7 @@ class CameraMotionBlur(CameraCorruption):
 
     kind = "camera_motion_blur"
 
-    length_px: float
-
-    def __post_init__(self) -> None:
-        """Check the length."""
-        check_number("length_px", self.length_px, 1, 1000)
+    length_px: Annotated[float, Within(1, 1000)]
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -49,11 +46,7 @@ class CameraDefocus(CameraCorruption):
 
     kind = "camera_defocus"
 
-    radius_px: float
-
-    def __post_init__(self) -> None:
-        """Check the radius."""
-        check_number("radius_px", self.radius_px, 0, 1000)
+    radius_px: Annotated[float, Within(0, 1000)]
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -70,12 +63,8 @@ class CameraJpeg(CameraCorruption):
 
     kind = "camera_jpeg"
 
-    quality: int
+    quality: Annotated[int, Within(1, 100)]
     """Quality of libjpeg, from 1 to 100."""
-
-    def __post_init__(self) -> None:
-        """Check the quality."""
-        check_number("quality", self.quality, 1, 100)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
