@@ -165,7 +165,7 @@ def _remarks_on_bottoms(boxes: ScoredBoxes) -> Iterator[str]:
     whole = (ends < _IMAGE_HEIGHT_PX) & (heights > 1)
     shares = (ends - _HORIZON_PX - _FOCAL_PX * y / z)[whole] / heights[whole]
     least, most = _CENTRE_SHARES
-    by_boxes = len(shares) >= FEWEST_RESULTS and least < np.median(shares) < most
+    by_boxes = len(shares) >= 2 * FEWEST_RESULTS and least < np.median(shares) < most
     by_road = len(y) >= _FEWEST_FOR_HEIGHT and 0 < np.median(y) < _LOWEST_CENTRE_M
     if by_boxes or by_road:
         yield (
