@@ -268,6 +268,15 @@ def test_frames_whose_names_other_commands_refuse_are_a_problem(tree):
     assert refused.value.problem == problem
 
 
+def test_a_picture_of_one_colour_among_others_is_a_problem_unless_it_was_corrupted(tree):
+    image = tree / "image_2" / "000002.png"
+    write_rgb(image, np.full((12, 40, 3), 90, np.uint8))
+    (line,) = lines(tree.parent)
+    assert line.startswith(f"{image}: is of one colour and shows nothing; look whether")
+    (tree / "corruption").mkdir()
+    assert lines(tree.parent) == []
+
+
 def test_a_handful_of_points_in_the_image_is_a_problem_in_trees_drives_and_recordings(tmp_path):
     behind = torch.tensor([[-10.0, 1.0, -1.0, 0.5]]).repeat(267, 1)
     cloud = torch.cat((points(3), behind))

@@ -120,9 +120,16 @@ def test_shards_part_the_samples(data, tmp_path):
     assert contents_of(tmp_path / "out") == contents_of(tmp_path / "whole")
 
 
-@pytest.mark.parametrize(("shard_index", "num_shards"), [(-1, 2), (2, 2), (0, 0)])
-def test_a_shard_that_there_is_not_is_refused(data, out, shard_index, num_shards):
-    with pytest.raises(ValueError, match="shard_index must be between 0 and num_shards - 1"):
+@pytest.mark.parametrize(
+    ("shard_index", "num_shards", "said"),
+    [
+        (-1, 2, "shard_index must be between 0 and num_shards - 1"),
+        (2, 2, "shard_index must be between 0 and num_shards - 1"),
+        (0, 0, "num_shards must be at least 1, got 0"),
+    ],
+)
+def test_a_shard_that_there_is_not_is_refused(data, out, shard_index, num_shards, said):
+    with pytest.raises(ValueError, match=said):
         write_nearest(data, out, shard_index=shard_index, num_shards=num_shards)
 
 

@@ -172,9 +172,12 @@ def test_a_job_ends_at_the_first_piece_that_fails_by_its_name(tmp_path, workers)
 def test_shards_part_the_items_and_a_wrong_one_is_refused():
     shards = [list(shard(range(10), index, 3)) for index in range(3)]
     assert sorted(number for part in shards for number in part) == list(range(10))
-    for index, count in ((-1, 2), (2, 2), (0, 0)):
+    for index, count in ((-1, 2), (2, 2)):
         with pytest.raises(ValueError, match="shard_index must be between 0 and num_shards - 1"):
             shard((), index, count)
+    for count in (0, -1):
+        with pytest.raises(ValueError, match=f"num_shards must be at least 1, got {count}"):
+            shard((), 0, count)
 
 
 def test_a_job_without_a_worker_is_refused():

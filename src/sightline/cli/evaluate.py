@@ -200,7 +200,8 @@ def held_out_command(
     """Scores depth completion without ground truth, on held-out LiDAR rings.
 
     Args:
-        data: A KITTI object tree or raw drive with sweeps in KITTI's order.
+        data: A recording, or a KITTI object tree or raw drive, with sweeps of a spinning LiDAR:
+            whole ones in any order, or ones of 64 beams that are cut to the image.
         method: Depth completion method without a network.
         weights: Weights of the network: name of weights in Sightline (depth-best, depth-fast-cpu)
             or a file (.safetensors, .ckpt). Default: depth-best.

@@ -184,7 +184,19 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(fault, REFUSED)
 
 
+def _refuse_dashes(arguments: list[str]) -> None:
+    """Refuses `-` as a file, which would not be standard input or output but a file's name."""
+    for argument in arguments:
+        option, _, value = argument.rpartition("=")
+        if value == "-" and (not option or option.startswith("--")):
+            raise ValueError(
+                f"{argument} stands for no file: standard input and output are not supported; name "
+                "a file, such as out.json, or ./- for one of that name"
+            )
+
+
 def _run(arguments: list[str]) -> int:
+    _refuse_dashes(arguments)
     match arguments:
         case ["fit" | "validate" | "test" as training, *rest]:
             # Unparsed: Lightning creates the parser for the recipe's classes.

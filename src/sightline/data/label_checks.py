@@ -112,7 +112,7 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
         largest = sizes[has_box3d].max()
         faults.append((f"has objects of up to {largest:.6g} m in size", "write sizes in metres"))
     else:
-        order = _order_of_sizes(sizes[has_box3d], names[has_box3d])
+        order = order_of_sizes(sizes[has_box3d], names[has_box3d])
         if order is not None:
             problem = (
                 f"has the sizes of most objects probably in the order {order}, expected height, "
@@ -137,8 +137,13 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
     return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
 
 
-def _order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
-    """Probable order of sizes that are not height, width, length; None: they are."""
+def order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
+    """Probable order of sizes that are not height, width, length; None: they are.
+
+    Args:
+        sizes_hwl: Sizes [m] of objects, num_objects x 3.
+        names: KITTI's class names of the objects; only some classes tell the order.
+    """
     is_long, is_tall = np.isin(names, _LONG), np.isin(names, _TALL)
     heights, widths, lengths = sizes_hwl.T
     height_first = (is_long & (heights > _CLEARLY * lengths)) | (
@@ -147,12 +152,14 @@ def _order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
     width_largest = (is_long & (widths > _CLEARLY * lengths) & ~height_first) | (
         is_tall & (widths > _CLEARLY * heights) & ~height_first
     )
-    half = np.count_nonzero(is_long | is_tall) / 2
-    if np.count_nonzero(height_first) > half:
+    is_wrong = height_first | width_largest
+    if np.count_nonzero(is_wrong) <= np.count_nonzero(is_long | is_tall) / 2:
+        return None
+    # Of a person, whose width and length are alike, only the place of the height is known.
+    decisive = is_wrong & is_long if (is_wrong & is_long).any() else is_wrong
+    if 2 * np.count_nonzero(height_first & decisive) >= np.count_nonzero(decisive):
         return "length, width, height"
-    if np.count_nonzero(width_largest) > half:
-        return "width, length, height"
-    return None
+    return "width, length, height"
 
 
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:

@@ -1,6 +1,7 @@
 """Archive for KITTI's object benchmark: a result file for each frame."""
 
 import re
+import warnings
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
@@ -11,6 +12,7 @@ from sightline.data.kitti_labels import (
     KittiObjects,
     parse_objects,
 )
+from sightline.data.result_checks import doubts_about_results
 from sightline.data.sample_list import read_sample_list
 from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
@@ -28,7 +30,8 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
     """Checks all result files and packs them; returns the number of frames.
 
     The archive has NNNNNN.txt of each frame at its root, in order, without dates, so that the same
-    results give the same bytes. It is written atomically.
+    results give the same bytes. It is written atomically. Warns of results that are probably of
+    another convention than KITTI's: order of sizes, centres for bottoms, frame, units, scores.
 
     Args:
         results: Folder with one result file per frame, 16 fields per line; empty without
@@ -45,9 +48,18 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
     if out.suffix.lower() != ".zip":
         raise ValueError(f"{out} does not end in .zip, which the benchmark asks for; rename it")
     names = _frame_names(results, sample_list)
-    contents = {name: _checked(results / f"{name}.txt") for name in names}
+    contents, frames = [], []
+    for name in names:
+        path = results / f"{name}.txt"
+        content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=_REMEDY)
+        objects = parse_objects(content, path, with_scores=True)
+        _check_objects(path, objects)
+        contents.append(content)
+        frames.append(objects)
+    for doubt in doubts_about_results(frames):
+        warnings.warn(f"{results}: {doubt}", stacklevel=2)
     with atomic_path(out) as temporary, ZipFile(temporary, "w") as archive:
-        for name, content in contents.items():
+        for name, content in zip(names, contents, strict=True):
             entry = ZipInfo(f"{name}.txt", date_time=_EPOCH)
             entry.create_system, entry.external_attr = _UNIX, _PLAIN_FILE
             archive.writestr(entry, content, compress_type=ZIP_DEFLATED, compresslevel=9)
@@ -71,12 +83,6 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
                 "rename it, or move it to another folder",
             )
     return names
-
-
-def _checked(path: Path) -> bytes:
-    content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=_REMEDY)
-    _check_objects(path, parse_objects(content, path, with_scores=True))
-    return content
 
 
 def _check_objects(path: Path, objects: KittiObjects) -> None:

@@ -30,6 +30,7 @@ from sightline.data.frame_checks import (
     read_or_note,
 )
 from sightline.data.object_tree import (
+    CORRUPTED,
     ObjectFrame,
     Part,
     find_velodyne,
@@ -317,20 +318,27 @@ def _recording_checks(files: RecordingFiles) -> list[Check]:
     for frame in files.frames:
         reference = None if frame.calibration is None else references.get(frame.calibration)
         run = partial(examine_recording_frame, frame, reference=reference)
-        checks.append(_frame_check(frame.sample_id, run))
+        checks.append(_frame_check(frame, run))
     return checks
 
 
 def _frame_checks(examine: Callable[[Frame], Findings], frames: Sequence[Frame]) -> list[Check]:
-    return [_frame_check(frame.sample_id, partial(examine, frame)) for frame in frames]
+    return [_frame_check(frame, partial(examine, frame)) for frame in frames]
 
 
-def _frame_check(sample_id: str, examine: Callable[[], Findings]) -> Check:
-    return Check(subject=f"frame {shortened(sample_id)}", run=partial(_all_of, examine))
+def _frame_check(frame: Frame, examine: Callable[[], Findings]) -> Check:
+    run = partial(_all_of, examine, frame.image)
+    return Check(subject=f"frame {shortened(frame.sample_id)}", run=run)
 
 
-def _all_of(examine: Callable[[], Findings]) -> list[Problem]:
-    return examine().all()
+def _all_of(examine: Callable[[], Findings], image: Path | None) -> list[Problem]:
+    """All faults of a frame, and an image without a picture unless it was corrupted on purpose."""
+    found = examine()
+    if image is None or not found.has_dark_image or (image.parent.parent / CORRUPTED).is_dir():
+        return found.all()
+    problem = "is of one colour and shows nothing"
+    remedy = "look whether the camera delivered anything, or remove the file"
+    return [Problem(path=image, problem=problem, remedy=remedy), *found.all()]
 
 
 def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:

@@ -51,6 +51,8 @@ def shard(items: Sequence[Item], index: int, count: int) -> Sequence[Item]:
     Raises:
         ValueError: There is no such shard.
     """
+    if count < 1:
+        raise ValueError(f"num_shards must be at least 1, got {count}; leave it out for one shard")
     if not 0 <= index < count:
         raise ValueError(
             f"shard_index must be between 0 and num_shards - 1, got {index} of {count}"

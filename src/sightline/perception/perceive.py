@@ -134,8 +134,9 @@ def perceive(
         if name not in done
     ]
     run_job(works, workers, description=JOB_NAME)
+    files = _line_files(out)  # before they are read: other shards may go on writing meanwhile
     lines = _join_lines(out)
-    _warn_of_missing(out, lines, _join_timings(out))
+    _warn_of_missing(out, files, lines, _join_timings(out))
     if pictures:
         pictures.write(dataset, out)
     return PerceiveResult(
@@ -263,9 +264,13 @@ def _join_timings(out: Path) -> Lines:
     return timings
 
 
-def _warn_of_missing(out: Path, lines: Lines, timings: Lines) -> None:
+def _line_files(out: Path) -> list[str]:
+    """Names of the frames that have a file with their line."""
+    return sorted(path.stem for path in (out / _LINES_FOLDER).glob("*.json"))
+
+
+def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lines) -> None:
     """Warns of frames that have files in the folder but no entry in the joined files."""
-    files = sorted(path.stem for path in (out / _LINES_FOLDER).glob("*.json"))
     for what, names, joined in (
         ("line", [name for name in files if name not in lines], LINES_NAME),
         ("time", [name for name in lines if name not in timings], TIMINGS_NAME),

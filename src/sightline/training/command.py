@@ -7,6 +7,7 @@ from pathlib import Path
 from sightline.training.arguments import (
     Subcommand,
     asks_for_help,
+    check_data_numbers,
     help_text,
     nulls_as_configs,
     resolve_recipes,
@@ -37,6 +38,7 @@ def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path
     if asks_for_help(arguments):
         print(help_text(subcommand, recipes))
         return 0
+    check_data_numbers(arguments)
     resolved, name = resolve_recipes(arguments, recipes)
     print(f"sightline {subcommand}: {name}", file=sys.stderr, flush=True)  # the rest takes a while
     from sightline.training.lightning_cli import run_lightning

@@ -178,7 +178,7 @@ def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
     if "DataLoader worker" in str(error) or "Pin memory thread" in str(error):
         return ChildProcessError(
             "a worker process was ended from outside or could not hand a batch on; where memory "
-            f"or /dev/shm ran out, set fewer data.workers or {_NO_WORKERS}"
+            f"or /dev/shm ran out, set fewer --data.init_args.workers or {_NO_WORKERS}"
         )
     return None
 
