@@ -20,7 +20,7 @@ from sightline.data.object_tree import (
     suggest_frames,
 )
 from sightline.data.sample_list import read_sample_list
-from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
+from sightline.data.tree_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
@@ -93,7 +93,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         pictures = (frame.image or frame.depth for frame in found.values())
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._pose = pose_of_tree(tuple(found.values()))
-        warn_of_tilt(self._pose, folder)
+        warn_of_mount(self._pose, folder)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:

@@ -106,6 +106,14 @@ def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
     return {path.stem: path for path in paths}
 
 
+def find_file(folder: Path, name: str) -> Path | None:
+    """Find a file by its name, else by its name in another case."""
+    if (folder / name).is_file() or not folder.is_dir():
+        return folder / name if folder.is_dir() else None
+    alike = sorted(path for path in folder.iterdir() if path.name.lower() == name.lower())
+    return next((path for path in alike if path.is_file()), None)
+
+
 def describe_absent(frame_ids: Sequence[str]) -> str:
     """List the first few frames, and the number of the others."""
     named = ", ".join(map(shortened, frame_ids[:_NAMED]))

@@ -26,6 +26,13 @@ _FINITE_SHARE: Final = 0.5  # share of rows with points in range
 _CLEARLY: Final = 0.8  # largest ratio of unlikeness to that of rows of four for another layout
 _FEWEST_TO_DOUBT: Final = 100  # points
 _DARK_SHARE: Final = 0.01  # share of max_intensity: for 255, about 1 for the scale [0, 1]
+_FEW_POINTS: Final = 20
+"""Smallest number of points to work with; the sparsest automotive radars have hundreds."""
+_DISTINCT_SHARE: Final = 0.1
+"""Smallest share of different places; 0.9 or more on 213 real sweeps of three sensors."""
+_MOST_CM: Final = 4000.0
+"""Largest median range in centimetres; that of real sweeps is 6 to 18 m."""
+_MOST_MM: Final = 100_000.0
 _FEWEST_RINGS: Final = 4
 _LARGEST_RING: Final = 1e6
 _RING_SHARE: Final = 0.95  # of the variance of elevations that rings explain
@@ -106,17 +113,69 @@ def warn_of_columns(num_columns: int, num_points: int) -> None:
 
 
 def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: float) -> None:
-    """Warn about intensities so far below max_intensity that it is probably wrong."""
-    brightest = float(intensities.max(initial=0))
-    if max_intensity == math.inf or len(intensities) < _FEWEST_TO_DOUBT:
-        return
-    if 0 < brightest <= _DARK_SHARE * max_intensity:
-        warnings.warn(
-            f"intensities reach no hundredth of max_intensity, {max_intensity:.6g}, so "
-            "reflectances are nearly 0: set it (of an import: --max-intensity) to what stands for "
-            "a reflectance of 1; of intensities from 0 to 1 that is 1",
-            stacklevel=3,
+    """Warn about the doubts of `scale_doubt`; zeros are how a cloud says that it has none."""
+    doubt = scale_doubt(intensities, max_intensity)
+    if doubt is not None and intensities.any():
+        problem, remedy = doubt
+        warnings.warn(f"{problem}; {remedy}", stacklevel=3)
+
+
+def scale_doubt(
+    intensities: Float[np.ndarray, " num_points"], max_intensity: float
+) -> tuple[str, str] | None:
+    """Find intensities that are all alike, or so far below max_intensity that it is wrong.
+
+    Returns:
+        The problem, a sentence about intensities, and the remedy; None if there is none, or fewer
+        than a hundred points.
+    """
+    if len(intensities) < _FEWEST_TO_DOUBT:
+        return None
+    darkest, brightest = float(intensities.min()), float(intensities.max())
+    if darkest == brightest:
+        return (
+            f"all intensities are {brightest:.4g}, so reflectances say nothing, which detectors "
+            "were trained with",
+            "give measured ones, or zeros where there are none"
+            if brightest
+            else "give measured ones if the LiDAR has them",
         )
+    if not math.isinf(max_intensity) and 0 < brightest <= _DARK_SHARE * max_intensity:
+        return (
+            f"intensities reach no hundredth of max_intensity, {max_intensity:.6g}, so "
+            "reflectances are nearly 0",
+            "set it, of a recording (of an import: --max-intensity), to what stands for a "
+            "reflectance of 1, or scale them; of intensities from 0 to 1 it is 1",
+        )
+    return None
+
+
+def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, str] | None:
+    """Find a cloud of a few points, or of hardly any places; an empty cloud is no problem.
+
+    Args:
+        points: x, y, z first.
+
+    Returns:
+        The problem, as the rest of a sentence, and the remedy; None if there is none.
+    """
+    if not len(points):
+        return None
+    if len(points) < _FEW_POINTS:
+        return (
+            f"holds only {len(points)} points, expected thousands",
+            "look whether the LiDAR delivered more, and how it was converted",
+        )
+    # One number a place: a sort of rows takes ten times as long.
+    places = points[:, :3].astype(np.float64) @ (1.0, math.pi * 1e3, math.e * 1e6)
+    num_places = len(np.unique(places))
+    if num_places >= _DISTINCT_SHARE * len(points):
+        return None
+    where = "one place" if num_places == 1 else f"{num_places} places"
+    return (
+        f"holds {len(points)} points at only {where}",
+        "look how it was converted: a LiDAR measures each point at a place of its own",
+    )
 
 
 def warn_of_losses(points: Float[np.ndarray, "num_points 4"], source: str) -> None:
@@ -223,7 +282,10 @@ def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str]
             "LiDAR, so they are probably in a map's or world's frame",
             "move them into the LiDAR's own frame (subtract its position and undo its rotation)",
         )
-    return f"{problem}: they are probably in millimetres", "write them in metres"
+    if middle_m > _MOST_MM:
+        return f"{problem}: they are in another unit", "write them in metres"
+    unit, factor = ("centimetres", 100) if middle_m <= _MOST_CM else ("millimetres", 1000)
+    return f"{problem}: they are probably in {unit}", f"write them in metres, divided by {factor}"
 
 
 def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
@@ -252,6 +314,17 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
     return next(
         ((np.dtype(kind), columns) for score, kind, columns in found if score <= 1.1 * best), None
     )
+
+
+def is_big_endian(content: bytes) -> bool:
+    """Check if a raw cloud of float32 rows of four is plausible in big-endian order alone.
+
+    With fewer than twenty points the result is False, since there is too little evidence.
+    """
+    if len(content) % 16 or len(content) < _FEWEST_BYTES:
+        return False
+    little, big = (np.frombuffer(content, order).reshape(-1, 4) for order in ("<f4", ">f4"))
+    return not _is_plausible(little) and _is_plausible(big)
 
 
 def has_columns(content: bytes, columns: int) -> bool:
