@@ -8,12 +8,12 @@ from io import TextIOWrapper
 def run() -> int:
     """The exit status of the command.
 
-    Ctrl-C, or SIGTERM to a training, ends it in one line while it is being imported, too.
+    Ctrl-C, SIGTERM and SIGHUP end it in one line while it is being imported, too.
     """
     try:
         from sightline.cli.interrupts import keep_interrupts
 
-        keep_interrupts(sys.argv[1:])
+        keep_interrupts()
         from sightline.cli.main import main
         from sightline.cli.output import format_warning
 
