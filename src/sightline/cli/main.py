@@ -170,6 +170,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs one command and returns its exit status; errors are one line on standard error."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
+        Path.cwd()  # libraries abort without one
+    except OSError:
+        return fail("the current folder no longer exists; change to another one", REFUSED)
+    try:
         return _run(given)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
