@@ -109,7 +109,9 @@ def test_a_job_that_is_not_finished_leaves_no_process():
         os.kill(worker, 0)
 
 
-@pytest.mark.parametrize(("ending", "to_all"), [(signal.SIGINT, True), (signal.SIGKILL, False)])
+@pytest.mark.parametrize(
+    ("ending", "to_all"), [(signal.SIGINT, True), (signal.SIGHUP, True), (signal.SIGKILL, False)]
+)
 def test_workers_end_with_the_program_and_say_nothing(ending: signal.Signals, to_all: bool):
     program = (
         "from sightline.jobs.pool import holding_signals, run_pieces\n"
@@ -158,7 +160,7 @@ def test_workers_that_cannot_be_started_end_the_job_with_an_error(monkeypatch):
         list(run_pieces(later_first, 4, 2))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_is_held_until_the_block_ends_whoever_handles_it(number):
     came = []
     previous = signal.signal(number, lambda number, _: came.append(number))

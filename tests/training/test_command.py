@@ -423,3 +423,35 @@ def test_progress_is_that_of_the_run_and_shows_in_a_file_too(recipes, capsys):
     assert lines[0] == "sightline fit: toy"
     assert "training: 0 of 8" in lines
     assert [line.partition(" ")[0] for line in lines if "mse" in line] == ["step", "step"]
+
+
+@pytest.mark.parametrize(
+    ("given", "policy", "is_told"),
+    [
+        ({}, "passive", True),
+        ({"OMP_NUM_THREADS": "1"}, "passive", False),
+        ({"OMP_WAIT_POLICY": "active"}, "active", False),
+    ],
+)
+def test_threads_wait_passively_unless_told_otherwise_and_it_is_said(given, policy, is_told):
+    program = """
+import os, sys, types
+from pathlib import Path
+training = types.ModuleType("training")
+training.run_lightning = lambda *_: print(os.environ["OMP_WAIT_POLICY"], "torch" in sys.modules)
+sys.modules["sightline.training.lightning_cli"] = training
+from sightline.tasks import PACKAGE_RECIPES
+from sightline.training.command import run_training
+run_training("fit", ["--config", "depth-fast-cpu"], PACKAGE_RECIPES)
+"""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("OMP_")}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=kept | given,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout.split() == [policy, "False"]
+    assert ("OMP_WAIT_POLICY=active" in done.stderr) == is_told

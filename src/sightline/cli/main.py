@@ -23,6 +23,7 @@ from sightline.cli.evaluate import (
 )
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
+from sightline.cli.interrupts import HOW_TO_FINISH, raised_signal
 from sightline.cli.output import fail, gathered_warnings, say
 from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
@@ -169,16 +170,22 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs one command and returns its exit status; errors are one line on standard error."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
+        Path.cwd()  # libraries abort without one
+    except OSError:
+        return fail("the current folder no longer exists; change to another one", REFUSED)
+    try:
         return _run(given)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _BROKEN_PIPE
     except KeyboardInterrupt as error:
-        how = str(error) or "interrupted; run the same command again to finish"
-        return fail(how, error.exit_status if isinstance(error, Interruption) else _INTERRUPTED)
-    except (ValueError, OSError) as error:
-        return fail(str(error), REFUSED)
-    except Exception as error:
+        status = error.exit_status if isinstance(error, Interruption) else _INTERRUPTED
+        return fail(str(error) or HOW_TO_FINISH, status)
+    except (Exception, SystemExit) as error:
+        if (number := raised_signal()) is not None:
+            return fail(HOW_TO_FINISH, Interruption("", number).exit_status)
+        if isinstance(error, (ValueError, OSError)):
+            return fail(str(error), REFUSED)
         if (fault := memory_fault(error)) is None:
             raise
         return fail(fault, REFUSED)

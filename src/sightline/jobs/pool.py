@@ -29,12 +29,14 @@ _PATIENCE_S: Final = 5.0
 _LONGEST_PIECE_S: Final = 3600.0
 """Time without any result after which workers count as hanging."""
 _LOOK_EVERY_S: Final = 5.0
-_HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+_SIGNAL_S: Final = 0.2
+"""Time between signals to the processes of a job, for example from a batch system."""
+_HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
 
 
 @contextmanager
 def holding_signals() -> Iterator[None]:
-    """Delay Ctrl-C, SIGTERM and SIGALRM until the block ends, for the start of processes.
+    """Delay Ctrl-C, SIGTERM, SIGHUP and SIGALRM until the block ends, for the start of processes.
 
     Python drops exceptions of signal handlers within hooks of `os.fork`, which libraries have: the
     job would continue. A child starts with handlers that do nothing; see `ignore_interrupts`.
@@ -63,8 +65,9 @@ def holding_signals() -> Iterator[None]:
 
 
 def ignore_interrupts() -> None:
-    """Ignore Ctrl-C in a worker: a terminal sends it to every process; the parent handles it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ignore Ctrl-C and SIGHUP in a worker: terminals send them to every process of a job."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGALRM):
         signal.signal(number, signal.SIG_DFL)
 
@@ -194,6 +197,7 @@ class _Pool:
         try:
             outcome = _Outcome(*channel.recv())
         except (EOFError, OSError):
+            time.sleep(_SIGNAL_S)  # a signal that ended every process of the job ends this one
             raise ChildProcessError(
                 "a worker process was ended from outside; where memory ran out, use fewer workers"
             ) from None

@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sized
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 from typing import TypeVar
 
@@ -122,8 +122,9 @@ class ProgressLines:
         self._next.pop(name, None)
 
     def say(self, text: str) -> None:
-        """Prints a line."""
-        print(text, file=sys.stderr, flush=True)
+        """Prints a line, if stderr can be written to; a job does not end for lack of it."""
+        with suppress(OSError):
+            print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Does nothing: the lines remain."""
