@@ -13,6 +13,7 @@ from sightline.data.frame_checks import Findings
 from sightline.data.object_tree import CORRUPTED, ObjectFrame, Part
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
 from sightline.files.problem import FileError, Problem
+from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _DRAWN: Final = 3  # number of frames: the first, and others spread over the rest
 _STACK: Final = 4  # stack level of the caller that opens the data set
@@ -93,7 +94,7 @@ def _points_file(frame: ObjectFrame | DepthFrame | DriveFrame) -> Path | None:
 
 
 def _is_corrupted(root: Path) -> bool:
-    return any((root / split / CORRUPTED).is_dir() for split in ("", *OBJECT_SPLITS))
+    return any((root / split / CORRUPTED).is_dir() for split in ("", *KITTI_SPLITS))
 
 
 def _warn_of_doubts(doubts: Sequence[Problem], num_looked_at: int) -> None:
