@@ -6,7 +6,6 @@ severities a row is a kind, and its slowest severity counts. Its last line is ke
 benchmarks/results/corruptions.json.
 """
 
-import json
 import statistics
 import time
 from dataclasses import replace
@@ -16,13 +15,14 @@ import cv2
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.corruptions.suites import Case, find_suite
 from sightline.simulation.dataset import sample_of
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
 from sightline.structures.sample import CameraLidarSample
 
+_SEED = 7
 _LIMIT_MS = 60.0  # that a kind may take
 
 
@@ -36,7 +36,7 @@ def main(repeats: int = 10, suites: tuple[str, ...] = ("dgfn7", "all")) -> None:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     # Without true depth, as recordings are: weather must find distances in the sweep.
-    sample = replace(sample_of(simulate_frame(SimulationConfig(seed=7), 0)), depth=None)
+    sample = replace(sample_of(simulate_frame(SimulationConfig(seed=_SEED), 0)), depth=None)
     assert sample.points is not None, "a simulated sample has a sweep"
     results: list[dict[str, Any]] = []
     for suite in map(find_suite, suites):
@@ -56,7 +56,7 @@ def main(repeats: int = 10, suites: tuple[str, ...] = ("dgfn7", "all")) -> None:
             )
         results += rows.values()
     setting = {"image": sample.image_size, "points": len(sample.points), "repeats": repeats}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record(seed=_SEED, **setting, results=results)
 
 
 def _milliseconds(case: Case, sample: CameraLidarSample, seed: int) -> float:

@@ -19,7 +19,7 @@ import jsonargparse
 import torch
 
 from benchmarks.latency import count_cost, measure_latency
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.open import open_dataset
 from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig
@@ -71,7 +71,7 @@ def main(
             f"{row.get('parameters', 0) / 1e6:8.3f}"
         )
     setting = {"size": list(SIZE), "threads": threads, "device": device}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record(seed=0, weights=_NETWORKS[1:], **setting, results=results)
 
 
 def _measure(

@@ -4,7 +4,6 @@ The bench (`sightline.robustness`) with a suite of its own: misalignments by a k
 that training draws, too. Its last line is kept in benchmarks/results/depth_robustness.json.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption, Record
 from sightline.corruptions.suites import CLEAN, Case, Suite
 from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
@@ -100,7 +99,7 @@ def main(
         print(f"{completer.name:<16}" + "".join(f"{r:9.0f} /{m:5.0f}" for r, m in row.values()))
         results.append({"method": completer.name, "rmse_mae_mm": row})
     setting = {"frames": len(dataset), "engine": engine}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record(seed=0, weights=weights, **setting, results=results)
 
 
 def _suite() -> Suite:

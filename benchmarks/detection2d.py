@@ -9,7 +9,6 @@ Networks that do not come with the package have weights drawn at random. The net
 not depend on them, that of suppression does: "detections" tells how many boxes were left.
 """
 
-import json
 import multiprocessing
 import tempfile
 from pathlib import Path
@@ -20,9 +19,10 @@ import torch
 from torch import Tensor
 
 from benchmarks.latency import count_cost, measure_latency
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.untrained import shipped_or_untrained
 from sightline.data.open import open_dataset
+from sightline.data.weights_header import shipped_names
 from sightline.detection2d.export_graph import export_graph
 from sightline.detection2d.model import Detector
 from sightline.detection2d.network_task import NETWORK_TASK
@@ -87,7 +87,8 @@ def main(
             f"{row['peak_memory_mib'] or 0:7.0f}{row['gflop']:8.1f}{row['parameters'] / 1e6:7.2f}"
         )
     setting = {"threads": threads, "device": device, "frame": [375, 1242]}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    trained = shipped_names().intersection(networks)
+    print_record(seed=0, weights=sorted(trained), **setting, results=results)
 
 
 def _measure(

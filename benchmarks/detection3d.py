@@ -10,7 +10,6 @@ many boxes as trained ones; those of pillars hardly any, so that nothing is left
 "proposals" tells.
 """
 
-import json
 import multiprocessing
 import tempfile
 from pathlib import Path
@@ -20,9 +19,10 @@ import jsonargparse
 import torch
 
 from benchmarks.latency import count_cost, measure_latency
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.untrained import shipped_or_untrained
 from sightline.data.open import open_dataset
+from sightline.data.weights_header import shipped_names
 from sightline.detection3d.export_graph import export_graphs
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.predictor import network_sweep
@@ -70,7 +70,8 @@ def main(
             f"{row['peak_memory_mib'] or 0:7.0f}{gflop:>14}"
             f"{sum(stage['parameters'] for stage in row['stages']) / 1e6:7.2f}"
         )
-    print(json.dumps({"machine": describe_machine(), "threads": threads, "results": results}))
+    trained = shipped_names().intersection(networks)
+    print_record(seed=0, weights=sorted(trained), threads=threads, results=results)
 
 
 def _measure(name: str, engine: EngineName, threads: int, repeats: int) -> dict[str, Any]:

@@ -8,7 +8,6 @@ tables of cars; OUT/scores.json has all classes.
 """
 
 import itertools
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any, Final, NamedTuple
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
@@ -90,8 +89,7 @@ def main(
             curves = dict(itertools.islice((curve for _, curve in answers), _MOST_CURVES))
             write_rgb(picture, draw_precision_recall("Car, 3D IoU 0.7, moderate", curves))
     setting = {"frames": len(samples), "sample_list": sample_list, "velodyne": velodyne}
-    told = {"machine": describe_machine(), **setting, "results": rows}
-    (out / "scores.json").write_text(json.dumps(told))
+    print_record(seed=0, weights=weights, **setting, results=rows)
 
 
 class _Scene(NamedTuple):

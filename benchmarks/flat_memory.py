@@ -7,7 +7,6 @@ some samples and after many. Its last line is kept in benchmarks/results/flat_me
 
 import gc
 import itertools
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import cv2
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.corruptions.suites import find_suite
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.health.sequence import DriveMonitor
@@ -63,7 +62,7 @@ def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int =
         told = ", ".join(f"{size:.0f} MiB after {number:,}" for number, size in sizes.items())
         print(f"{name:<12} {told}")
         results.append({"work": name, "resident_mib": sizes})
-    print(json.dumps({"machine": describe_machine(), "suite": suite, "results": results}))
+    print_record(seed=seed, suite=suite, results=results)
 
 
 def _resident_mib() -> float:

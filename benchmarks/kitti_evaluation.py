@@ -6,7 +6,6 @@ measures. "process" starts a fresh interpreter, compiled code cached; "call" is 
 alone in a warm one.
 """
 
-import json
 import statistics
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from pathlib import Path
 import jsonargparse
 import numpy as np
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.kitti_labels import KittiObjects, read_labels, write_objects
 from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object import evaluate_objects
@@ -68,7 +67,7 @@ def main(labels: Path, sample_list: Path, copies: int = 2, repeats: int = 5) -> 
     for row in rows:
         print(f"{row['run']:>8} {row['median_s']:6.2f} s  (IQR {row['iqr_s']:.2f})")
     settings = {"frames": len(names), "detections": num_detections, "entries": len(report.entries)}
-    print(json.dumps({"machine": describe_machine(), **settings, "results": rows}))
+    print_record(seed=0, **settings, results=rows)
 
 
 def _write_jittered(

@@ -5,7 +5,6 @@ would look from another mount but for which rings meet what. The detector is tol
 true height, or what the road in five of the sweeps tells. Prints a table, then one line of JSON.
 """
 
-import json
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +13,7 @@ from pathlib import Path
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
 from sightline.data.progress import track
@@ -77,8 +76,8 @@ def main(
             }
             rows.append({"up_m": up_m, "told": how, "height_m": height_m, **scores})
             print(" ".join(f"{key} {value}" for key, value in rows[-1].items()))
-    setting = {"weights": weights, "frames": frames, "metric": f"{metric} AP_R40 moderate"}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": rows}))
+    setting = {"frames": frames, "metric": f"{metric} AP_R40 moderate"}
+    print_record(seed=None, weights=[weights], **setting, results=rows)
 
 
 def at_height(sample: CameraLidarSample, up_m: float) -> CameraLidarSample:

@@ -22,8 +22,8 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
 from benchmarks.own_sensor_rigs import RIGS, record_street
+from benchmarks.record import print_record
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import read_depth_png
 from sightline.data.kitti_labels import read_labels, read_results, write_objects
@@ -126,10 +126,9 @@ def main(
             )
         )
     print("\n".join(_table(results)))
-    made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
-    setting = {"frames": frames, "seed": seed, "engine": engine, "weights": made_by}
-    record = {"machine": describe_machine(), **setting, "results": [*map(asdict, results)]}
-    print(json.dumps(record))
+    made_by = [predictor.name for predictor in perceiver.predictors.values()]
+    rows = [*map(asdict, results)]
+    print_record(seed=seed, weights=made_by, frames=frames, engine=engine, results=rows)
 
 
 def score_objects(recording: Path, answers: Path, *, scale: float = 1.0) -> tuple[ObjectScore, ...]:

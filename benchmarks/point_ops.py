@@ -19,7 +19,6 @@ at another point than the one that they are given, its plain method parts from n
 """
 
 import importlib
-import json
 import statistics
 import time
 from collections.abc import Callable
@@ -32,7 +31,7 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.ops import (
     ball_query,
@@ -90,7 +89,7 @@ def main(repeats: int = 15) -> None:
         "repeats": repeats,
         "threads": 1,
     }
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record(seed=0, **setting, results=results)
 
 
 def milliseconds(method: Method) -> float:

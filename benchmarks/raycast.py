@@ -15,7 +15,6 @@ too; the sum over the streets, median over the repeats.
 """
 
 import functools
-import json
 import multiprocessing
 import statistics
 import time
@@ -27,7 +26,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy import ndarray
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.simulation.camera_rays import camera_view
 from sightline.simulation.raycast import Raycaster
 from sightline.simulation.scene import Mesh
@@ -140,9 +139,7 @@ def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
     hits = {"camera_rays": len(others), "other_faces": int(others.sum())}
     hits["at_other_distances"] = int(elsewhere.sum())
     print(", ".join(f"{name} {count:,}" for name, count in hits.items()))
-    setting = {"streets": streets, "repeats": repeats, "seed": seed}
-    record = {"machine": describe_machine(), **setting}
-    print(json.dumps({**record, "results_ms": results, **hits}))
+    print_record(seed=seed, streets=streets, repeats=repeats, results_ms=results, **hits)
 
 
 @functools.cache

@@ -9,7 +9,6 @@ With 64 beams a method gets the selection's own sparse maps; with fewer, every s
 eighth ring of the sweep. Its last line is kept in benchmarks/results/real_depth_truth.json.
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +18,7 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.calibration_text import read_intrinsics
 from sightline.data.depth_png import read_depth_png
 from sightline.data.image_file import read_rgb
@@ -63,8 +62,8 @@ def main(data: Path, beams: tuple[int, ...] = BEAMS, seed: int = 0) -> None:
         for number in beams
         for row in _rows([_with_beams(frame, number) for frame in frames], seed)
     ]
-    setting = {"frames": len(frames), "bands_m": BANDS_M, "against": AGAINST, "seed": seed}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    setting = {"frames": len(frames), "bands_m": BANDS_M, "against": AGAINST}
+    print_record(seed=seed, weights=WEIGHTS, **setting, results=results)
 
 
 def _rows(frames: list[Frame], seed: int) -> list[dict[str, Any]]:

@@ -14,7 +14,6 @@ Times are processor time, which other programs on the machine disturb least, and
 second thread. Errors are against polygons of 60-digit numbers.
 """
 
-import json
 import math
 import statistics
 import time
@@ -28,7 +27,7 @@ import shapely
 import torch
 from numpy import ndarray
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.ops.rotated_iou import pairwise_iou_bev
 from tests.reference.rotated_iou import exact_iou_bev
 
@@ -69,7 +68,7 @@ def main(scenes: int = 50, repeats: int = 15, exact_scenes: int = 10) -> None:
             f"  {row['times_sightline']:7.1f} x  largest error {row['max_error']:.1e}"
         )
     setting = {"scenes": scenes, "boxes": [PROPOSALS, CARS], "repeats": repeats, "threads": 1}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record(seed=0, **setting, results=results)
 
 
 def scene(rng: np.random.Generator) -> tuple[ndarray, ndarray]:

@@ -11,7 +11,6 @@ core take about 5 minutes of one core. Its last line is kept in
 benchmarks/results/sensor_health.json.
 """
 
-import json
 import statistics
 import time
 from collections.abc import Mapping, Sequence
@@ -23,7 +22,7 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.sensor_health_drives import delays, false_alarms
 from benchmarks.sensor_health_scores import (
     CHECKS,
@@ -111,8 +110,7 @@ def main(
     if num_shards > 1:
         return
     answer: dict[str, object] = {
-        "machine": describe_machine(),
-        **{name: setting[name] for name in ("data", "sample_list", "frames", "suite", "seed")},
+        **{name: setting[name] for name in ("data", "sample_list", "frames", "suite")},
         "limits": dict(monitor.limits.provenance),
         "median_ms": _median_ms(dataset, monitor, places),
         **_tables(found, chosen, monitor.limits),
@@ -134,7 +132,7 @@ def main(
             open_dataset(sound_drive, parts=_PARTS), monitor
         )
         print(f"\n{sound_drive.name}, sound: {sound}")
-    print(json.dumps(answer))
+    print_record(seed=seed, **answer)
 
 
 def _drive_severity(case: Case, severity: int) -> int:

@@ -22,7 +22,6 @@ What does not: both sides have coordinates of whole millimetres, hundredths of r
 points cut to the image.
 """
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -35,7 +34,7 @@ from jaxtyping import Bool, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.sim_or_real_crops import CarCrop, Frames, cut_frames, match
 from benchmarks.sim_or_real_judges import (
     PatchJudge,
@@ -142,8 +141,7 @@ def main(
     ranking = rank(halves)
     show(sides, results, ranking)
     setting = {"split": split, "repeats": repeats, "frames": [side.num_frames for side in sides]}
-    record = {"machine": describe_machine(), **setting, "results": results, "ranking": ranking}
-    print(json.dumps(record))
+    print_record(seed=0, **setting, results=results, ranking=ranking)
 
 
 def part(

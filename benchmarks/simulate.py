@@ -13,7 +13,6 @@ Its last line is kept in benchmarks/results/simulate.json.
 - Two workers against one: wall time of whole runs, in turns, after a warm-up.
 """
 
-import json
 import statistics
 import subprocess
 import sys
@@ -27,7 +26,7 @@ from typing import TypeVar
 import jsonargparse
 import numpy as np
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.parallel import one_blas_thread
 from sightline.simulation.camera import CameraConfig, render_camera
 from sightline.simulation.generate import simulate
@@ -89,16 +88,9 @@ def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: in
         f"wall, a frame    {speed['one_worker_s']:7.3f} s with one worker, "
         f"{speed['two_workers_s']:.3f} s with two: {speed['speed_up']:.2f} x"
     )
-    setting = {"image_size": config.image_size, "frames": frames, "seed": seed}
-    record = {
-        "machine": describe_machine(),
-        **setting,
-        "results": results,
-        "without_camera": ratio,
-        "memory": memory,
-        **speed,
-    }
-    print(json.dumps(record))
+    setting = {"image_size": config.image_size, "frames": frames}
+    figures = {"results": results, "without_camera": ratio, "memory": memory, **speed}
+    print_record(seed=seed, **setting, **figures)
 
 
 def time_frame(

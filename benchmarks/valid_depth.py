@@ -5,14 +5,13 @@ truth, pooled over all frames. Of networks also by other limits of the expected 
 in use. Its last lines are kept in benchmarks/results/valid_depth.json.
 """
 
-import json
 from pathlib import Path
 
 import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.depth_completion.postprocess import TRUSTED_SHARE
@@ -85,7 +84,7 @@ def main(
             "kept_mm": kept, "others_mm": others,
         })  # fmt: skip
     setting = {"frames": len(chosen), "data": data.name, "truth": truth, "in_use": TRUSTED_SHARE}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record(seed=None, weights=weights, **setting, results=results)
 
 
 def _pixels(

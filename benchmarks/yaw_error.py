@@ -6,7 +6,6 @@ against the known turn, and against the known turn plus what all frames together
 last line is kept in benchmarks/results/yaw_error.json.
 """
 
-import json
 import statistics
 import time
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.augmentation import rotate_extrinsics
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
@@ -88,7 +87,7 @@ def main(
         "ms": round(milliseconds, 1),
         "edges": statistics.median(match.num_edges for match in unturned),
     }
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record(seed=seed, **setting, results=results)
 
 
 def _group(

@@ -1,0 +1,107 @@
+"""Record of a benchmark run: figures, and all that is needed to run it again."""
+
+import hashlib
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+
+from sightline.data.weights_header import find_weights
+
+PACKAGES = (
+    "torch",
+    "numpy",
+    "numba",
+    "scipy",
+    "opencv-python-headless",
+    "openvino",
+    "onnxruntime",
+    "shapely",
+    "embreex",
+    "fpsample",
+)
+_FOLDERS = re.compile(r"(?<![^=\s'\"\[,])/(?:[^/\s]+/)*")
+
+
+def print_record(
+    *, seed: int | None, weights: Iterable[str | Path] = (), **figures: object
+) -> None:
+    """Print the record as one line of JSON, to be kept in `benchmarks/results`.
+
+    Args:
+        seed: Seed of the run; None: nothing is drawn.
+        weights: Names or files of the trained weights in the run; those of untrained networks are
+            left out.
+        **figures: Settings and results.
+    """
+    changed = _git("status", "--porcelain", "--untracked-files=no")
+    record = {
+        "command": command(sys.argv),
+        "commit": _git("rev-parse", "--short=7", "HEAD") or "unknown",
+        "dirty": changed is None or changed != "",
+        "date": time.strftime("%Y-%m-%d"),
+        "seed": seed,
+        "weights": {Path(each).stem: digest(find_weights(each)) for each in weights},
+        "machine": describe_machine(),
+    }
+    print(json.dumps({**record, **figures}))
+
+
+def command(arguments: list[str]) -> str:
+    """Give the command line without folders of this machine."""
+    name = Path(arguments[0]).stem
+    return " ".join([f"python -m benchmarks.{name}", *(_FOLDERS.sub("", x) for x in arguments[1:])])
+
+
+def digest(path: Path) -> str:
+    """Compute the SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def describe_machine() -> dict[str, str | int]:
+    """Describe processor, cores and versions; no host name and no folders."""
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return {
+        "processor": _processor(),
+        "cores": _cores(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        **versions,
+    }
+
+
+def _processor() -> str:
+    facts = Path("/proc/cpuinfo")
+    if facts.is_file():
+        for line in facts.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _cores() -> int:
+    """Count the cores that this process may use, or all where the system does not say."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _git(*arguments: str) -> str | None:
+    """Run git in this repository; None without git or outside a clone."""
+    words = ["git", "-C", str(Path(__file__).parent), *arguments]
+    try:
+        answer = subprocess.run(words, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return answer.stdout.strip()
