@@ -29,6 +29,26 @@ PACKAGES = (
 _FOLDERS = re.compile(r"(?<![^=\s'\"\[,])/(?:[^/\s]+/)*")
 
 
+def _git(*arguments: str) -> str | None:
+    """Run git in this repository; None without git or outside a clone."""
+    words = ["git", "-C", str(Path(__file__).parent), *arguments]
+    try:
+        answer = subprocess.run(words, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return answer.stdout.strip()
+
+
+def _state() -> dict[str, str | bool]:
+    changed = _git("status", "--porcelain", "--untracked-files=no")
+    commit = _git("rev-parse", "--short=7", "HEAD") or "unknown"
+    return {"commit": commit, "dirty": changed is None or changed != ""}
+
+
+_STATE = _state()
+"""Commit and whether tracked files differ from it, at the start of the run."""
+
+
 def print_record(
     *, seed: int | None, weights: Iterable[str | Path] = (), **figures: object
 ) -> None:
@@ -40,11 +60,9 @@ def print_record(
             left out.
         **figures: Settings and results.
     """
-    changed = _git("status", "--porcelain", "--untracked-files=no")
     record = {
         "command": command(sys.argv),
-        "commit": _git("rev-parse", "--short=7", "HEAD") or "unknown",
-        "dirty": changed is None or changed != "",
+        **_STATE,
         "date": time.strftime("%Y-%m-%d"),
         "seed": seed,
         "weights": {Path(each).stem: digest(find_weights(each)) for each in weights},
@@ -95,13 +113,3 @@ def _cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _git(*arguments: str) -> str | None:
-    """Run git in this repository; None without git or outside a clone."""
-    words = ["git", "-C", str(Path(__file__).parent), *arguments]
-    try:
-        answer = subprocess.run(words, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return answer.stdout.strip()
