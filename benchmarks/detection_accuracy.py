@@ -43,6 +43,7 @@ _CASES: Final = {
     "detection3d": find_suite("core").select(("clean", "lidar_beams-2", "lidar_beams-3")),
 }
 _METRICS: Final = {"detection2d": ("bbox",), "detection3d": ("3d", "bev", "bbox")}
+_PARTS: Final = frozenset({"image", "points", "objects"})  # labels, as boxes hide what is labelled
 _HALF: Final = MinimumOverlaps(car=ClassOverlaps(bbox=0.5, bev=0.5, box3d=0.5))
 _OVERLAPS: Final = {0.7: STRICT, 0.5: _HALF}
 """Overlaps by the IoU of cars; for other classes it is 0.5 in both."""
@@ -69,9 +70,7 @@ def main(
         engine: Inference engine.
     """
     torch.set_num_threads(1)
-    dataset = open_dataset(
-        data, sample_list=sample_list, velodyne=velodyne, parts={"image", "points"}
-    )
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=_PARTS)
     samples = [dataset[index] for index in range(len(dataset))]
     labels = data / "training" / "label_2"
     results: list[dict[str, Any]] = []
