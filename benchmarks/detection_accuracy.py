@@ -16,7 +16,7 @@ import torch
 
 from benchmarks.record import print_record
 from sightline.corruptions.suites import Case, find_suite
-from sightline.data.object_tree import Velodyne
+from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.data.progress import track
 from sightline.evaluation.kitti_object import evaluate_objects
@@ -43,7 +43,11 @@ _CASES: Final = {
     "detection3d": find_suite("core").select(("clean", "lidar_beams-2", "lidar_beams-3")),
 }
 _METRICS: Final = {"detection2d": ("bbox",), "detection3d": ("3d", "bev", "bbox")}
-_PARTS: Final = frozenset({"image", "points", "objects"})  # labels, as boxes hide what is labelled
+_PARTS: Final[tuple[Part, ...]] = (
+    "image",
+    "points",
+    "objects",
+)  # boxes hide labelled objects
 _HALF: Final = MinimumOverlaps(car=ClassOverlaps(bbox=0.5, bev=0.5, box3d=0.5))
 _OVERLAPS: Final = {0.7: STRICT, 0.5: _HALF}
 """Overlaps by the IoU of cars; for other classes it is 0.5 in both."""

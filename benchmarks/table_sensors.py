@@ -34,9 +34,10 @@ def sensor_health(simulated: Record, real: Record) -> Rows:
             for side in cases
         ]
         delays = [_delay(record, kind) for record in (simulated, real)]
+        older = simulated.get("superseded", {}).get(kind)
         rows.append(
             [
-                kind,
+                f"{kind} ({older})" if older else kind,
                 *(" ".join(_share(each["own"]) for each in side) for side in cases),
                 ", ".join(alarms),
                 ", ".join(delays),

@@ -23,7 +23,7 @@ _STAGES = {
 
 def fastest(record: Record, key: str, name: str) -> float:
     """Find the least median time of a method over the engines [ms]."""
-    return min(row["median_ms"] for row in record["results"] if row[key] == name)
+    return min(float(row["median_ms"]) for row in record["results"] if row[key] == name)
 
 
 def depth(record: Record) -> Rows:

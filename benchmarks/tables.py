@@ -131,7 +131,8 @@ def origin(name: str, record: Record) -> str:
 
 def weights_of(record: Record) -> Iterator[str]:
     """Say which weights of a record are those that ship, and which are earlier."""
-    shipped, earlier = [], []
+    shipped: list[str] = []
+    earlier: list[str] = []
     for name, digest in record["weights"].items():
         path = WEIGHTS / f"{name}.safetensors"
         is_shipped = path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == digest
