@@ -1,8 +1,8 @@
-"""Times the cases of suites: `python -m benchmarks.corruptions`.
+"""Time of the cases of suites: `python -m benchmarks.corruptions`.
 
-A simulated frame of KITTI's size with a whole turn of the LiDAR, one thread, processor time: of
-every repeat another seed, so that boxes and discs of all sizes are among them. Of a suite with
-severities a row is a kind, and its slowest severity counts. Its last line is kept in
+A simulated frame of KITTI's size with a whole turn of the LiDAR, one thread, processor time. Each
+repeat has another seed, to draw boxes and discs of all sizes. In a suite with severities a row is a
+kind, by its slowest severity. The last line is kept in
 benchmarks/results/corruptions.json.
 """
 
@@ -27,11 +27,11 @@ _LIMIT_MS = 60.0  # that a kind may take
 
 
 def main(repeats: int = 10, suites: tuple[str, ...] = ("dgfn7", "all")) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
-        repeats: Calls of each case that are timed, after one that is not.
-        suites: Which.
+        repeats: Timed calls of each case, after one to warm up.
+        suites: Names of the suites.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)

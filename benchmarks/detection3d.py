@@ -1,13 +1,13 @@
-"""Times 3D detection of a sweep of 64 beams: `python -m benchmarks.detection3d`.
+"""Time of 3D detection on 64 beams: `python -m benchmarks.detection3d`.
 
-From a frame's sweep to its detections, as `Detection3DPredictor` does it, searches, pooling and
-suppression included: the published network of two stages at full size and ours, on every engine
-that is asked for. Each row is measured in a process of its own, one after the other, in one run.
+From a frame's sweep to its detections, searches, pooling and suppression included: the published
+network of two stages at full size and ours, on each requested engine. Each row is measured in a
+process of its own, one after the other, in one run.
 The last line is kept in benchmarks/results/detection3d.json.
 
-Networks that do not come with the package have weights drawn at random. Those of points propose as
-many boxes as trained ones; those of pillars hardly any, so that nothing is left to refine:
-"proposals" tells.
+Networks that do not come with the package have random weights. Those of points propose as many
+boxes as trained ones, those of pillars hardly any, so that nothing is left to refine: "proposals"
+is their number.
 """
 
 import multiprocessing
@@ -43,14 +43,14 @@ def main(
     repeats: int = 20,
     full_size_repeats: int = 5,
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
-        networks: Names of recipes; the weights of the same name, where they come with the package.
-        engines: What runs the networks.
-        threads: Of the CPU.
-        repeats: Sweeps timed.
-        full_size_repeats: The same of the network at full size.
+        networks: Names of recipes; weights of that name are used where they are shipped.
+        engines: Inference engines of the networks.
+        threads: Number of CPU threads.
+        repeats: Number of timed sweeps.
+        full_size_repeats: Number of timed sweeps of the network at full size.
     """
     context = multiprocessing.get_context("spawn")
     print(

@@ -69,7 +69,7 @@ def main(
         weights: Names or files of detectors' weights.
         sample_list: List of frames in ImageSets, or a text file with one name a line.
         velodyne: Folder of the sweeps; None: velodyne, or else velodyne_reduced.
-        bootstrap: Resamples of the frames.
+        bootstrap: Number of resamples of the frames.
         seed: Seed of the corruptions and of the resamples.
         engine: Inference engine.
     """

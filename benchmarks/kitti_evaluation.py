@@ -1,4 +1,4 @@
-"""Times KITTI's object evaluation, files included.
+"""Time of KITTI's object evaluation, files included.
 
 `python -m benchmarks.kitti_evaluation --labels labels_7481.tar.gz --sample_list val.txt`: each
 frame of the list against jittered copies of its own objects with clutter, all classes, by all four
@@ -33,7 +33,7 @@ evaluate_objects(Path(sys.argv[1]), Path(sys.argv[2]), sample_list=sys.argv[3])
 
 
 def main(labels: Path, sample_list: Path, copies: int = 2, repeats: int = 5) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
         labels: Folder of label files, or an archive that holds one named label_2.
@@ -73,7 +73,7 @@ def main(labels: Path, sample_list: Path, copies: int = 2, repeats: int = 5) -> 
 def _write_jittered(
     generator: np.random.Generator, name: str, labels: Path, results: Path, copies: int
 ) -> int:
-    """Writes a frame's result file: jittered copies of its objects; gives their number."""
+    """Write a frame's result file of jittered copies of its objects, and return their number."""
     truth = read_labels(labels / f"{name}.txt")
     wanted = [i for i, kind in enumerate(truth.class_names) if kind != "DontCare"]
     chosen = np.repeat(np.array(wanted, dtype=np.int64), copies)

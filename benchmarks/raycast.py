@@ -52,16 +52,16 @@ class Peer(Protocol):
     """A way to cast rays."""
 
     def __init__(self, mesh: Mesh) -> None:
-        """Builds the search tree."""
+        """Build the search tree."""
 
     def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """Faces and distances that rays of neighbouring pixels meet; weights of corners, too."""
+        """Cast rays of neighbouring pixels: faces, distances and weights of corners."""
 
     def scatter(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """The same for rays in any direction."""
+        """Cast rays in any direction."""
 
     def shade(self, rays: Rays) -> ndarray:
-        """Whether rays meet anything."""
+        """Test whether rays meet anything."""
 
 
 class Ours:
@@ -71,17 +71,17 @@ class Ours:
         self._raycaster = Raycaster(mesh)
 
     def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """As the camera does."""
+        """Cast coherent rays, like the camera."""
         hits = self._raycaster.cast(*rays, coherent=True)
         return hits.faces, hits.distances
 
     def scatter(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """As ambient light is gathered."""
+        """Cast rays in any direction, like ambient light."""
         hits = self._raycaster.cast(*rays)
         return hits.faces, hits.distances
 
     def shade(self, rays: Rays) -> ndarray:
-        """As sunlight is."""
+        """Test coherent rays, like sunlight."""
         return self._raycaster.occluded(*rays, coherent=True)
 
 
@@ -95,14 +95,14 @@ class Embreex:
         self._scene.run(ray, ray)
 
     def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """Rays one by one."""
+        """Cast rays one by one."""
         found = self._scene.run(*rays, output=1)
         return found["primID"], found["tfar"]
 
     scatter = look
 
     def shade(self, rays: Rays) -> ndarray:
-        """Rays one by one."""
+        """Cast rays one by one."""
         first: ndarray = self._scene.run(*rays, query="OCCLUDED")
         return first >= 0
 
@@ -111,7 +111,7 @@ PEERS: dict[str, type[Peer]] = {"sightline": Ours, "embreex": Embreex}
 
 
 def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
-    """Prints a table, then one line of JSON."""
+    """Print a table, then one line of JSON."""
     start_afresh = multiprocessing.get_context("spawn")
     times: dict[str, list[list[float]]] = {name: [] for name in PEERS}
     pools = {name: start_afresh.Pool(1) for name in PEERS}

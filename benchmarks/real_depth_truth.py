@@ -48,12 +48,12 @@ Complete = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def main(data: Path, beams: tuple[int, ...] = BEAMS, seed: int = 0) -> None:
-    """Prints a row for each method and number of beams, then one line of JSON.
+    """Print a row for each method and number of beams, then one line of JSON.
 
     Args:
-        data: The folder that holds `val_selection_cropped`, `sweeps` and `calib`.
+        data: Folder with `val_selection_cropped`, `sweeps` and `calib`.
         beams: Numbers of beams; each divides 64.
-        seed: Of the intervals' resampling.
+        seed: Seed of the intervals' resampling.
     """
     torch.set_num_threads(1)
     frames = [_read_frame(data, path) for path in _truth_files(data)]
@@ -67,7 +67,7 @@ def main(data: Path, beams: tuple[int, ...] = BEAMS, seed: int = 0) -> None:
 
 
 def _rows(frames: list[Frame], seed: int) -> list[dict[str, Any]]:
-    """Scores of every method on frames of one number of beams."""
+    """Score every method on frames of one number of beams."""
     completers: dict[str, Complete] = {name: _by_method(name) for name in METHODS}
     completers |= {name: _by_network(name) for name in WEIGHTS}
     maps = {
@@ -141,7 +141,7 @@ def _print(count: int, beams: int, row: dict[str, Any]) -> None:
 
 
 def _errors(depth_m: np.ndarray, truth_m: np.ndarray) -> tuple[float, float, float]:
-    """RMSE, MAE and median of the absolute errors of one image [mm]."""
+    """Compute RMSE, MAE and median of the absolute errors of one image [mm]."""
     scored = truth_m > 0
     errors = np.abs(depth_m - truth_m)[scored].astype(np.float64) * 1e3
     return float(np.sqrt((errors**2).mean())), float(errors.mean()), float(np.median(errors))
@@ -171,7 +171,7 @@ def _read_frame(data: Path, truth: Path) -> Frame:
 
 
 def _with_beams(frame: Frame, beams: int) -> Frame:
-    """The frame with the sparse map of so many beams."""
+    """Give the frame the sparse map of a number of beams."""
     if beams == NUM_RINGS:
         return {**frame, "sparse": frame["measured"], "beams": beams}
     step = NUM_RINGS // beams

@@ -1,4 +1,4 @@
-"""Times the IoU of rotated boxes against shapely and OpenCV: `python -m benchmarks.rotated_iou`.
+"""Time of rotated IoU, beside shapely and OpenCV: `python -m benchmarks.rotated_iou`.
 
 One thread, one run; its last line is kept in benchmarks/results/rotated_iou.json.
 
@@ -36,7 +36,7 @@ Method = Callable[[ndarray, ndarray], ndarray]
 
 
 def main(scenes: int = 50, repeats: int = 15, exact_scenes: int = 10) -> None:
-    """Prints a table, then one line of JSON."""
+    """Print a table, then one line of JSON."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     rng = np.random.default_rng(0)

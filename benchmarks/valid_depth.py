@@ -1,4 +1,4 @@
-"""What `--valid-only` keeps of depth: `python -m benchmarks.valid_depth --data KITTI`.
+"""Depth kept by `--valid-only`: `python -m benchmarks.valid_depth --data KITTI`.
 
 Errors of the pixels that a method vouches for, and of the others, on held-out rings or on dense
 truth, pooled over all frames. Of networks also by other limits of the expected error than the one
@@ -36,19 +36,19 @@ def main(
     velodyne: Velodyne = "velodyne",
     engine: EngineName = "torch",
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
         data: KITTI object tree with calibration, images and sweeps.
         methods: Methods without training.
         weights: Names or files of trained weights.
-        beams: How many of the sensor's the methods get.
-        sample_list: Which frames: a list in ImageSets, or a text file with one name a line.
-        every: Takes every so many of them.
-        max_frames: And no more than so many.
-        truth: What is true; see `sightline evaluate held-out`.
+        beams: Numbers of beams that the methods get.
+        sample_list: List of frames in ImageSets, or a text file with one name a line.
+        every: Step between frames.
+        max_frames: Maximum number of frames.
+        truth: Kind of truth; see `sightline evaluate held-out`.
         velodyne: Folder of the sweeps.
-        engine: What runs the networks.
+        engine: Inference engine of the networks.
     """
     torch.set_num_threads(1)
     parts: set[Part] = {"image", "points"} if truth == "rings" else {"image", "points", "depth"}
@@ -90,11 +90,11 @@ def main(
 def _pixels(
     frame: HeldOutFrame, completer: Completer, beams: int
 ) -> dict[float, tuple[np.ndarray, float]]:
-    """Signed errors [mm] of the pixels with truth and value, and whether each is valid.
+    """Compute signed errors [mm] of the pixels with truth and value, and whether each is valid.
 
-    And the share of the image's pixels that are.
+    With the share of the image's pixels that are valid.
 
-    By the limit of the expected error, as a share of the depth; 0: as the method says.
+    By limit of the expected error, as a share of the depth; 0: the method's own.
     """
     sample = frame.with_beams(beams)
     answer: DepthMap = completer(sample)
@@ -115,7 +115,7 @@ def _pixels(
 
 
 def _summary(error_mm: np.ndarray) -> list[float] | None:
-    """RMSE, MAE and median of the absolute errors; None of no pixel."""
+    """Compute RMSE, MAE and median of the absolute errors; None without pixels."""
     if not len(error_mm):
         return None
     size = np.abs(error_mm)
