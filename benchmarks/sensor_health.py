@@ -136,7 +136,7 @@ def main(
 
 
 def _drive_severity(case: Case, severity: int) -> int:
-    """Choose the severity along the drive; blank sensors lose frames by chance below the greatest."""
+    """Choose the severity along the drive; below the greatest, blanks lose frames by chance."""
     return SEVERITIES[-1] if case.kind.endswith("_blank") else severity
 
 

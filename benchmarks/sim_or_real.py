@@ -53,7 +53,7 @@ _BOOTSTRAPS = 1000
 _FEATURES_SHOWN = 8
 
 Judge = Callable[[Tensor, Bool[Tensor, " num_known"], Tensor], Bool[Tensor, " num_asked"]]
-"""Function from known items, whether these are real, and asked items to which of these seem real."""
+"""Function of known items, whether they are real, and asked items: which of these seem real."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -226,7 +226,7 @@ def patch_features(patch: UInt8[Tensor, "3 height width"]) -> dict[str, float]:
 def area_under_curve(
     values: Float[Tensor, " num_items"], is_real: Bool[Tensor, " num_items"]
 ) -> float:
-    """Share of pairs in which the real item has the larger value; ties count half; 0.5 is chance."""
+    """Share of pairs in which the real item has the larger value; ties: half; 0.5 is chance."""
     real, simulated = values[is_real], values[~is_real]
     signs: Int64[Tensor, "num_real num_simulated"] = (real[:, None] > simulated).long() - (
         real[:, None] < simulated

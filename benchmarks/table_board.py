@@ -27,7 +27,7 @@ def scoreboard(
     head = ["task", "metric", "ours", "simplest baseline", "published", "time"]
     return [
         head,
-        *_depth_by_truth(truth, time_depth),
+        *_depth_by_truth(truth, time_depth, quoted),
         *_in_space(detection, time3d, quoted),
         *_in_the_image(detection, time2d, quoted),
         _rings(rings, time_depth),
@@ -36,7 +36,7 @@ def scoreboard(
     ]
 
 
-def _depth_by_truth(truth: Record, times: Record) -> Rows:
+def _depth_by_truth(truth: Record, times: Record, quoted: Record) -> Rows:
     frames = f"{truth['frames']} frames"
     rows = {row["method"]: row for row in truth["results"] if row["beams"] == 64}
     found: Rows = []
@@ -49,7 +49,10 @@ def _depth_by_truth(truth: Record, times: Record) -> Rows:
         ours = f"**{text[first]}** ({first}); RMSE less {truth['against']}'s: {against}"
         baseline = f"{text['classical']} classical filter, {text['linear']} linear; {second} "
         baseline += text[second]
-        milliseconds = f"{fastest(times, 'method', first):.0f} ms"
+        if first == "adaptive":  # the record of times is of its first edition
+            milliseconds = f"{quoted['adaptive_ms']['milliseconds']} ms"
+        else:
+            milliseconds = f"{fastest(times, 'method', first):.0f} ms"
         metric = f"real truth, {frames}, RMSE / MAE, mm"
         found.append([title, metric, ours, baseline, "-", milliseconds])
     return found
