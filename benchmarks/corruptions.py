@@ -56,7 +56,7 @@ def main(repeats: int = 10, suites: tuple[str, ...] = ("dgfn7", "all")) -> None:
             )
         results += rows.values()
     setting = {"image": sample.image_size, "points": len(sample.points), "repeats": repeats}
-    print_record(seed=_SEED, **setting, results=results)
+    print_record({**setting, "results": results}, seed=_SEED)
 
 
 def _milliseconds(case: Case, sample: CameraLidarSample, seed: int) -> float:

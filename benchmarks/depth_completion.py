@@ -71,7 +71,7 @@ def main(
             f"{row.get('parameters', 0) / 1e6:8.3f}"
         )
     setting = {"size": list(SIZE), "threads": threads, "device": device}
-    print_record(seed=0, weights=_NETWORKS[1:], **setting, results=results)
+    print_record({**setting, "results": results}, seed=0, weights=_NETWORKS[1:])
 
 
 def _measure(

@@ -99,7 +99,7 @@ def main(
         print(f"{completer.name:<16}" + "".join(f"{r:9.0f} /{m:5.0f}" for r, m in row.values()))
         results.append({"method": completer.name, "rmse_mae_mm": row})
     setting = {"frames": len(dataset), "engine": engine}
-    print_record(seed=0, weights=weights, **setting, results=results)
+    print_record({**setting, "results": results}, seed=0, weights=weights)
 
 
 def _suite() -> Suite:

@@ -87,8 +87,8 @@ def main(
             f"{row['peak_memory_mib'] or 0:7.0f}{row['gflop']:8.1f}{row['parameters'] / 1e6:7.2f}"
         )
     setting = {"threads": threads, "device": device, "frame": [375, 1242]}
-    trained = shipped_names().intersection(networks)
-    print_record(seed=0, weights=sorted(trained), **setting, results=results)
+    trained = [name for name in networks if name in shipped_names()]
+    print_record({**setting, "results": results}, seed=0, weights=trained)
 
 
 def _measure(

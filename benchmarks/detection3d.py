@@ -70,8 +70,8 @@ def main(
             f"{row['peak_memory_mib'] or 0:7.0f}{gflop:>14}"
             f"{sum(stage['parameters'] for stage in row['stages']) / 1e6:7.2f}"
         )
-    trained = shipped_names().intersection(networks)
-    print_record(seed=0, weights=sorted(trained), threads=threads, results=results)
+    trained = [name for name in networks if name in shipped_names()]
+    print_record({"threads": threads, "results": results}, seed=0, weights=trained)
 
 
 def _measure(name: str, engine: EngineName, threads: int, repeats: int) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def main(
             curves = dict(itertools.islice((curve for _, curve in answers), _MOST_CURVES))
             write_rgb(picture, draw_precision_recall("Car, 3D IoU 0.7, moderate", curves))
     setting = {"frames": len(samples), "sample_list": sample_list, "velodyne": velodyne}
-    print_record(seed=0, weights=weights, **setting, results=rows)
+    print_record({**setting, "results": rows}, seed=0, weights=weights)
 
 
 class _Scene(NamedTuple):

@@ -102,13 +102,15 @@ def main(
             )
             print(f"{name:<22} {case.name:<20} {shown}")
     print_record(
+        {
+            "frames": len(samples),
+            "sample_list": sample_list,
+            "engine": engine,
+            "resamples": bootstrap,
+            "results": results,
+        },
         seed=seed,
         weights=weights,
-        frames=len(samples),
-        sample_list=sample_list,
-        engine=engine,
-        resamples=bootstrap,
-        results=results,
     )
 
 

@@ -62,7 +62,7 @@ def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int =
         told = ", ".join(f"{size:.0f} MiB after {number:,}" for number, size in sizes.items())
         print(f"{name:<12} {told}")
         results.append({"work": name, "resident_mib": sizes})
-    print_record(seed=seed, suite=suite, results=results)
+    print_record({"suite": suite, "results": results}, seed=seed)
 
 
 def _resident_mib() -> float:

@@ -74,7 +74,7 @@ def main(
         )
         print(f"{row['method']:<34}" + " |".join(cells))
     setting = {"frames": len(samples), "largest_size": list(CROP_SIZE), "threads": 1}
-    print_record(seed=None, weights=weights, **setting, results=results)
+    print_record({**setting, "results": results}, seed=None, weights=weights)
 
 
 def _by_method(method: Callable[[np.ndarray], DepthMap]) -> Completer:

@@ -67,7 +67,7 @@ def main(labels: Path, sample_list: Path, copies: int = 2, repeats: int = 5) -> 
     for row in rows:
         print(f"{row['run']:>8} {row['median_s']:6.2f} s  (IQR {row['iqr_s']:.2f})")
     settings = {"frames": len(names), "detections": num_detections, "entries": len(report.entries)}
-    print_record(seed=0, **settings, results=rows)
+    print_record({**settings, "results": rows}, seed=0)
 
 
 def _write_jittered(

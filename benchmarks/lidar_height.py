@@ -77,7 +77,7 @@ def main(
             rows.append({"up_m": up_m, "told": how, "height_m": height_m, **scores})
             print(" ".join(f"{key} {value}" for key, value in rows[-1].items()))
     setting = {"frames": frames, "metric": f"{metric} AP_R40 moderate"}
-    print_record(seed=None, weights=[weights], **setting, results=rows)
+    print_record({**setting, "results": rows}, seed=None, weights=[weights])
 
 
 def at_height(sample: CameraLidarSample, up_m: float) -> CameraLidarSample:

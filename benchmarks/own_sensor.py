@@ -128,7 +128,7 @@ def main(
     print("\n".join(_table(results)))
     made_by = [predictor.name for predictor in perceiver.predictors.values()]
     rows = [*map(asdict, results)]
-    print_record(seed=seed, weights=made_by, frames=frames, engine=engine, results=rows)
+    print_record({"frames": frames, "engine": engine, "results": rows}, seed=seed, weights=made_by)
 
 
 def score_objects(recording: Path, answers: Path, *, scale: float = 1.0) -> tuple[ObjectScore, ...]:

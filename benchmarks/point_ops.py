@@ -89,7 +89,7 @@ def main(repeats: int = 15) -> None:
         "repeats": repeats,
         "threads": 1,
     }
-    print_record(seed=0, **setting, results=results)
+    print_record({**setting, "results": results}, seed=0)
 
 
 def milliseconds(method: Method) -> float:

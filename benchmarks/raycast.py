@@ -139,7 +139,7 @@ def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
     hits = {"camera_rays": len(others), "other_faces": int(others.sum())}
     hits["at_other_distances"] = int(elsewhere.sum())
     print(", ".join(f"{name} {count:,}" for name, count in hits.items()))
-    print_record(seed=seed, streets=streets, repeats=repeats, results_ms=results, **hits)
+    print_record({"streets": streets, "repeats": repeats, "results_ms": results, **hits}, seed=seed)
 
 
 @functools.cache

@@ -63,7 +63,7 @@ def main(data: Path, beams: tuple[int, ...] = BEAMS, seed: int = 0) -> None:
         for row in _rows([_with_beams(frame, number) for frame in frames], seed)
     ]
     setting = {"frames": len(frames), "bands_m": BANDS_M, "against": AGAINST}
-    print_record(seed=seed, weights=WEIGHTS, **setting, results=results)
+    print_record({**setting, "results": results}, seed=seed, weights=WEIGHTS)
 
 
 def _rows(frames: list[Frame], seed: int) -> list[dict[str, Any]]:

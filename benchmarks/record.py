@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -26,7 +26,7 @@ PACKAGES = (
     "embreex",
     "fpsample",
 )
-_FOLDERS = re.compile(r"(?<![^=\s'\"\[,])/(?:[^/\s]+/)*")
+_FOLDERS = re.compile(r"[^\s='\"\[,]*/(?=[^/])")
 
 
 def _git(*arguments: str) -> str | None:
@@ -50,15 +50,15 @@ _STATE = _state()
 
 
 def print_record(
-    *, seed: int | None, weights: Iterable[str | Path] = (), **figures: object
+    figures: Mapping[str, object], *, seed: int | None, weights: Iterable[str | Path] = ()
 ) -> None:
     """Print the record as one line of JSON, to be kept in `benchmarks/results`.
 
     Args:
+        figures: Settings and results.
         seed: Seed of the run; None: nothing is drawn.
         weights: Names or files of the trained weights in the run; those of untrained networks are
             left out.
-        **figures: Settings and results.
     """
     record = {
         "command": command(sys.argv),
@@ -72,9 +72,10 @@ def print_record(
 
 
 def command(arguments: list[str]) -> str:
-    """Give the command line without folders of this machine."""
-    name = Path(arguments[0]).stem
-    return " ".join([f"python -m benchmarks.{name}", *(_FOLDERS.sub("", x) for x in arguments[1:])])
+    """Give the command line without the folders of this machine."""
+    words = [f"python -m benchmarks.{Path(arguments[0]).stem}"]
+    words += [_FOLDERS.sub("", argument).rstrip("/") for argument in arguments[1:]]
+    return " ".join(words)
 
 
 def digest(path: Path) -> str:

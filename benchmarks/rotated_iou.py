@@ -68,7 +68,7 @@ def main(scenes: int = 50, repeats: int = 15, exact_scenes: int = 10) -> None:
             f"  {row['times_sightline']:7.1f} x  largest error {row['max_error']:.1e}"
         )
     setting = {"scenes": scenes, "boxes": [PROPOSALS, CARS], "repeats": repeats, "threads": 1}
-    print_record(seed=0, **setting, results=results)
+    print_record({**setting, "results": results}, seed=0)
 
 
 def scene(rng: np.random.Generator) -> tuple[ndarray, ndarray]:

@@ -132,7 +132,7 @@ def main(
             open_dataset(sound_drive, parts=_PARTS), monitor
         )
         print(f"\n{sound_drive.name}, sound: {sound}")
-    print_record(seed=seed, **answer)
+    print_record(answer, seed=seed)
 
 
 def _drive_severity(case: Case, severity: int) -> int:

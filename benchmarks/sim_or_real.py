@@ -141,7 +141,7 @@ def main(
     ranking = rank(halves)
     show(sides, results, ranking)
     setting = {"split": split, "repeats": repeats, "frames": [side.num_frames for side in sides]}
-    print_record(seed=0, **setting, results=results, ranking=ranking)
+    print_record({**setting, "results": results, "ranking": ranking}, seed=0)
 
 
 def part(

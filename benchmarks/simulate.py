@@ -90,7 +90,7 @@ def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: in
     )
     setting = {"image_size": config.image_size, "frames": frames}
     figures = {"results": results, "without_camera": ratio, "memory": memory, **speed}
-    print_record(seed=seed, **setting, **figures)
+    print_record({**setting, **figures}, seed=seed)
 
 
 def time_frame(

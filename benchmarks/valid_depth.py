@@ -84,7 +84,7 @@ def main(
             "kept_mm": kept, "others_mm": others,
         })  # fmt: skip
     setting = {"frames": len(chosen), "data": data.name, "truth": truth, "in_use": TRUSTED_SHARE}
-    print_record(seed=None, weights=weights, **setting, results=results)
+    print_record({**setting, "results": results}, seed=None, weights=weights)
 
 
 def _pixels(

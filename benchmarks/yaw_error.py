@@ -87,7 +87,7 @@ def main(
         "ms": round(milliseconds, 1),
         "edges": statistics.median(match.num_edges for match in unturned),
     }
-    print_record(seed=seed, **setting, results=results)
+    print_record({**setting, "results": results}, seed=seed)
 
 
 def _group(
