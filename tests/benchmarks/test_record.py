@@ -13,7 +13,7 @@ from benchmarks.record import command, print_record
     ("arguments", "told"),
     [
         (
-            ["/home/me/benchmarks/yaw_error.py", "/data/kitti/"],
+            ["/me/yaw_error.py", "/data/kitti/"],
             "python -m benchmarks.yaw_error kitti",
         ),
         (["valid_depth.py", "--data=/data/kitti"], "python -m benchmarks.valid_depth --data=kitti"),
