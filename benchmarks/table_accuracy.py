@@ -163,17 +163,17 @@ def held_out_rings(record: Record) -> Rows:
 
 
 def valid_depth(real: Record, simulated: Record) -> Rows:
-    """Give the rows of depth that methods vouch for, at the limit in use."""
+    """Give the rows of depth that methods vouch for by their own rule."""
     head = ["method", "beams"]
     for side in ("real", "simulated"):
         head += [f"{side}: of the image", "of the truth", "kept", "others"]
     rows: Rows = [head]
-    for row in _in_use(real):
+    for row in _own_rule(real):
         cells = [row["method"], f"{row['beams']}"]
         for record in (real, simulated):
             same = next(
                 each
-                for each in _in_use(record)
+                for each in _own_rule(record)
                 if (each["method"], each["beams"]) == (row["method"], row["beams"])
             )
             cells += [f"{100 * same['image_share']:.0f} %", f"{100 * same['kept_share']:.1f} %"]
@@ -183,5 +183,6 @@ def valid_depth(real: Record, simulated: Record) -> Rows:
     return rows
 
 
-def _in_use(record: Record) -> list[Record]:
-    return [row for row in record["results"] if row["limit"] in (None, record["in_use"])]
+def _own_rule(record: Record) -> list[Record]:
+    """Select the rows without another limit of the expected error."""
+    return [row for row in record["results"] if row["limit"] is None]

@@ -136,8 +136,8 @@ def simulate(record: Record) -> Rows:
     rows: Rows = [["stage", "median, s", "interquartile range"]]
     for stage, row in record["results"].items():
         rows.append([stage, f"{row['median_s']:.2f}", f"{row['iqr_s']:.2f}"])
-    for workers, name in (("one", "one_worker_s"), ("two", "two_workers_s")):
-        rows.append([f"wall time of a frame, {workers} worker(s)", f"{record[name]:.2f}", ""])
+    for workers, name in (("one worker", "one_worker_s"), ("two workers", "two_workers_s")):
+        rows.append([f"wall time of a frame, {workers}", f"{record[name]:.2f}", ""])
     return rows
 
 
