@@ -38,7 +38,7 @@ class Rig:
 
     @property
     def focal_px(self) -> float:
-        """Of the camera, along its columns."""
+        """Focal length along the camera's columns [px]."""
         return float(self.calibration.image_from_camera[1, 1])
 
 
@@ -86,7 +86,7 @@ RIGS: Final[Mapping[str, Rig]] = {
 
 
 def record_street(rig: Rig, folder: Path, *, seed: int, index: int) -> None:
-    """Takes one street as a frame of a recording, laid out as docs/recordings.md says.
+    """Record one street as a frame of a recording, in the layout of docs/recordings.md.
 
     JPG, .npy with intensities up to 255, labels, dense depth; a frame that is there is kept. The
     calibration does not tell the LiDAR's height.
