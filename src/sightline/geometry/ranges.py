@@ -25,7 +25,8 @@ def check_ranges(settings: object) -> None:
     Raises:
         ValueError: A number is not finite, or not within its limits, or a range is empty.
     """
-    for name, limits in _limits_of(type(settings)).items():
+    kind: type[Any] = type(settings)
+    for name, limits in _limits_of(kind).items():
         value = getattr(settings, name)
         if not isinstance(value, tuple):
             check_number(name, value, *limits)

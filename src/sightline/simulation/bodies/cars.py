@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.simulation.bodies import car_parts
 from sightline.simulation.bodies.body import (
     BLACK_PLASTIC,
     LEVELS,
@@ -19,23 +20,6 @@ from sightline.simulation.bodies.body import (
     BodyForm,
     cabin,
     lower_body,
-)
-from sightline.simulation.bodies.car_parts import (
-    ALLOY,
-    CHROME,
-    extras,
-    front_trim,
-    handles,
-    mirrors,
-    plate,
-    rear_door_gap,
-    rear_trim,
-    roof_rails,
-    seats,
-    spare_wheel,
-    spoiler,
-    wheel,
-    wheels,
 )
 from sightline.simulation.bodies.models import (
     KITTI_SIZES,
@@ -195,7 +179,7 @@ class VehicleDesign:
         labelled = Mesh.joined(_parts(rng, body, self._style))
         low, high = labelled.vertices.min(axis=0), labelled.vertices.max(axis=0)
         origin = np.array([*(low + high)[:2] / 2, low[2]])
-        beyond = [*extras(rng, body, self._style.roof_load), mirrors(rng, body)]
+        beyond = [*car_parts.extras(rng, body, self._style.roof_load), car_parts.mirrors(rng, body)]
         mesh = Mesh.joined([labelled, *beyond])
         front, rear = body.wheel_places
         reach, top = 1.12 * body.wheel_radius + 0.04, body.form.screen_top * length / 2
@@ -207,7 +191,7 @@ class VehicleDesign:
 def _parts(rng: np.random.Generator, body: Body, style: CarStyle) -> list[Mesh]:
     """Build all parts within the label's box."""
     tyre = 0.20 if body.wheel_radius < 0.33 else 0.22
-    one = wheel(rng, body.wheel_radius, tyre, rim=ALLOY)
+    one = car_parts.wheel(rng, body.wheel_radius, tyre, rim=car_parts.ALLOY)
     half = body.length / 2
     shell = body.paint if rng.random() < 0.75 else BLACK_PLASTIC
     rear_level = 0.64 if body.form.tail_levels[0] > 0.6 or rng.random() < 0.6 else 0.38
@@ -216,22 +200,28 @@ def _parts(rng: np.random.Generator, body: Body, style: CarStyle) -> list[Mesh]:
     parts = [
         lower_body(body),
         cabin(body),
-        wheels(one, body.wheel_places, body.width / 2 - tyre / 2 - 0.015, body.wheel_radius),
-        *handles(body, shell),
-        *front_trim(rng, body),
-        *rear_trim(rng, body),
-        *plate(rng, ahead + 0.004, body.level_height(half, 0.40), 1),
-        *plate(rng, behind - 0.004, body.level_height(-half, rear_level), -1),
-        seats(body, [max(row, body.form.rear_top + 0.06) * half for row in style.seat_rows]),
+        car_parts.wheels(
+            one, body.wheel_places, body.width / 2 - tyre / 2 - 0.015, body.wheel_radius
+        ),
+        *car_parts.handles(body, shell),
+        *car_parts.front_trim(rng, body),
+        *car_parts.rear_trim(rng, body),
+        *car_parts.plate(rng, ahead + 0.004, body.level_height(half, 0.40), 1),
+        *car_parts.plate(rng, behind - 0.004, body.level_height(-half, rear_level), -1),
+        car_parts.seats(
+            body, [max(row, body.form.rear_top + 0.06) * half for row in style.seat_rows]
+        ),
     ]
     if rng.random() < style.rails:
-        parts.append(roof_rails(body, CHROME if rng.random() < 0.5 else BLACK_PLASTIC))
+        parts.append(
+            car_parts.roof_rails(body, car_parts.CHROME if rng.random() < 0.5 else BLACK_PLASTIC)
+        )
     if rng.random() < style.spoiler:
-        parts.append(spoiler(rng, body))
+        parts.append(car_parts.spoiler(rng, body))
     if rng.random() < style.spare_wheel:
-        parts.append(spare_wheel(one, body))
+        parts.append(car_parts.spare_wheel(one, body))
     if body.form.split_rear:
-        parts.append(rear_door_gap(body))
+        parts.append(car_parts.rear_door_gap(body))
     return parts
 
 

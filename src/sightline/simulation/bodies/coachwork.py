@@ -48,7 +48,9 @@ class Coachwork:
 def coachwork_mesh(work: Coachwork, finish: Finish, panels: Sequence[Panel] = ()) -> Mesh:
     """Build the closed box; later panels lie over earlier ones."""
     columns = _columns(work, panels)
-    heights = _heights(work, panels)
+    edges = [height for panel in panels for height in (panel.low, panel.high)]
+    bends = [height for height, _, _ in work.profile]
+    heights = _apart(np.array([*edges, *bends], np.float64), work.low, work.high)
     skin = grid(_points(work, columns, heights), finish, closed=True)
     low, high = np.full(2, work.low - 1), np.full(len(_ROOF_ROWS), work.high + 1)
     rows = np.concatenate((low[:1], heights, high))
@@ -89,12 +91,6 @@ def _columns(work: Coachwork, panels: Sequence[Panel]) -> Float64[np.ndarray, "c
         )
     )
     return np.concatenate((left, left[-2:0:-1] * (1, -1)))
-
-
-def _heights(work: Coachwork, panels: Sequence[Panel]) -> Float64[np.ndarray, " rows"]:
-    edges = [height for panel in panels for height in (panel.low, panel.high)]
-    bends = [height for height, _, _ in work.profile]
-    return _apart(np.array([*edges, *bends], np.float64), work.low, work.high)
 
 
 def _breaks(

@@ -40,7 +40,7 @@ HEAD_RINGS = np.array([  # height, half depth, half width, offset ahead [m], fro
 
 
 Hair = Enum("Hair", "SHORT LONG BALD CAP HELMET", start=0)  # hair or headwear
-Legwear = Enum("Legwear", "TROUSERS SHORTS SKIRT", start=0)  # legwear
+Legwear = Enum("Legwear", "TROUSERS SHORTS SKIRT", start=0)
 Luggage = Enum("Luggage", "NOTHING BACKPACK HANDBAG SHOULDER_BAG", start=0)  # carried luggage
 
 

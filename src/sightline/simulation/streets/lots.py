@@ -160,7 +160,7 @@ def _lots_along(
     rng: np.random.Generator, road: Road, side: Side, first: float, last: float
 ) -> list[Lot]:
     if side.plots in (Plots.PARK, Plots.FOREST, Plots.FIELD, Plots.CAR_PARK):
-        boundary = _draw_open_boundary(rng, side.plots)
+        boundary = _draw_boundary(rng, side.plots)
         return [
             Lot(
                 road=road, side=side, plots=side.plots, start=first, width=last - first,
@@ -228,18 +228,12 @@ def _draw_building(rng: np.random.Generator, plots: Plots) -> tuple[float, float
 
 
 def _draw_boundary(rng: np.random.Generator, plots: Plots) -> Boundary:
-    if plots in (Plots.BLOCKS, Plots.HALLS):
+    if plots is Plots.FIELD:
+        return Boundary.FENCE if rng.random() < 0.2 else Boundary.OPEN
+    if plots in (Plots.BLOCKS, Plots.HALLS, Plots.FOREST, Plots.CAR_PARK):
         return Boundary.OPEN
-    shares = (0.2, 0.42, 0.14, 0.24) if plots is Plots.HOUSES else (0.35, 0.42, 0.08, 0.15)
-    return list(Boundary)[int(rng.choice(4, p=shares))]
-
-
-def _draw_open_boundary(rng: np.random.Generator, plots: Plots) -> Boundary:
-    if plots is Plots.PARK:
-        return list(Boundary)[int(rng.choice(4, p=(0.25, 0.5, 0.05, 0.2)))]
-    if plots is Plots.FIELD and rng.random() < 0.2:
-        return Boundary.FENCE
-    return Boundary.OPEN
+    shares = {Plots.HOUSES: (0.2, 0.42, 0.14, 0.24), Plots.PARK: (0.25, 0.5, 0.05, 0.2)}
+    return list(Boundary)[int(rng.choice(4, p=shares.get(plots, (0.35, 0.42, 0.08, 0.15))))]
 
 
 def footprint_corners(footprint: Footprint) -> Float64[np.ndarray, "4 2"]:

@@ -55,7 +55,8 @@ def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) ->
         if lot.plots in _FORMS:
             if lot.plots is not Plots.TERRACES or shared is None or rng.random() < 0.15:
                 shared = _FORMS[lot.plots](rng)
-            shared = _form_of(rng, lot, shared)
+            if lot.plots is Plots.TERRACES:  # its houses share their form but not their colours
+                shared = replace(shared, look=draw_look(rng, 0.15))
             _place_building(rng, batch, layout, lot, shared, _free_sides(lots, row))
             parts += _garden(rng, batch, layout, lot)
             if row + 1 < len(lots):
@@ -68,13 +69,6 @@ def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) ->
             parts += _open_land(rng, layout, lot)
         parts += enclose(rng, batch, layout, lot)
     return [batch.mesh(), *parts]
-
-
-def _form_of(rng: np.random.Generator, lot: Lot, form: BuildingForm) -> BuildingForm:
-    """Draw a new look for a terrace: its houses share their form but not their colours."""
-    if lot.plots is not Plots.TERRACES:
-        return form
-    return replace(form, look=draw_look(rng, 0.15))
 
 
 def _free_sides(lots: Sequence[Lot], row: int) -> tuple[bool, bool]:

@@ -12,7 +12,6 @@ from sightline.simulation.scene import Pose
 from sightline.simulation.streets.layout import (
     PARKING_DEPTH_M,
     CenterLine,
-    Junction,
     Lane,
     Layout,
     Parking,
@@ -52,7 +51,10 @@ def turn(crowd: Crowd) -> None:
         (lanes, is_from_main)
         for lanes in product(layout.main.lanes, junction.cross.lanes)
         for is_from_main in (True, False)
-        if not lanes[0].for_trams and _is_open(junction, lanes[1].direction, is_from_main)
+        if not lanes[0].for_trams
+        # The arm of the crossing road at the start or end of the turn must be built.
+        and ((lanes[1].direction > 0) == is_from_main or junction.opens_right)
+        and ((lanes[1].direction > 0) != is_from_main or junction.opens_left)
     ]
     for row in rng.permutation(len(pairs))[:3].tolist():
         if rng.random() > _TURNING_SHARE:
@@ -67,11 +69,6 @@ def turn(crowd: Crowd) -> None:
         travel = STANDING if rng.random() < 0.2 else Travel(speed_mps=speed)
         track = crowd.along(road, station, 0.0, 1, travel)
         crowd.add(crowd.draw_vehicle(crowd.customs.heavy_share, 0.07), track, 0.3)
-
-
-def _is_open(junction: Junction, cross_direction: int, is_from_main: bool) -> bool:  # noqa: FBT001
-    """Test whether the arm of the crossing road at the start or end of a turn is built."""
-    return junction.opens_left if (cross_direction > 0) == is_from_main else junction.opens_right
 
 
 def turning_line(
@@ -120,15 +117,13 @@ def drive_lanes(crowd: Crowd) -> None:
     """Fill all lanes with traffic: it waits at the junction or drives through it."""
     for road in crowd.layout.roads:
         is_main = road is crowd.layout.main
-        goes = crowd.layout.main_waits != is_main and (is_main or _is_through(road))
+        gaps = road.left.gaps
+        is_through = is_main or (road.first + 5 < gaps[0][0] and gaps[0][1] < road.last - 5)
+        goes = crowd.layout.main_waits != is_main and is_through
         for lane in road.lanes:
             stretches = ((road.first, road.last),) if goes else open_stretches(crowd.layout, road)
             for first, last in stretches:
                 _fill_lane(crowd, road, lane, first, last, goes=goes)
-
-
-def _is_through(road: Road) -> bool:
-    return road.left.gaps[0][0] > road.first + 5 and road.left.gaps[0][1] < road.last - 5
 
 
 def _fill_lane(
@@ -138,6 +133,7 @@ def _fill_lane(
     rng = crowd.rng
     junction_ahead = last < road.last if lane.direction > 0 else first > road.first
     waits = not goes and junction_ahead
+    is_ego_lane = road is crowd.layout.main and lane is crowd.layout.ego_lane
     if lane is crowd.layout.ego_lane and not waits:
         travel = crowd.ego_travel if goes or first <= 0 else crowd.draw_travel(0.0)
     else:
@@ -161,23 +157,12 @@ def _fill_lane(
         station = position - lane.direction * length / 2
         offset = lane.offset + float(rng.normal(0, 0.12))
         track = crowd.along(road, station, offset, lane.direction, travel)
-        if (
-            first < station - length / 2
-            and station + length / 2 < last
-            and _keeps_off_ego(crowd, road, lane, station, length, gap)
-        ):
+        is_beside_ego = is_ego_lane and abs(station) <= gap + length / 2 + EGO_SIZE_LW[0] / 2
+        if first < station - length / 2 and station + length / 2 < last and not is_beside_ego:
             crowd.add(model, track, 0.2, rarity)
         # The gap between two cars is the drivers' safe distance and, mostly, some more.
         more = float(rng.exponential(1.0 if rng.random() < closed_up else 1 / density))
         position = station - lane.direction * (length / 2 + gap + more)
-
-
-def _keeps_off_ego(
-    crowd: Crowd, road: Road, lane: Lane, station: float, length: float, gap: float
-) -> bool:
-    if road is not crowd.layout.main or lane is not crowd.layout.ego_lane:
-        return True
-    return abs(station) > gap + length / 2 + EGO_SIZE_LW[0] / 2
 
 
 def _drive_tram(crowd: Crowd, road: Road, lane: Lane, first: float, last: float) -> None:
