@@ -25,8 +25,6 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy import ndarray
-from sightline.simulation.camera_rays import camera_view
-from sightline.simulation.raycast import Raycaster
 
 from benchmarks.record import print_record
 from sightline.simulation.camera.samples import camera_view

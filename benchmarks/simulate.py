@@ -28,7 +28,6 @@ import numpy as np
 
 from benchmarks.record import print_record
 from sightline.jobs.pool import one_blas_thread
-from sightline.simulation.camera import CameraConfig, render_camera
 from sightline.simulation.camera.camera import CameraConfig, render_camera
 from sightline.simulation.generate import ObjectLayout, simulate
 from sightline.simulation.labels import label_frame

@@ -3,8 +3,8 @@ import threading
 
 import pytest
 
-from sightline.data import plain_file, plain_text
 from sightline.data.sample_list import read_sample_list
+from sightline.files import plain_file, plain_text
 from sightline.files.problem import FileError
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
@@ -165,7 +165,7 @@ def _lidar(row: Mapping[str, Any]) -> LidarConfig:
 # through walls, where the lower lasers read too little; those of readings against the lasers above
 # and below on the same surface.
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
-    model: _lidar(row) for model, row in read_table(__file__, "lidars").items()
+    cast("LidarModel", model): _lidar(row) for model, row in read_table(__file__, "lidars").items()
 }
 
 
