@@ -7,21 +7,25 @@ import torch
 from sightline.data.open import open_dataset
 from sightline.data.weights import write_weights
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN
-from sightline.detection3d.config import (
+from sightline.detection3d.config import Detection3DConfig
+from sightline.detection3d.detector import Detector3D
+from sightline.detection3d.pillars.config import (
+    PillarDetectionConfig,
+    PillarGridConfig,
+    PillarNetworkConfig,
+)
+from sightline.detection3d.pillars.region_config import RegionConfig
+from sightline.detection3d.points.config import (
     AbstractionConfig,
     NeighbourhoodConfig,
     PointBackboneConfig,
+    ProposalConfig,
+    ProposalNetworkConfig,
     RefinementConfig,
+    RoiPoolingConfig,
 )
-from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
-from sightline.detection3d.model import Detector3D
-from sightline.detection3d.pillar_config import PillarGridConfig, PillarNetworkConfig
-from sightline.detection3d.pillar_detections import PillarDetectionConfig
-from sightline.detection3d.proposal_network import ProposalNetworkConfig
-from sightline.detection3d.proposals import ProposalConfig
-from sightline.detection3d.region_config import RegionConfig
-from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
+from sightline.detection3d.sweeps import SweepConfig
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 NAMES = ("Car", "Pedestrian", "Cyclist")

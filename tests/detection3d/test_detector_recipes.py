@@ -5,9 +5,9 @@ import pytest
 import yaml
 
 from sightline.data.settings import parse_settings
-from sightline.detection3d.config import RefinementConfig
-from sightline.detection3d.detector_config import Detection3DConfig
-from sightline.detection3d.examples import ExampleConfig
+from sightline.detection3d.config import Detection3DConfig
+from sightline.detection3d.examples import Detection3DExampleConfig
+from sightline.detection3d.points.config import RefinementConfig
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
 
@@ -34,7 +34,7 @@ def test_the_recipes_for_kitti_are_of_the_published_sizes(recipe, refinement):
 def test_examples_are_made_for_the_network(recipe):
     network = network_of(recipe)
     preparation = read(recipe)["data"]["init_args"]["preparation"]["init_args"]
-    settings = parse_settings(ExampleConfig, preparation["settings"])
+    settings = parse_settings(Detection3DExampleConfig, preparation["settings"])
     assert settings.input == network.input
     assert settings.class_names == tuple(each.name for each in network.classes)
 

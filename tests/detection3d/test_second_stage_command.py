@@ -7,7 +7,7 @@ import yaml
 from sightline.cli.main import main
 from sightline.data.settings import parse_settings
 from sightline.data.weights import read_weights
-from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.config import Detection3DConfig
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.quiet import LIGHTNING_NOISE
