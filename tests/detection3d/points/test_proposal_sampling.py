@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from sightline.detection3d.points.config import ProposalSamplingConfig
 from sightline.detection3d.points.refinement_training import sample_proposals
+from sightline.ops.rotated_iou import pairwise_iou_3d
 from tests.detection3d.boxes import car, near_boxes, rows
 from tests.reference import proposals as reference
 
@@ -152,6 +153,18 @@ def test_the_best_proposal_of_an_object_is_one_sample_more_with_that_object():
 
 def test_an_object_that_nothing_overlaps_has_no_best_proposal():
     assert counts(sample([car(OFF)], TRUTH)) == (0, 0, 64, 0)
+
+
+def test_an_overlap_by_rounding_alone_makes_no_pair():
+    beside = [21.34, 1.83, -1.0, 3.9, 1.6, 1.5, 2.34]
+    truth = [19.35, 5.38, -1.0, 3.9, 1.6, 1.5, 2.88]
+    assert 0 < pairwise_iou_3d(rows([beside]), rows([truth])).item() < 1e-9
+    samples = sample([beside], [truth])
+    assert samples.iou.max().item() < 0.05
+    assert counts(sample([beside, car(OFF)], [truth])) == (0, 0, 64, 0)
+    assert set(
+        sample([beside, car(OFF)], [truth], num_samples=2, max_foreground=1).proposal.tolist()
+    ) == {0, 1}
 
 
 def test_without_proposals_there_are_no_samples():

@@ -71,6 +71,8 @@ class Neighbourhood(nn.Module):
 
     The input of the first layer is a neighbour's offset from the centre, and its features. The
     layer is linear, so its feature part is computed once per point instead of once per neighbour.
+    Repeated neighbours do not change a maximum, so only distinct ones are computed; but exported
+    graphs have fixed shapes, and repetitions count for the statistics of a batch.
     """
 
     def __init__(self, in_channels: int, config: NeighbourhoodConfig, *, batch_norm: bool) -> None:
@@ -88,13 +90,32 @@ class Neighbourhood(nn.Module):
         neighbours: Int64[Tensor, "batch num_centers num_neighbours"],
     ) -> Float[Tensor, "batch num_centers out_channels"]:
         """Compute the features of the centres from the output of `find`."""
-        offset = group_points(points, neighbours) - centers[:, :, None]
-        hidden = linear(offset, self.first.weight[:, :3], self.first.bias)
-        if features.shape[2]:
-            by_point = linear(features, self.first.weight[:, 3:])
-            hidden = hidden + group_points(by_point, neighbours)
+        weight, bias = self.first.weight, self.first.bias
+        by_point = linear(features, weight[:, 3:]) if features.shape[2] else None
+        is_of_batch = self.training and self.activate.norm is not None
+        if torch.compiler.is_compiling() or is_of_batch:
+            hidden = linear(
+                group_points(points, neighbours) - centers[:, :, None], weight[:, :3], bias
+            )
+            if by_point is not None:
+                hidden = hidden + group_points(by_point, neighbours)
+            every: Tensor = self.rest(self.activate(hidden))
+            return every.amax(dim=2)
+        batch, num_centers, _ = neighbours.shape
+        start = torch.arange(batch, device=points.device)[:, None, None] * points.shape[1]
+        ordered = (neighbours + start).flatten(0, 1).sort(dim=1).values
+        is_new = torch.ones_like(ordered, dtype=torch.bool)
+        is_new[:, 1:] = ordered[:, 1:] != ordered[:, :-1]
+        center, point = is_new.nonzero()[:, 0], ordered[is_new]
+        offset = points.flatten(0, 1)[point] - centers.flatten(0, 1)[center]
+        hidden = linear(offset, weight[:, :3], bias)
+        if by_point is not None:
+            hidden = hidden + by_point.flatten(0, 1).index_select(0, point)
         values: Tensor = self.rest(self.activate(hidden))
-        return values.amax(dim=2)
+        largest = values.new_zeros(batch * num_centers, values.shape[1])
+        places = center[:, None].expand_as(values)
+        largest = largest.scatter_reduce(0, places, values, "amax", include_self=False)
+        return largest.unflatten(0, (batch, num_centers))
 
     def find(
         self,
@@ -139,18 +160,37 @@ class SetAbstraction(nn.Module):
 
 
 def find_groupings(
-    points: Float[Tensor, "batch num_points 3"], levels: nn.ModuleList
+    points: Float[Tensor, "batch num_points 3"],
+    levels: nn.ModuleList,
+    sources: Int64[Tensor, "batch num_points"] | None = None,
 ) -> tuple[dict[str, Tensor], list[Tensor]]:
-    """Find the groupings of successive levels by name, and each level's points, the input first."""
+    """Find the groupings of successive levels by name, and each level's points, the input first.
+
+    Points with the same source are copies; each neighbour is the first of its copies.
+    """
     found: dict[str, Tensor] = {}
     clouds = [points]
     for number, level in enumerate(cast("list[SetAbstraction]", list(levels))):
         grouping = level.find(clouds[-1])
         found[f"centers_{number}"] = grouping.centers
         for scale, neighbours in enumerate(grouping.neighbours):
-            found[f"neighbours_{number}_{scale}"] = neighbours
+            near = neighbours
+            if sources is not None:
+                near = _first_copies(sources).gather(1, near.flatten(1)).reshape(near.shape)
+            found[f"neighbours_{number}_{scale}"] = near
+        sources = None if sources is None else sources.gather(1, grouping.centers)
         clouds.append(group_points(clouds[-1], grouping.centers))
     return found, clouds
+
+
+def _first_copies(
+    sources: Int64[Tensor, "batch num_points"],
+) -> Int64[Tensor, "batch num_points"]:
+    """Place of the first point with the same source."""
+    batch, num_points = sources.shape
+    places = torch.arange(num_points, device=sources.device).expand(batch, -1)
+    first = sources.new_full((batch, int(sources.max()) + 1), num_points)
+    return first.scatter_reduce(1, sources, places, "amin").gather(1, sources)
 
 
 def abstract(

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor, nn
 
 from sightline.detection3d.config import Detection3DLossConfig
@@ -31,7 +31,7 @@ from sightline.detection3d.stages import Proposed, Refined, Regions, SecondStage
 from sightline.detection3d.sweeps import Sweep, SweepTruth
 from sightline.geometry.transforms import wrap_angle
 from sightline.ops.group_points import group_points
-from sightline.ops.roi_points import roi_points
+from sightline.ops.roi_points import RoiPoints, roi_points
 from sightline.ops.rotated_iou import pairwise_iou_3d
 
 _BOX_VALUES = 7
@@ -107,22 +107,9 @@ class PointRefinement(SecondStage):
             ValueError: A coordinate or a box is not finite, a size negative or the seed out of
                 range.
         """
-        features = sweep[:, :0] if proposed.features is None else proposed.features
-        points = sweep[:, :3].contiguous()
-        drawn = roi_points(
-            points[None],
-            proposed.boxes[None],
-            margin_m=self.pooling.margin_m,
-            count=self.pooling.num_points,
-            seed=seed,
-        )
+        drawn = self._draw(sweep, proposed, seed)
         kept = drawn.num_inside[0].nonzero()[:, 0]
-        index = drawn.indices[:, kept]
-        place, known = (group_points(each[None], index)[0] for each in (points, features))
-        given = {"points": place, "features": known}
-        if len(kept):
-            given |= find_groupings(place, self.network.levels)[0]
-        return Regions(kept, proposed.boxes[kept], proposed.scores[kept], given)
+        return self._regions(sweep, proposed, drawn, kept)
 
     def examples(
         self,
@@ -133,16 +120,36 @@ class PointRefinement(SecondStage):
         *,
         seed: int,
     ) -> tuple[Regions, ProposalSamples]:
-        """Sample proposals with `sample_proposals`, without those on ignored objects."""
-        usable = (proposed.boxes[:, 3:6] > 0).all(dim=1)
+        """Sample proposals with `sample_proposals`, without those on ignored objects.
+
+        Points are drawn first: proposals without points are no samples.
+        """
+        drawn = self._draw(sweep, proposed, seed)
+        usable = drawn.num_inside[0] > 0
         usable[usable.clone()] = ~_is_on_ignored(proposed.boxes[usable], truth, config.sampling)
-        usable_ones = proposed.select(usable)
-        boxes, generator = usable_ones.boxes, torch.Generator().manual_seed(seed)
+        places = usable.nonzero()[:, 0]
+        boxes, generator = proposed.boxes[places], torch.Generator().manual_seed(seed)
         samples = sample_proposals(
             boxes, truth.boxes.to(boxes.dtype), config.sampling, generator=generator
         )
-        regions = self.regions(sweep, usable_ones.select(samples.proposal), seed=seed)
-        return regions, ProposalSamples(*(values[regions.places] for values in samples))
+        return self._regions(sweep, proposed, drawn, places[samples.proposal]), samples
+
+    def _draw(self, sweep: Sweep, proposed: Proposed, seed: int) -> RoiPoints:
+        points, boxes = sweep[None, :, :3].contiguous(), proposed.boxes[None]
+        margin_m, count = self.pooling.margin_m, self.pooling.num_points
+        return roi_points(points, boxes, margin_m=margin_m, count=count, seed=seed)
+
+    def _regions(
+        self, sweep: Sweep, proposed: Proposed, drawn: RoiPoints, places: Int64[Tensor, " num_rois"]
+    ) -> Regions:
+        """Collect the drawn points of some proposals, and their neighbourhoods."""
+        features = sweep[:, :0] if proposed.features is None else proposed.features
+        index = drawn.indices[:, places]
+        place, known = (group_points(each[None], index)[0] for each in (sweep[:, :3], features))
+        given = {"points": place, "features": known}
+        if len(places):
+            given |= find_groupings(place, self.network.levels, index[0])[0]
+        return Regions(places, proposed.boxes[places], proposed.scores[places], given)
 
     def refine(self, output: RefinementOutput, regions: Regions) -> Refined:
         """Return the predicted boxes, with sizes of at least a centimetre."""

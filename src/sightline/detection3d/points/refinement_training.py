@@ -10,6 +10,8 @@ from torch.nn.functional import binary_cross_entropy_with_logits, smooth_l1_loss
 from sightline.detection3d.points.config import ProposalSamplingConfig, RefinementLossConfig
 from sightline.ops.rotated_iou import pairwise_iou_3d
 
+_LEAST_IOU = 1e-9  # boxes up to 1.3 m apart have 1e-17 by rounding
+
 NO_TRUTH = -1
 """Object index of proposals in a frame without objects."""
 
@@ -66,9 +68,9 @@ def sample_proposals(
     """Draw exactly `num_samples` proposals of a frame; none if there are no proposals.
 
     Each proposal is assigned the object of highest IoU (`assign_truths`) and is foreground or
-    background by that IoU. In addition, the best proposal of each object (IoU above 0, the first of
-    several) is foreground with that object: this adds a sample unless the pair is foreground
-    already, and the pair is not background as well.
+    background by that IoU. In addition, the best proposal of each object (IoU above 0 by more than
+    rounding, the first of several) is foreground with that object: this adds a sample unless the
+    pair is foreground already, and the pair is not background as well.
 
     - If all are foreground, or all background, they fill all samples.
     - Otherwise up to `max_foreground` are foreground and the rest is background.
@@ -119,7 +121,7 @@ def _best_proposals(
     """Indices of the best proposal and the object, for each overlapped object."""
     if iou.shape[0] == 0:
         return torch.zeros((0, 2), dtype=torch.int64, device=iou.device)
-    truth = (iou.amax(dim=0) > 0).nonzero()[:, 0]
+    truth = (iou.amax(dim=0) > _LEAST_IOU).nonzero()[:, 0]
     return torch.stack((first_largest(iou.T[truth]), truth), dim=1)
 
 
