@@ -36,9 +36,20 @@ def level(num_centers, radius_m, width):
     return AbstractionConfig(num_centers=num_centers, scales=(scale,))
 
 
-SWEEP = SweepConfig(num_points=2048)
+LOW, HIGH = (0.0, -40.0, -3.0), (70.4, 40.0, 1.0)
+PUBLISHED = Detection3DConfig(
+    input=SweepConfig(num_points=16_384, lowest_m=LOW, highest_m=HIGH),
+    pillars=None,
+    points=ProposalNetworkConfig(),
+    regions=None,
+    refinement=RefinementConfig(),
+    suppression=SuppressionConfig(min_score=0.3),
+)
+SWEEP = SweepConfig(num_points=2048, lowest_m=LOW, highest_m=HIGH)
 TINY = Detection3DConfig(
     input=SWEEP,
+    pillars=None,
+    regions=None,
     points=ProposalNetworkConfig(
         classes=(CAR, PEDESTRIAN, CYCLIST),
         backbone=PointBackboneConfig(

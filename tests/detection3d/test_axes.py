@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection3d.config import Detection3DConfig, HeadingHypothesesConfig
+from sightline.detection3d.config import HeadingHypothesesConfig
 from sightline.detection3d.detector import (
     Detector3D,
     TurnedProposals,
@@ -136,4 +136,8 @@ def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match=r"regions makes layers of \d+ numbers of a proposal"):
         replace(COMPACT, regions=large, axes=HeadingHypothesesConfig(number=16))
     with pytest.raises(ValueError, match="axes needs regions in their own frames"):
-        Detection3DConfig(axes=HeadingHypothesesConfig(class_names=("Car",)))
+        replace(
+            COMPACT,
+            regions=replace(COMPACT.regions, canonical=False),
+            axes=HeadingHypothesesConfig(),
+        )

@@ -11,7 +11,7 @@ from sightline.structures.labels import ObjectLabels
 NAMES = ("Car", "Van", "Pedestrian", "Cyclist", "DontCare", "Car", "Person_sitting", "DontCare")
 NUM_POINTS = (9, 9, 5, 9, 0, 4, 9, 0)
 
-SEEN = SweepConfig(lowest_m=(-1.0, -40.0, -3.0))
+SEEN = SweepConfig(lowest_m=(-1.0, -40.0, -3.0), highest_m=(70.4, 40.0, 1.0))
 
 
 def labels():

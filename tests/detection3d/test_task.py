@@ -23,6 +23,7 @@ from sightline.structures.predictions import Detections3D
 from sightline.training.quiet import LIGHTNING_NOISE
 from tests.detection3d.frames import (
     NAMES,
+    PUBLISHED,
     SWEEP,
     TINY,
     simulated_frames,
@@ -213,12 +214,12 @@ def test_settings_that_do_not_fit_together_are_refused():
     with pytest.raises(ValueError, match="no second stage to train"):
         Detection3D(without_refinement(), stages="second")
     with pytest.raises(ValueError, match="needs one first stage"):
-        Detection3DConfig(points=None)
+        Detection3DConfig(pillars=None)
     with pytest.raises(ValueError, match=r"points.backbone.in_channels is 0, expected 1"):
         replace(TINY, input=replace(SWEEP, reflectance=True))
     with pytest.raises(ValueError, match=r"refinement.in_channels is 7, expected 24"):
         replace(TINY, refinement=replace(TINY.refinement, in_channels=7))
     with pytest.raises(ValueError, match="refinement makes layers of 1048576 numbers of a propos"):
-        Detection3DConfig(proposals=ProposalConfig(num_proposals=1000))
+        replace(PUBLISHED, proposals=ProposalConfig(num_proposals=1000))
     with pytest.raises(ValueError, match="must be up to 4294967296, got 4194304 times 4096"):
-        Detection3DConfig(input=SweepConfig(num_points=2**22))
+        replace(PUBLISHED, input=SweepConfig(num_points=2**22))

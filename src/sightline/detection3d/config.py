@@ -78,14 +78,18 @@ _MOST_DISTANCES = 2**32  # between points and centres: some seconds
 
 @dataclass(frozen=True, kw_only=True)
 class Detection3DConfig:
-    """Settings of a 3D detector."""
+    """Settings of a 3D detector; by default of the design that ships: pillars, then regions.
+
+    The published settings (Shi et al. 2019, PointRCNN, with the plain second stage) are those of
+    the recipe `detection3d-baseline-kitti`. Settings for use alone are off by default.
+    """
 
     input: SweepConfig = field(default_factory=SweepConfig)
     """Part of a sweep that the network gets."""
-    points: ProposalNetworkConfig | None = field(default_factory=ProposalNetworkConfig)
-    """First stage on points: for each point a foreground score and a box."""
-    pillars: PillarNetworkConfig | None = None
-    """Compact first stage instead: centres and boxes in a map of pillars."""
+    pillars: PillarNetworkConfig | None = field(default_factory=PillarNetworkConfig)
+    """First stage on pillars: centres and boxes in a map."""
+    points: ProposalNetworkConfig | None = None
+    """First stage on points instead: for each point a foreground score and a box."""
     proposals: ProposalConfig = field(default_factory=ProposalConfig)
     """Selection of the point stage's boxes for the second stage."""
     training_proposals: ProposalConfig = field(
@@ -94,10 +98,11 @@ class Detection3DConfig:
     """The same selection while the second stage is trained."""
     centers: PillarDetectionConfig = field(default_factory=PillarDetectionConfig)
     """Selection of the pillar stage's boxes for the second stage."""
-    refinement: RefinementConfig | None = field(default_factory=RefinementConfig)
-    """Second stage: a box and its confidence from the points around each proposal."""
-    regions: RegionConfig | None = None
-    """Compact second stage instead. With neither, the proposals are the detections."""
+    regions: RegionConfig | None = field(default_factory=RegionConfig)
+    """Second stage on regions: changes of a proposal's box from the points around it."""
+    refinement: RefinementConfig | None = None
+    """Plain second stage instead: a box and its confidence. With neither, the proposals are the
+    detections."""
     pooling: RoiPoolingConfig = field(default_factory=RoiPoolingConfig)
     """Pooling of the sweep's points around a proposal, for the plain second stage."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
@@ -114,7 +119,9 @@ class Detection3DConfig:
     def __post_init__(self) -> None:
         """Checks that there is a first stage, and that the stages fit together."""
         if (self.points is None) == (self.pillars is None):
-            raise ValueError("a detector needs one first stage: set points or pillars, not both")
+            raise ValueError(
+                "a detector needs one first stage: set pillars or points, and the other to null"
+            )
         if self.refinement is not None and self.regions is not None:
             raise ValueError(
                 "a detector has one second stage at most: set refinement or regions to null"

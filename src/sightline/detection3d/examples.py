@@ -148,7 +148,7 @@ class Detection3DExampleConfig:
 
     input: SweepConfig = field(default_factory=SweepConfig)
     """Part of a sweep that the network gets: as in its own settings."""
-    class_names: tuple[str, ...] = ("Car",)
+    class_names: tuple[str, ...] = ("Car", "Pedestrian", "Cyclist")
     """Classes to detect, in the order of the network's own settings."""
     changes: SceneChangeConfig | None = field(default_factory=SceneChangeConfig)
     """Augmentations in training. None: none."""

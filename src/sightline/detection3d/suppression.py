@@ -18,7 +18,7 @@ from sightline.structures.predictions import Detections3D
 class SuppressionConfig:
     """Settings that turn the second stage's boxes into detections."""
 
-    min_score: float = 0.3
+    min_score: float = 0.05
     """Boxes with a lower score are removed."""
     iou: float = 0.1
     """IoU from above from which a box with a lower score is removed."""

@@ -61,7 +61,7 @@ class Detection3D(TrainingModule):
 
         Args:
             network: Settings of the network. None: the network of the initial weights; without
-                those, the published one.
+                those, the design that ships.
             loss: Settings of the losses.
             optimizer: Settings of the optimizer.
             stages: Whether to train both stages at once, the first alone, or the second on a frozen

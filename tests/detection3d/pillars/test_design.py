@@ -10,7 +10,7 @@ import torch
 from sightline.cli.main import main
 from sightline.data.sweep_changes import GroundShapeConfig
 from sightline.detection3d.classes import CAR
-from sightline.detection3d.config import Detection3DConfig, Detection3DLossConfig
+from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.detector import propose, refine
 from sightline.detection3d.examples import (
     Detection3DExampleConfig,
@@ -27,7 +27,7 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
 from sightline.training.data import CameraLidarData
 from sightline.training.sources import SourceConfig
-from tests.detection3d.frames import COMPACT, NAMES, simulated_frames, write_network
+from tests.detection3d.frames import COMPACT, NAMES, PUBLISHED, simulated_frames, write_network
 
 SETTINGS = Detection3DExampleConfig(
     input=COMPACT.input, class_names=NAMES, changes=None, targets=SweepTruthConfig(min_points=5)
@@ -165,9 +165,9 @@ def test_points_that_are_not_canonical_are_told_where_they_are(frames):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"pillars": None}, "needs one first stage: set points or pillars, not both"),
-        ({"points": Detection3DConfig().points}, "needs one first stage: set points or pillars"),
-        ({"refinement": Detection3DConfig().refinement}, "one second stage at most"),
+        ({"pillars": None}, "needs one first stage: set pillars or points"),
+        ({"points": PUBLISHED.points}, "needs one first stage: set pillars or points"),
+        ({"refinement": PUBLISHED.refinement}, "one second stage at most"),
         ({"input": SweepConfig(reflectance=True)}, r"pillars\.grid\.reflectance is False, but"),
         ({"regions": RegionConfig(in_channels=1)}, r"regions\.in_channels is 1, expected 0"),
         ({"regions": RegionConfig(classes=(CAR,))}, r"regions\.classes are Car, expected the"),
@@ -184,7 +184,7 @@ def test_stages_that_do_not_fit_together_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
         replace(COMPACT, **wrong)
     with pytest.raises(ValueError, match=r"input\.num_points must be a number where points"):
-        Detection3DConfig(input=SweepConfig(num_points=None))
+        replace(PUBLISHED, input=SweepConfig(num_points=None))
 
 
 def test_examples_for_another_network_are_refused():
