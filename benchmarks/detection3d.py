@@ -24,8 +24,8 @@ from benchmarks.untrained import shipped_or_untrained
 from sightline.data.open import open_dataset
 from sightline.detection3d.export_graph import export_graphs
 from sightline.detection3d.network_task import NETWORK_TASK
-from sightline.detection3d.predictor import network_sweep
-from sightline.detection3d.runners import StageRunners
+from sightline.detection3d.predictor import StageRunners
+from sightline.detection3d.sweeps import network_sweep
 from sightline.export.names import EngineName
 from sightline.files.weights_header import shipped_names
 from sightline.inference.network import load_network

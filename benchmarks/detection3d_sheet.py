@@ -8,10 +8,11 @@ from pathlib import Path
 
 import jsonargparse
 import numpy as np
+from sightline.detection3d.answer_picture import answer_picture
 
 from benchmarks.sheet_file import write_sheet
 from sightline.data.open import open_dataset
-from sightline.detection3d.answer_picture import answer_picture
+from sightline.detection3d.pictures import answer_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.jobs.progress import track
 from sightline.simulation.packaged import PACKAGED_FRAMES

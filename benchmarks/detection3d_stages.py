@@ -15,18 +15,18 @@ from typing import Any, Final, NamedTuple
 
 import jsonargparse
 import torch
+from sightline.detection3d.detector_config import Detection3DConfig
 
 from benchmarks.record import print_record
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
-from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.config import Detection3DConfig
+from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.files import write_results
-from sightline.detection3d.model import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
-from sightline.detection3d.predictor import network_sweep
-from sightline.detection3d.runners import StageRunners
-from sightline.detection3d.stages import Sweep
+from sightline.detection3d.predictor import StageRunners
+from sightline.detection3d.sweeps import Sweep, network_sweep
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 from sightline.evaluation.kitti_object_rules import LOOSE, STRICT
@@ -192,7 +192,7 @@ def _propose(loaded: LoadedNetwork[Detector3D], scene: _Scene, results: Path) ->
     runners = StageRunners(_changed(loaded, many), engine=scene.engine, threads=1)
 
     def answer(sweep: Sweep) -> Detections3D:
-        return runners.proposals(runners.propose(sweep))
+        return runners.detector.as_detections(*runners.propose(sweep)[:3])
 
     _write_answers(answer, loaded, scene.samples, results)
 

@@ -6,21 +6,25 @@ import torch
 
 from sightline.data.open import open_dataset
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN
-from sightline.detection3d.config import (
+from sightline.detection3d.config import Detection3DConfig
+from sightline.detection3d.detector import Detector3D
+from sightline.detection3d.pillars.config import (
+    PillarDetectionConfig,
+    PillarGridConfig,
+    PillarNetworkConfig,
+)
+from sightline.detection3d.pillars.region_config import RegionConfig
+from sightline.detection3d.points.config import (
     AbstractionConfig,
     NeighbourhoodConfig,
     PointBackboneConfig,
+    ProposalConfig,
+    ProposalNetworkConfig,
     RefinementConfig,
+    RoiPoolingConfig,
 )
-from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
-from sightline.detection3d.model import Detector3D
-from sightline.detection3d.pillar_config import PillarGridConfig, PillarNetworkConfig
-from sightline.detection3d.pillar_detections import PillarDetectionConfig
-from sightline.detection3d.proposal_network import ProposalNetworkConfig
-from sightline.detection3d.proposals import ProposalConfig
-from sightline.detection3d.region_config import RegionConfig
-from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
+from sightline.detection3d.sweeps import SweepConfig
 from sightline.files.weights import write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
@@ -32,9 +36,20 @@ def level(num_centers, radius_m, width):
     return AbstractionConfig(num_centers=num_centers, scales=(scale,))
 
 
-SWEEP = SweepConfig(num_points=2048)
+LOW, HIGH = (0.0, -40.0, -3.0), (70.4, 40.0, 1.0)
+PUBLISHED = Detection3DConfig(
+    input=SweepConfig(num_points=16_384, lowest_m=LOW, highest_m=HIGH),
+    pillars=None,
+    points=ProposalNetworkConfig(),
+    regions=None,
+    refinement=RefinementConfig(),
+    suppression=SuppressionConfig(min_score=0.3),
+)
+SWEEP = SweepConfig(num_points=2048, lowest_m=LOW, highest_m=HIGH)
 TINY = Detection3DConfig(
     input=SWEEP,
+    pillars=None,
+    regions=None,
     points=ProposalNetworkConfig(
         classes=(CAR, PEDESTRIAN, CYCLIST),
         backbone=PointBackboneConfig(

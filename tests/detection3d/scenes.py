@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from sightline.detection3d.targets import SweepTruth
+from sightline.detection3d.sweeps import SweepTruth
 from sightline.geometry.boxes3d import Boxes3D
 
 

@@ -7,8 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection3d.alignment import ClassAlignment, align
 from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.detection3d.suppression import ClassAlignment, align
 from sightline.detection3d.task import Detection3D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D

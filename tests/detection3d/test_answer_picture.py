@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED, PROPOSED, answer_picture
+from sightline.detection3d.pictures import DRAWN_SCORE, LABELLED, PROPOSED, answer_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import torch
+from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
+from sightline.detection3d.detector_config import SweepConfig
 
 from sightline.augmentation.sweep_changes import GroundShapeConfig
 from sightline.data.rings import ring_numbers
-from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
-from sightline.detection3d.detector_config import SweepConfig
-from sightline.detection3d.sweeps import cut_to_view
+from sightline.detection3d.examples import SceneChangeConfig, change_scene
+from sightline.detection3d.sweeps import SweepConfig, cut_to_view
 from sightline.geometry.boxes3d import Boxes3D
 from tests.detection3d.frames import simulated_frames
 

@@ -8,14 +8,18 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection3d.axes import TurnedProposals, best_headings, turn_to_axes
-from sightline.detection3d.axes_config import HeadingHypothesesConfig
-from sightline.detection3d.detect import propose, refine
-from sightline.detection3d.detector_config import Detection3DConfig
-from sightline.detection3d.model import Detector3D
-from sightline.detection3d.predictor import network_sweep
-from sightline.detection3d.region_network import RegionOutput
+from sightline.detection3d.config import HeadingHypothesesConfig
+from sightline.detection3d.detector import (
+    Detector3D,
+    TurnedProposals,
+    best_headings,
+    propose,
+    refine,
+    turn_to_axes,
+)
+from sightline.detection3d.pillars.regions import RegionOutput
 from sightline.detection3d.stages import Proposed
+from sightline.detection3d.sweeps import network_sweep
 from tests.detection3d.frames import COMPACT, simulated_frames
 from tests.reference.axes import reference_surest
 
@@ -132,4 +136,8 @@ def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match=r"regions makes layers of \d+ numbers of a proposal"):
         replace(COMPACT, regions=large, axes=HeadingHypothesesConfig(number=16))
     with pytest.raises(ValueError, match="axes needs regions in their own frames"):
-        Detection3DConfig(axes=HeadingHypothesesConfig(class_names=("Car",)))
+        replace(
+            COMPACT,
+            regions=replace(COMPACT.regions, canonical=False),
+            axes=HeadingHypothesesConfig(),
+        )

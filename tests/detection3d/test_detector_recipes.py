@@ -1,15 +1,20 @@
-"""What the recipes say: published numbers, which are the defaults, and parts that fit together."""
+"""What the recipes say: published numbers, what ships by default, and parts that fit together."""
+
+from dataclasses import replace
 
 import jsonargparse
 import pytest
 import yaml
-
-from sightline.detection3d.config import RefinementConfig
 from sightline.detection3d.detector_config import Detection3DConfig
-from sightline.detection3d.examples import ExampleConfig
+
+from sightline.detection3d.config import Detection3DConfig, RefinementConfig
+from sightline.detection3d.examples import Detection3DExampleConfig
+from sightline.detection3d.pillars.region_config import RegionConfig
+from sightline.detection3d.points.config import RefinementConfig
 from sightline.files.settings import parse_settings
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
+from tests.detection3d.frames import PUBLISHED
 
 RECIPES = sorted(path.stem for path in PACKAGE_RECIPES.glob("detection3d-*.yaml"))
 
@@ -27,16 +32,24 @@ def network_of(recipe):
     [("detection3d-rpn-kitti", None), ("detection3d-baseline-kitti", RefinementConfig())],
 )
 def test_the_recipes_for_kitti_are_of_the_published_sizes(recipe, refinement):
-    assert network_of(recipe) == Detection3DConfig(refinement=refinement)
+    assert network_of(recipe) == replace(PUBLISHED, refinement=refinement)
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_examples_are_made_for_the_network(recipe):
     network = network_of(recipe)
     preparation = read(recipe)["data"]["init_args"]["preparation"]["init_args"]
-    settings = parse_settings(ExampleConfig, preparation["settings"])
+    settings = parse_settings(Detection3DExampleConfig, preparation["settings"])
     assert settings.input == network.input
     assert settings.class_names == tuple(each.name for each in network.classes)
+
+
+def test_the_default_network_is_the_design_that_ships():
+    network = network_of("detection3d-best")
+    regions = replace(network.regions, passes=RegionConfig().passes, mean_with_first=())
+    in_use = {"flip_test": False, "axes": None}
+    assert replace(network, regions=regions, **in_use) == Detection3DConfig()
+    assert Detection3DExampleConfig().input == network.input
 
 
 def test_the_compact_recipes_differ_in_size_passes_and_what_is_for_use_alone():
@@ -45,7 +58,7 @@ def test_the_compact_recipes_differ_in_size_passes_and_what_is_for_use_alone():
         assert best["model"]["init_args"]["network"].pop(name)
     for recipe in (best, fast):
         network = recipe["model"]["init_args"]["network"]
-        assert network.pop("pillars") is not None
+        network.pop("pillars", None)
         assert network["regions"].pop("passes")
     assert best == fast
 

@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.detection3d.augmentation import SceneChangeConfig
-from sightline.detection3d.detector_config import SweepConfig
-from sightline.detection3d.examples import DetectionExamples, ExampleConfig
-from sightline.detection3d.targets import TargetConfig, make_truth
+from sightline.detection3d.examples import (
+    Detection3DExampleConfig,
+    Detection3DExamples,
+    SceneChangeConfig,
+)
+from sightline.detection3d.sweeps import SweepConfig, SweepTruthConfig, make_truth
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.structures.batch import concatenate
 from tests.detection3d.frames import NAMES, SWEEP, simulated_frames
 
-SETTINGS = ExampleConfig(input=SWEEP, class_names=NAMES)
+SETTINGS = Detection3DExampleConfig(input=SWEEP, class_names=NAMES)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,7 @@ def frames():
 
 def example(sample, settings=SETTINGS, *, seed=0, training=True):
     rng = np.random.default_rng(seed)
-    return DetectionExamples(settings).prepare(sample, rng, training=training)
+    return Detection3DExamples(settings).prepare(sample, rng, training=training)
 
 
 def test_an_example_has_so_many_points_and_its_objects_hold_some(frames):
@@ -104,7 +106,7 @@ def test_a_higher_lidar_is_learned_from_and_scored_as_it_is_detected_in(frames, 
 
 
 def truth_of(sample, points, **settings):
-    return make_truth(sample.objects, points, ("Car",), SweepConfig(), TargetConfig(**settings))
+    return make_truth(sample.objects, points, ("Car",), SweepConfig(), SweepTruthConfig(**settings))
 
 
 def test_objects_without_points_or_that_look_like_ours_are_ignored(frames):
@@ -133,7 +135,7 @@ def test_a_frame_without_labels_and_a_cache_with_changes_are_refused(frames, tmp
     with pytest.raises(ValueError, match="000000 has no labels"):
         example(replace(frames[0], objects=None))
     with pytest.raises(ValueError, match=r"set settings\.changes to null"):
-        DetectionExamples(replace(SETTINGS, changes=SceneChangeConfig()), cache=tmp_path)
+        Detection3DExamples(replace(SETTINGS, changes=SceneChangeConfig()), cache=tmp_path)
 
 
 def test_a_sweep_of_which_nothing_is_seen_is_an_example_without_points(frames):

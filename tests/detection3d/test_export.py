@@ -2,13 +2,14 @@
 
 import pytest
 import torch
-
 from sightline.detection3d.detect import refine
+
+from sightline.detection3d.detector import refine
 from sightline.detection3d.export_graph import MAX_DIFFERENCE, REGIONS_A_RUN, region_portions
-from sightline.detection3d.predictor import Detection3DPredictor, network_sweep
+from sightline.detection3d.predictor import Detection3DPredictor, StageRunners
 from sightline.detection3d.registration import TASK
-from sightline.detection3d.runners import StageRunners
 from sightline.detection3d.stages import Proposed
+from sightline.detection3d.sweeps import network_sweep
 from sightline.export.engines import open_engine
 from sightline.export.write import export_graphs
 from sightline.files.weights import write_weights

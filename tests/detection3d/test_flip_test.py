@@ -12,30 +12,29 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from sightline.cli.main import main
-from sightline.detection3d.axes_config import HeadingHypothesesConfig
-from sightline.detection3d.center_coding import (
+from sightline.detection3d.config import Detection3DConfig, HeadingHypothesesConfig
+from sightline.detection3d.detector import Detector3D, propose, refine
+from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
+from sightline.detection3d.pillars.boxes import (
     cell_middles,
     encode_centers,
-    mirror_centers,
-)
-from sightline.detection3d.detect import propose, refine
-from sightline.detection3d.detector_config import Detection3DConfig
-from sightline.detection3d.examples import DetectionExamples, ExampleConfig
-from sightline.detection3d.model import Detector3D
-from sightline.detection3d.pillar_config import PillarGridConfig
-from sightline.detection3d.pillar_features import mirror_pillars, pillar_features
-from sightline.detection3d.predictor import network_sweep
-from sightline.detection3d.region_coding import (
     encode_regions,
     keeps_front,
+    mirror_centers,
     turn_regions,
 )
-from sightline.detection3d.region_config import RegionConfig
-from sightline.detection3d.region_network import RegionOutput
-from sightline.detection3d.region_views import REGION_VIEWS
-from sightline.detection3d.regions import cut_regions, flip_heading
+from sightline.detection3d.pillars.config import PillarGridConfig
+from sightline.detection3d.pillars.region_config import RegionConfig
+from sightline.detection3d.pillars.regions import (
+    RegionOutput,
+    RegionStage,
+    cut_regions,
+    flip_heading,
+)
+from sightline.detection3d.pillars.stage import mirror_pillars, pillar_features
+from sightline.detection3d.stages import AS_IT_IS, StageView, answer_of_views
+from sightline.detection3d.sweeps import network_sweep
 from sightline.detection3d.task import Detection3D
-from sightline.detection3d.views import AS_IT_IS, View, answer_of_views
 from sightline.geometry.transforms import wrap_angle
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection3d.frames import COMPACT, NAMES, TINY, simulated_frames, write_network
@@ -115,7 +114,7 @@ class _Answer(NamedTuple):
 
 
 def test_the_mean_is_over_all_views_and_one_view_is_left_as_it_is():
-    tenfold = View(
+    tenfold = StageView(
         lambda inputs: {"x": 10 * inputs["x"]},
         lambda answer: answer._replace(first=-answer.first),
     )
@@ -140,7 +139,7 @@ def test_a_network_that_answers_by_the_front_alone_is_asked_from_both_ends():
         return RegionOutput(torch.ones(count, 8), torch.full((count,), 3.0), torch.zeros(count))
 
     answer = answer_of_views(always, {"points": torch.zeros(2, 4, 9), "context": context},
-                             REGION_VIEWS)  # fmt: skip
+                             RegionStage.views)  # fmt: skip
     assert answer.front_logits.tolist() == [0, 0]
     assert answer.values[0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
 
@@ -207,8 +206,9 @@ def test_a_training_scores_without_what_is_for_use_alone(is_cached, tmp_path):
             cache = tmp_path / "cache"
             arguments = [str(PACKAGED_FRAMES), str(cache), "--weights", str(weights)]
             assert main(["proposals", *arguments, "--workers", "1"]) == 0
-        examples = DetectionExamples(
-            ExampleConfig(input=COMPACT.input, class_names=NAMES, changes=None), cache=cache
+        examples = Detection3DExamples(
+            Detection3DExampleConfig(input=COMPACT.input, class_names=NAMES, changes=None),
+            cache=cache,
         )
         batch = examples.prepare(simulated_frames()[0], np.random.default_rng(0), training=False)
         with torch.no_grad():

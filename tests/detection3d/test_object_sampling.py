@@ -15,8 +15,8 @@ from sightline.detection3d.object_sampling import (
     ObjectSamplingConfig,
     collect_objects,
     paste_objects,
+    visible_together,
 )
-from sightline.detection3d.occlusion import visible_together
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.transforms import wrap_angle
 from sightline.structures.labels import ObjectLabels

@@ -8,13 +8,17 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection3d.axes_config import HeadingHypothesesConfig
-from sightline.detection3d.detect import propose, refine
-from sightline.detection3d.model import Detector3D
-from sightline.detection3d.passes import answer_of_passes, mean_answer
-from sightline.detection3d.predictor import network_sweep
-from sightline.detection3d.region_network import RegionOutput
+from sightline.detection3d.config import HeadingHypothesesConfig
+from sightline.detection3d.detector import (
+    Detector3D,
+    answer_of_passes,
+    mean_answer,
+    propose,
+    refine,
+)
+from sightline.detection3d.pillars.regions import RegionOutput
 from sightline.detection3d.stages import Proposed, Refined
+from sightline.detection3d.sweeps import network_sweep
 from tests.detection3d.frames import COMPACT, NAMES, simulated_frames
 from tests.reference.passes import mean_box
 

@@ -9,18 +9,17 @@ import pytest
 import torch
 
 from sightline.cli.main import main
-from sightline.detection3d.examples import DetectionExamples, ExampleConfig
-from sightline.detection3d.loss_config import Detection3DLossConfig
+from sightline.detection3d.config import Detection3DLossConfig
+from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
+from sightline.detection3d.points.config import ProposalConfig, ProposalSamplingConfig
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.proposal_cache import first_stage_identity, read_record
-from sightline.detection3d.proposal_sampling import ProposalSamplingConfig
-from sightline.detection3d.proposals import ProposalConfig
 from sightline.detection3d.task import Detection3D
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection3d.frames import NAMES, SWEEP, TINY, simulated_frames, write_network
 
 LOSS = Detection3DLossConfig(sampling=ProposalSamplingConfig(num_samples=16, max_foreground=8))
-SETTINGS = ExampleConfig(input=SWEEP, class_names=NAMES, changes=None)
+SETTINGS = Detection3DExampleConfig(input=SWEEP, class_names=NAMES, changes=None)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def frames():
 
 
 def example(sample, cache, *, training):
-    examples = DetectionExamples(SETTINGS, cache=cache)
+    examples = Detection3DExamples(SETTINGS, cache=cache)
     return examples.prepare(sample, np.random.default_rng(0), training=training)
 
 

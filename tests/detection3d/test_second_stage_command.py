@@ -3,9 +3,10 @@
 import pytest
 import torch
 import yaml
+from sightline.detection3d.detector_config import Detection3DConfig
 
 from sightline.cli.main import main
-from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.detection3d.config import Detection3DConfig
 from sightline.files.settings import parse_settings
 from sightline.files.weights import read_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES

@@ -7,11 +7,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from sightline.detection3d.detector_config import SweepConfig
 
 from sightline.augmentation.sample_changes import points_in_view
-from sightline.detection3d.detector_config import SweepConfig
-from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
-from tests.detection3d.frames import simulated_frames
+from sightline.detection3d.sweeps import SweepConfig, cut_to_view, draw_points, points_in_range
+from tests.detection3d.frames import HIGH, LOW, simulated_frames
 
 
 def row_of(near, far):
@@ -60,8 +60,9 @@ def test_what_is_out_of_range_is_left_out_by_its_height_above_our_road():
         [[0.0, 0, 0, 0], [-0.1, 0, 0, 0], [70.5, 0, 0, 0], [9, 41, 0, 0], [9, 0, -3.5, 0],
          [9, 0, 0.5, 0], [9, 0, 1.5, 0]]
     )  # fmt: skip
-    assert points_in_range(points, SweepConfig()).tolist() == points[[0, 5]].tolist()
-    lifted = points_in_range(points, SweepConfig(height_offset_m=1.0))
+    config = SweepConfig(lowest_m=LOW, highest_m=HIGH)
+    assert points_in_range(points, config).tolist() == points[[0, 5]].tolist()
+    lifted = points_in_range(points, replace(config, height_offset_m=1.0))
     torch.testing.assert_close(lifted[:, 2], torch.tensor([1.0, -2.5]))
 
 

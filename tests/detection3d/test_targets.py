@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from sightline.detection3d.detector_config import SweepConfig
-from sightline.detection3d.targets import TargetConfig, make_truth
+from sightline.detection3d.sweeps import SweepConfig, SweepTruthConfig, make_truth
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.labels import ObjectLabels
@@ -12,7 +11,7 @@ from sightline.structures.labels import ObjectLabels
 NAMES = ("Car", "Van", "Pedestrian", "Cyclist", "DontCare", "Car", "Person_sitting", "DontCare")
 NUM_POINTS = (9, 9, 5, 9, 0, 4, 9, 0)
 
-SEEN = SweepConfig(lowest_m=(-1.0, -40.0, -3.0))
+SEEN = SweepConfig(lowest_m=(-1.0, -40.0, -3.0), highest_m=(70.4, 40.0, 1.0))
 
 
 def labels():
@@ -38,7 +37,9 @@ def points():
 
 
 def test_few_points_and_alike_classes_are_ignored_for_their_class_and_dontcare_for_all():
-    scene = make_truth(labels(), points(), ("Pedestrian", "Car"), SEEN, TargetConfig(min_points=5))
+    scene = make_truth(
+        labels(), points(), ("Pedestrian", "Car"), SEEN, SweepTruthConfig(min_points=5)
+    )
     assert scene.boxes[:, 0].tolist() == [0, 10]
     assert scene.classes.tolist() == [1, 0]
     assert scene.ignored_boxes[:, 0].tolist() == [5, 25, 30, 35]
@@ -48,14 +49,14 @@ def test_few_points_and_alike_classes_are_ignored_for_their_class_and_dontcare_f
 
 
 def test_a_point_that_fills_up_a_sparse_sweep_several_times_counts_once():
-    config = TargetConfig(min_points=5)
+    config = SweepTruthConfig(min_points=5)
     once = make_truth(labels(), points(), ("Car",), SEEN, config)
     repeated = make_truth(labels(), points().repeat(3, 1), ("Car",), SEEN, config)
     assert repeated.boxes[:, 0].tolist() == once.boxes[:, 0].tolist() == [0]
 
 
 def test_names_and_points_that_shall_not_be_ignored_are_not():
-    config = TargetConfig(ignored_names=(), min_points=0)
+    config = SweepTruthConfig(ignored_names=(), min_points=0)
     scene = make_truth(labels(), points()[:0], ("Car",), SEEN, config)
     assert scene.boxes[:, 0].tolist() == [0, 25]
     assert scene.ignored_boxes[:, 0].tolist() == [35]
@@ -71,6 +72,6 @@ def test_a_frame_without_objects_has_none():
 
 def test_settings_out_of_range_are_refused():
     with pytest.raises(ValueError, match=r"ignored_names may hold Van, .*, got Tram"):
-        TargetConfig(ignored_names=("Tram",))
-    with pytest.raises(ValueError, match="min_points must not be negative, got -1"):
-        TargetConfig(min_points=-1)
+        SweepTruthConfig(ignored_names=("Tram",))
+    with pytest.raises(ValueError, match="min_points must be at least 0, got -1"):
+        SweepTruthConfig(min_points=-1)

@@ -10,21 +10,20 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch.utils.data import DataLoader
 
-from sightline.detection3d.detector_config import Detection3DConfig, SweepConfig
-from sightline.detection3d.examples import DetectionExamples, ExampleConfig
-from sightline.detection3d.loss import detection_losses
-from sightline.detection3d.loss_config import Detection3DLossConfig
-from sightline.detection3d.pictures import RIGHT, TRUTH, WRONG, training_picture
-from sightline.detection3d.proposal_sampling import ProposalSamplingConfig
-from sightline.detection3d.proposals import ProposalConfig
-from sightline.detection3d.targets import TargetConfig
+from sightline.detection3d.config import Detection3DConfig, Detection3DLossConfig
+from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
+from sightline.detection3d.pictures import LABELLED, RIGHT, WRONG, training_picture
+from sightline.detection3d.points.config import ProposalConfig, ProposalSamplingConfig
+from sightline.detection3d.sweeps import SweepConfig, SweepTruthConfig
 from sightline.detection3d.task import Detection3D
+from sightline.detection3d.training import detection_losses
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.batch import concatenate
 from sightline.structures.predictions import Detections3D
 from sightline.training.quiet import LIGHTNING_NOISE
 from tests.detection3d.frames import (
     NAMES,
+    PUBLISHED,
     SWEEP,
     TINY,
     simulated_frames,
@@ -35,13 +34,13 @@ from tests.detection3d.frames import (
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE]
 
 LOSS = Detection3DLossConfig(sampling=ProposalSamplingConfig(num_samples=16, max_foreground=8))
-SETTINGS = ExampleConfig(
-    input=SWEEP, class_names=NAMES, changes=None, targets=TargetConfig(min_points=8)
+SETTINGS = Detection3DExampleConfig(
+    input=SWEEP, class_names=NAMES, changes=None, targets=SweepTruthConfig(min_points=8)
 )
 
 
 def batch_of(samples, *, training):
-    examples, rng = DetectionExamples(SETTINGS), np.random.default_rng(0)
+    examples, rng = Detection3DExamples(SETTINGS), np.random.default_rng(0)
     return concatenate([examples.prepare(each, rng, training=training) for each in samples])
 
 
@@ -185,7 +184,7 @@ def test_the_picture_tells_right_from_wrong():
 
     nothing = torch.zeros(0, 4)
     both = training_picture(nothing, found, truths)
-    assert all(has(both, color) for color in (RIGHT, WRONG, TRUTH))
+    assert all(has(both, color) for color in (RIGHT, WRONG, LABELLED))
     unsure = replace(found, scores=torch.tensor([0.9, 0.1]))
     assert not has(training_picture(nothing, unsure, truths), WRONG)
     assert not has(training_picture(nothing, found, truths[:0]), RIGHT)
@@ -215,12 +214,12 @@ def test_settings_that_do_not_fit_together_are_refused():
     with pytest.raises(ValueError, match="no second stage to train"):
         Detection3D(without_refinement(), stages="second")
     with pytest.raises(ValueError, match="needs one first stage"):
-        Detection3DConfig(points=None)
+        Detection3DConfig(pillars=None)
     with pytest.raises(ValueError, match=r"points.backbone.in_channels is 0, expected 1"):
         replace(TINY, input=replace(SWEEP, reflectance=True))
     with pytest.raises(ValueError, match=r"refinement.in_channels is 7, expected 24"):
         replace(TINY, refinement=replace(TINY.refinement, in_channels=7))
     with pytest.raises(ValueError, match="refinement makes layers of 1048576 numbers of a propos"):
-        Detection3DConfig(proposals=ProposalConfig(num_proposals=1000))
+        replace(PUBLISHED, proposals=ProposalConfig(num_proposals=1000))
     with pytest.raises(ValueError, match="must be up to 4294967296, got 4194304 times 4096"):
-        Detection3DConfig(input=SweepConfig(num_points=2**22))
+        replace(PUBLISHED, input=SweepConfig(num_points=2**22))

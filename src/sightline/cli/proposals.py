@@ -43,7 +43,7 @@ def proposals(
     """
     only_read = [data, named_file(weights), named_file(sample_list)]
     check_outputs({"OUT": out}, data=only_read)
-    from sightline.detection3d.cache_proposals import cache_proposals
+    from sightline.detection3d.proposal_cache import cache_proposals
 
     result = cache_proposals(
         data,

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
+from sightline.detection3d.checks import check_range
+
 _SMALLEST_M, _LARGEST_M = 0.01, 100.0
 
 
@@ -17,11 +19,8 @@ class RoadUserClass:
 
     def __post_init__(self) -> None:
         """Checks the sizes."""
-        if not all(_SMALLEST_M <= size_m <= _LARGEST_M for size_m in self.mean_size_m):
-            raise ValueError(
-                f"mean_size_m of {self.name} must be from {_SMALLEST_M:g} to {_LARGEST_M:g}, got "
-                f"{self.mean_size_m}"
-            )
+        for size_m in self.mean_size_m:
+            check_range(f"mean_size_m of {self.name}", size_m, _SMALLEST_M, _LARGEST_M)
 
 
 CAR: Final = RoadUserClass(name="Car", mean_size_m=(3.88, 1.63, 1.53))

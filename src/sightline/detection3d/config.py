@@ -1,168 +1,279 @@
-"""Network settings of both stages; defaults from the published detectors."""
+"""Settings of a 3D detector and of its training losses."""
 
-from dataclasses import dataclass
-from typing import Final
+import math
+from dataclasses import dataclass, field
 
-# Bounds on settings that cost time or memory but add no weights: weights files may come from
-# anywhere.
-MOST_NUMBERS: Final = 2**29
-"""Largest number of values in a layer's output for one sweep: 2 GB."""
-_MOST_CENTERS = 2**16
-_LARGEST_RADIUS_M = 1000.0
-
-
-def _check_widths(name: str, widths: tuple[int, ...]) -> None:
-    if not widths or min(widths) < 1:
-        raise ValueError(f"{name} must hold one positive width a layer, got {widths}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class NeighbourhoodConfig:
-    """One scale of a set abstraction: search radius, number of neighbours, and layers."""
-
-    radius_m: float
-    """Neighbours are the points nearer than this."""
-    num_neighbours: int
-    """Number of neighbours used."""
-    widths: tuple[int, ...]
-    """Output channels of the layers applied to each neighbour."""
-
-    def __post_init__(self) -> None:
-        """Checks the numbers."""
-        if not 0 < self.radius_m <= _LARGEST_RADIUS_M:
-            raise ValueError(
-                f"radius_m must be positive and up to {_LARGEST_RADIUS_M:g}, got {self.radius_m}"
-            )
-        if self.num_neighbours < 1:
-            raise ValueError(f"num_neighbours must be at least 1, got {self.num_neighbours}")
-        _check_widths("widths", self.widths)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AbstractionConfig:
-    """One level of a point network: fewer points with more features."""
-
-    num_centers: int
-    """Number of centres of the level; fewer where the cloud has fewer points."""
-    scales: tuple[NeighbourhoodConfig, ...]
-    """Neighbourhoods in parallel; their channels are concatenated."""
-
-    def __post_init__(self) -> None:
-        """Checks the numbers."""
-        if not 1 <= self.num_centers <= _MOST_CENTERS:
-            raise ValueError(
-                f"num_centers must be from 1 to {_MOST_CENTERS}, got {self.num_centers}"
-            )
-        if not self.scales:
-            raise ValueError("scales must hold one neighbourhood or more, got none")
-        if self.numbers > MOST_NUMBERS:
-            raise ValueError(
-                f"num_centers, num_neighbours and widths make a layer of {self.numbers} numbers, "
-                f"expected up to {MOST_NUMBERS}"
-            )
-
-    @property
-    def out_channels(self) -> int:
-        """Number of features of each centre."""
-        return sum(scale.widths[-1] for scale in self.scales)
-
-    @property
-    def numbers(self) -> int:
-        """Number of values in its largest layer's output."""
-        return self.num_centers * max(
-            scale.num_neighbours * max(scale.widths) for scale in self.scales
-        )
-
-
-def _two_scales(
-    num_centers: int,
-    radii_m: tuple[float, float],
-    first: tuple[int, ...],
-    second: tuple[int, ...],
-) -> AbstractionConfig:
-    return AbstractionConfig(
-        num_centers=num_centers,
-        scales=(
-            NeighbourhoodConfig(radius_m=radii_m[0], num_neighbours=16, widths=first),
-            NeighbourhoodConfig(radius_m=radii_m[1], num_neighbours=32, widths=second),
-        ),
-    )
-
-
-# Defaults in tuples have names so that a run's saved settings can refer to them.
-LEVEL_1: Final = _two_scales(4096, (0.1, 0.5), (16, 16, 32), (32, 32, 64))
-LEVEL_2: Final = _two_scales(1024, (0.5, 1.0), (64, 64, 128), (64, 96, 128))
-LEVEL_3: Final = _two_scales(256, (1.0, 2.0), (128, 196, 256), (128, 196, 256))
-LEVEL_4: Final = _two_scales(64, (2.0, 4.0), (256, 256, 512), (256, 384, 512))
-REGION_LEVEL_1: Final = AbstractionConfig(
-    num_centers=128,
-    scales=(NeighbourhoodConfig(radius_m=0.2, num_neighbours=64, widths=(128, 128)),),
+from sightline.detection3d.checks import MOST_NUMBERS, check_different, check_numbers, check_range
+from sightline.detection3d.classes import RoadUserClass
+from sightline.detection3d.pillars.config import (
+    PillarDetectionConfig,
+    PillarLossConfig,
+    PillarNetworkConfig,
+    PillarTargetsConfig,
 )
-REGION_LEVEL_2: Final = AbstractionConfig(
-    num_centers=32,
-    scales=(NeighbourhoodConfig(radius_m=0.4, num_neighbours=64, widths=(128, 256)),),
+from sightline.detection3d.pillars.region_config import (
+    RegionConfig,
+    RegionExamplesConfig,
+    RegionLossConfig,
 )
+from sightline.detection3d.points.config import (
+    LEVEL_1,
+    LEVEL_2,
+    LEVEL_3,
+    LEVEL_4,
+    REGION_LEVEL_1,
+    REGION_LEVEL_2,
+    ProposalConfig,
+    ProposalLossConfig,
+    ProposalNetworkConfig,
+    ProposalSamplingConfig,
+    RefinementConfig,
+    RefinementLossConfig,
+    RoiPoolingConfig,
+)
+from sightline.detection3d.suppression import ClassAlignment, SuppressionConfig
+from sightline.detection3d.sweeps import SweepConfig
+from sightline.files.settings import IN_USE_ALONE
+
+# Settings that earlier versions saved name the levels here.
+__all__ = [
+    "LEVEL_1",
+    "LEVEL_2",
+    "LEVEL_3",
+    "LEVEL_4",
+    "REGION_LEVEL_1",
+    "REGION_LEVEL_2",
+    "Detection3DConfig",
+    "Detection3DLossConfig",
+    "HeadingHypothesesConfig",
+]
+
+_MOST_AXES = 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointBackboneConfig:
-    """Settings of PointNet++ (Qi et al. 2017); sizes from Shi et al. 2019 (PointRCNN)."""
+class HeadingHypothesesConfig:
+    """Classes, axes and passes for refinement from several axes by the compact second stage."""
 
-    in_channels: int = 0
-    """Number of features of each point besides x, y, z: 1 for the reflectance."""
-    levels: tuple[AbstractionConfig, ...] = (LEVEL_1, LEVEL_2, LEVEL_3, LEVEL_4)
-    """Set abstractions, the finest first."""
-    propagation_widths: tuple[tuple[int, ...], ...] = (
-        (128, 128),
-        (256, 256),
-        (512, 512),
-        (512, 512),
-    )
-    """Layers of the feature propagations, the finest first: one entry for each level."""
-
-    def __post_init__(self) -> None:
-        """Checks the numbers, and that each level has a propagation."""
-        if self.in_channels < 0:
-            raise ValueError(f"in_channels must not be negative, got {self.in_channels}")
-        if not self.levels or len(self.levels) != len(self.propagation_widths):
-            raise ValueError(
-                "propagation_widths must hold one entry for each of one or more levels, got "
-                f"{len(self.propagation_widths)} for {len(self.levels)}"
-            )
-        for widths in self.propagation_widths:
-            _check_widths("propagation_widths", widths)
-
-    @property
-    def out_channels(self) -> int:
-        """Number of features of each point."""
-        return self.propagation_widths[0][-1]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RefinementConfig:
-    """The second stage: three set abstractions of each region of interest, and two heads."""
-
-    in_channels: int = 128
-    """Number of features of each point besides x, y, z."""
-    levels: tuple[AbstractionConfig, ...] = (REGION_LEVEL_1, REGION_LEVEL_2)
-    """Set abstractions, the finest first."""
-    global_widths: tuple[int, ...] = (256, 512)
-    """Layers of the last set abstraction, which pools all remaining points."""
-    head_widths: tuple[int, ...] = (256, 256)
-    """Hidden layers of each head."""
-    batch_norm: bool = False
-    """Whether layers have batch normalisation."""
+    class_names: tuple[str, ...] = ("Pedestrian",)
+    """Names among the detector's classes."""
+    number: int = 2
+    """Number of axes of each proposal, evenly spread over half a turn, its own axis first."""
+    passes: int = 1
+    """Number of second-stage passes after which only each proposal's best-scored box goes on."""
+    least_gain: float = 0.015
+    """Share by which the score from another axis must exceed that from the proposal's own axis."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        if self.in_channels < 0:
-            raise ValueError(f"in_channels must not be negative, got {self.in_channels}")
-        _check_widths("global_widths", self.global_widths)
-        if self.head_widths:
-            _check_widths("head_widths", self.head_widths)
+        check_different("axes.class_names", self.class_names, self.class_names)
+        check_range("axes.number", self.number, 2, _MOST_AXES)
+        check_numbers(self, "at least 1", "passes", within="axes.")
+        check_numbers(self, "finite and not negative", "least_gain", within="axes.")
 
-    def numbers(self, num_points: int) -> int:
-        """Compute the size of the largest layer's output for a region of `num_points` points."""
-        last = self.levels[-1].num_centers if self.levels else num_points
-        levels = (level.numbers for level in self.levels)
-        return max(num_points * (3 + self.in_channels), *levels, last * max(self.global_widths))
+
+_MOST_PROPOSALS = 10_000
+_MOST_DISTANCES = 2**32  # between points and centres: some seconds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection3DConfig:
+    """Settings of a 3D detector; by default of the design that ships: pillars, then regions.
+
+    The published settings (Shi et al. 2019, PointRCNN, with the plain second stage) are those of
+    the recipe `detection3d-baseline-kitti`. Settings for use alone are off by default.
+    """
+
+    input: SweepConfig = field(default_factory=SweepConfig)
+    """Part of a sweep that the network gets."""
+    pillars: PillarNetworkConfig | None = field(default_factory=PillarNetworkConfig)
+    """First stage on pillars: centres and boxes in a map."""
+    points: ProposalNetworkConfig | None = None
+    """First stage on points instead: for each point a foreground score and a box."""
+    proposals: ProposalConfig = field(default_factory=ProposalConfig)
+    """Selection of the point stage's boxes for the second stage."""
+    training_proposals: ProposalConfig = field(
+        default_factory=lambda: ProposalConfig(num_proposals=300)
+    )
+    """The same selection while the second stage is trained."""
+    centers: PillarDetectionConfig = field(default_factory=PillarDetectionConfig)
+    """Selection of the pillar stage's boxes for the second stage."""
+    regions: RegionConfig | None = field(default_factory=RegionConfig)
+    """Second stage on regions: changes of a proposal's box from the points around it."""
+    refinement: RefinementConfig | None = None
+    """Plain second stage instead: a box and its confidence. With neither, the proposals are the
+    detections."""
+    pooling: RoiPoolingConfig = field(default_factory=RoiPoolingConfig)
+    """Pooling of the sweep's points around a proposal, for the plain second stage."""
+    suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
+    """Suppression of overlapping boxes before the output."""
+    flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
+    """Whether predictors also run the compact first stage on the mirrored sweep, and the second
+    stage on regions turned round; see `answer_of_views`."""
+    axes: HeadingHypothesesConfig | None = field(default=None, metadata=IN_USE_ALONE)
+    """Proposals that predictors refine from several axes with the compact stage. None: none."""
+    alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
+    """Adaptation of detections to the labels of other sensors, at inference only: training scores
+    boxes without it, and the weights that it writes have none."""
+
+    def __post_init__(self) -> None:
+        """Checks that there is a first stage, and that the stages fit together."""
+        if (self.points is None) == (self.pillars is None):
+            raise ValueError(
+                "a detector needs one first stage: set pillars or points, and the other to null"
+            )
+        if self.refinement is not None and self.regions is not None:
+            raise ValueError(
+                "a detector has one second stage at most: set refinement or regions to null"
+            )
+        proposals = max(self.proposals.num_proposals, self.training_proposals.num_proposals)
+        if max(proposals, self.centers.max_boxes) > _MOST_PROPOSALS:
+            raise ValueError(
+                f"proposals.num_proposals and centers.max_boxes must be up to {_MOST_PROPOSALS}"
+            )
+        if self.points is not None:
+            self._check_points(self.points)
+        elif self.pillars is not None and self.pillars.grid.reflectance != self.input.reflectance:
+            raise ValueError(
+                f"pillars.grid.reflectance is {self.pillars.grid.reflectance}, but "
+                f"input.reflectance {self.input.reflectance}: set both alike"
+            )
+        self._check_second()
+        self._check_in_use()
+        self._check_flip_test()
+
+    @property
+    def classes(self) -> tuple[RoadUserClass, ...]:
+        """Classes that the first stage proposes, in the order of its outputs."""
+        first = self.points or self.pillars
+        assert first is not None, "checked when built"
+        return first.classes
+
+    def _check_points(self, points: ProposalNetworkConfig) -> None:
+        if self.input.num_points is None:
+            raise ValueError("input.num_points must be a number where points are the first stage")
+        centers = points.backbone.levels[0].num_centers
+        if self.input.num_points * centers > _MOST_DISTANCES:
+            raise ValueError(
+                "input.num_points times num_centers of the first of points.backbone.levels must "
+                f"be up to {_MOST_DISTANCES}, got {self.input.num_points} times {centers}"
+            )
+        extra = points.backbone.in_channels
+        if extra != self.input.reflectance:
+            raise ValueError(
+                f"points.backbone.in_channels is {extra}, expected {int(self.input.reflectance)}: "
+                "1 with input.reflectance, else 0"
+            )
+
+    def _check_second(self) -> None:
+        """Check the second stage's inputs and its work for all proposals together."""
+        name, most = "centers.max_boxes", self.centers.max_boxes
+        given = 0
+        if self.points is not None:
+            name, most = "proposals.num_proposals", self.proposals.num_proposals
+            given = self.points.backbone.out_channels
+        if self.refinement is not None:
+            stage, numbers = "refinement", self.refinement.numbers(self.pooling.num_points)
+            if self.refinement.in_channels != given:
+                raise ValueError(
+                    f"refinement.in_channels is {self.refinement.in_channels}, expected {given}, "
+                    "the features that the first stage gives each point"
+                )
+        elif self.regions is not None:
+            stage, numbers = (
+                "regions",
+                self.regions.numbers * (self.axes.number if self.axes else 1),
+            )
+            told = given if self.points is not None else int(self.input.reflectance)
+            if self.regions.in_channels != told:
+                raise ValueError(
+                    f"regions.in_channels is {self.regions.in_channels}, expected {told}: the "
+                    "features that the first stage gives each point, else 1 with "
+                    "input.reflectance and 0 without"
+                )
+            if self.regions.classes != self.classes:
+                raise ValueError(
+                    f"regions.classes are {', '.join(each.name for each in self.regions.classes)}, "
+                    f"expected the first stage's with its sizes: {self._named_classes}"
+                )
+        else:
+            return
+        if most * numbers > MOST_NUMBERS:
+            raise ValueError(
+                f"{stage} makes layers of {numbers} numbers of a proposal, of which {name} allows "
+                f"{most}, expected up to {MOST_NUMBERS} numbers together: lower {name}, or the "
+                "points of a proposal"
+            )
+
+    def _check_in_use(self) -> None:
+        """Check the settings of alignment and axes."""
+        known = [each.name for each in self.classes]
+        aligned = [each.name for each in self.alignment]
+        if len(set(aligned)) < len(aligned):
+            raise ValueError("alignment names a class more than once; keep one entry of each")
+        chosen = () if self.axes is None else self.axes.class_names
+        for part, names in (("alignment", aligned), ("axes", chosen)):
+            unknown = sorted(set(names) - set(known))
+            if unknown:
+                raise ValueError(
+                    f"{part} names {', '.join(unknown)}, but the classes are {self._named_classes}"
+                )
+        if self.axes is not None:
+            if self.regions is None or not self.regions.canonical:
+                raise ValueError(
+                    "axes needs regions in their own frames: set it to null, or regions.canonical"
+                )
+            if self.axes.passes > self.regions.passes:
+                raise ValueError(
+                    f"axes.passes is {self.axes.passes}, expected up to regions.passes "
+                    f"({self.regions.passes})"
+                )
+
+    def _check_flip_test(self) -> None:
+        if self.flip_test:
+            if self.pillars is None or self.refinement is not None:
+                raise ValueError(
+                    "flip_test is of the compact stages: set it to false, or pillars and no "
+                    "refinement"
+                )
+            if self.regions is not None and not self.regions.canonical:
+                raise ValueError(
+                    "flip_test needs regions in their own frames: set it to false, or "
+                    "regions.canonical"
+                )
+            right, left = self.pillars.grid.y_m
+            if not math.isclose(-right, left, abs_tol=1e-6):
+                raise ValueError(
+                    "flip_test needs a grid as far to the left as to the right, got "
+                    f"pillars.grid.y_m {right} to {left}: change it, or set flip_test to false"
+                )
+
+    @property
+    def _named_classes(self) -> str:
+        return ", ".join(each.name for each in self.classes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection3DLossConfig:
+    """Settings of both stages' losses."""
+
+    points: ProposalLossConfig = field(default_factory=ProposalLossConfig)
+    """Losses of the point first stage."""
+    pillars: PillarLossConfig = field(default_factory=PillarLossConfig)
+    """Losses of the pillar first stage."""
+    cells: PillarTargetsConfig = field(default_factory=PillarTargetsConfig)
+    """Targets of the pillar first stage's cells."""
+    first_weight: float = 1.0
+    """Weight of the first stage's loss, where both are trained."""
+    sampling: ProposalSamplingConfig = field(default_factory=ProposalSamplingConfig)
+    """Sampling of proposals to train the plain second stage."""
+    refinement: RefinementLossConfig = field(default_factory=RefinementLossConfig)
+    """Losses of the plain second stage."""
+    region_examples: RegionExamplesConfig = field(default_factory=RegionExamplesConfig)
+    """Training examples of the compact second stage."""
+    regions: RegionLossConfig = field(default_factory=RegionLossConfig)
+    """Losses of the compact second stage."""
+
+    def __post_init__(self) -> None:
+        """Checks the weight."""
+        check_numbers(self, "finite and not negative", "first_weight", within="loss.")

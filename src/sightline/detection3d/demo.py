@@ -7,7 +7,7 @@ import numpy as np
 
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.detection3d.answer_picture import DRAWN_SCORE, answer_picture
+from sightline.detection3d.pictures import DRAWN_SCORE, answer_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.inference.demo import DemoPart
 from sightline.inference.demo_page import picture_html
@@ -17,6 +17,8 @@ from sightline.inference.predictor import AnsweringTask
 _HTML = """<p>Cars, pedestrians and cyclists in the LiDAR sweep by <b>{name}</b>, in
 <code>detections3d/</code> as KITTI's result files.</p>
 {picture}"""
+
+
 _CAPTION = (
     "What the first stage proposes, what the second makes of that, and all of it from above, for "
     "each frame. Labels are white."

@@ -1,52 +1,169 @@
-"""Preparation of samples for training and scoring the 3D detectors."""
+"""Preparation of samples for training and scoring, with their augmentation."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import torch
+from jaxtyping import Float32
+from torch import Tensor
 
+from sightline.augmentation.sample_changes import mirror, thin_rings
+from sightline.augmentation.scene_changes import scale_scene, turn_scene
+from sightline.augmentation.sweep_changes import (
+    GroundShapeConfig,
+    add_range_noise,
+    bend_ground,
+    draw_ground_shape,
+    stretch_objects,
+)
+from sightline.data.kitti_labels import KittiObjects
 from sightline.data.object_labels import kitti_from_labels
 from sightline.data.open import SampleDataset
-from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
-from sightline.detection3d.batch import Detection3DBatch, FrameTruth
-from sightline.detection3d.detector_config import SweepConfig
-from sightline.detection3d.object_sampling import ObjectBank, fill_bank
-from sightline.detection3d.proposal_cache import read_record
+from sightline.detection3d.checks import check_numbers
+from sightline.detection3d.object_sampling import (
+    ObjectBank,
+    ObjectSamplingConfig,
+    fill_bank,
+    paste_objects,
+)
+from sightline.detection3d.proposal_cache import FirstStageRecord, read_record
 from sightline.detection3d.sweeps import (
+    SweepConfig,
+    SweepTruth,
+    SweepTruthConfig,
     at_kitti_height,
     cut_to_view,
     draw_points,
+    make_truth,
     points_in_range,
 )
-from sightline.detection3d.targets import TargetConfig, make_truth
+from sightline.geometry.calibration import Calibration
+from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
 
+_BEAMS = (64, 32, 16, 8)
 _LARGEST_SEED = 2**31 - 1
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ScoringTruth:
+    """Ground truth for scoring a frame."""
+
+    objects: KittiObjects
+    """Objects in the camera frame."""
+    calibration: Calibration
+    """Calibration for a LiDAR frame at KITTI's height, the frame of the detections."""
+    image_size: tuple[int, int]
+    """Height, width [px]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Detection3DBatch(FieldwiseBatch):
+    """Batch of sweeps, each with any number of points."""
+
+    sample_ids: tuple[str, ...]
+    points: tuple[Float32[Tensor, "_ 4"], ...]
+    """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
+    truths: tuple[SweepTruth, ...]
+    """Ground truth in the same frame."""
+    seeds: tuple[int, ...]
+    """Random seed of each sweep for the losses' sampling."""
+    records: tuple[FirstStageRecord, ...] | None = None
+    """Saved outputs that replace the first stage."""
+    frames: tuple[ScoringTruth, ...] | None = None
+    """Ground truth for scoring."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class ExampleConfig:
+class SceneChangeConfig:
+    """Strengths of the scene augmentations; defaults from Shi et al. 2019 (PointRCNN)."""
+
+    mirror: bool = True
+    """Whether every second scene is mirrored."""
+    turn_deg: float = 10.0
+    """Largest rotation about the sensor, to either side."""
+    scales: tuple[float, float] = (0.95, 1.05)
+    """Smallest and largest factor on all lengths."""
+    ground: GroundShapeConfig | None = None
+    """Bending of the ground: roads are not flat, and cars pitch. None: no bending."""
+    stretch: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Standard deviations of the logarithms of factors on each object's length, width, height."""
+    range_noise_m: float = 0.0
+    """Standard deviation of the noise on each point's range."""
+    beams: tuple[int, ...] = (64,)
+    """Choices, equally likely, of how many of KITTI's 64 beams a sweep keeps."""
+    objects: ObjectSamplingConfig | None = None
+    """Objects of other sweeps to paste into sweeps that keep all beams. None: none."""
+    bank_frames: int = 1000
+    """Largest number of training frames, drawn by the seed, whose objects are kept for pasting."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        low, high = self.scales
+        if not 0 < low <= high < math.inf:
+            raise ValueError(f"changes.scales must be positive and in order, got {self.scales}")
+        numbers = ("turn_deg", "range_noise_m", "stretch")
+        check_numbers(self, "finite and not negative", *numbers, within="changes.")
+        if not self.beams or any(count not in _BEAMS for count in self.beams):
+            raise ValueError(f"changes.beams must hold some of {_BEAMS}, got {self.beams}")
+        check_numbers(self, "at least 1", "bank_frames", within="changes.")
+
+
+def change_scene(
+    sample: CameraLidarSample,
+    config: SceneChangeConfig,
+    rng: np.random.Generator,
+    bank: ObjectBank | None = None,
+) -> CameraLidarSample:
+    """Augment a sample as if another street, mount or sensor had given it.
+
+    Rings are thinned first, because their order comes from the original sweep. Objects are pasted
+    next, while the calibration still matches the camera's view. The sample has a sweep and labels.
+    """
+    keep_every = _BEAMS[0] // int(rng.choice(np.array(config.beams)))
+    if keep_every > 1:
+        sample = thin_rings(sample, keep_every, int(rng.integers(keep_every)))
+    elif config.objects is not None and bank is not None:
+        sample = paste_objects(sample, bank, rng, config.objects)
+    if any(config.stretch) and sample.objects is not None:
+        logs = rng.normal(size=(len(sample.objects), 3)) * np.array(config.stretch)
+        sample = stretch_objects(sample, torch.from_numpy(np.exp(logs)))
+    if config.mirror and rng.random() < 0.5:
+        sample = mirror(sample)
+    sample = turn_scene(sample, rng.uniform(-config.turn_deg, config.turn_deg))
+    sample = scale_scene(sample, rng.uniform(*config.scales))
+    if config.ground is not None:
+        sample = bend_ground(sample, draw_ground_shape(config.ground, rng))
+    return add_range_noise(sample, config.range_noise_m, rng) if config.range_noise_m else sample
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection3DExampleConfig:
     """Settings of examples for training and scoring, and of the training augmentations."""
 
     input: SweepConfig = field(default_factory=SweepConfig)
     """Part of a sweep that the network gets: as in its own settings."""
-    class_names: tuple[str, ...] = ("Car",)
+    class_names: tuple[str, ...] = ("Car", "Pedestrian", "Cyclist")
     """Classes to detect, in the order of the network's own settings."""
     changes: SceneChangeConfig | None = field(default_factory=SceneChangeConfig)
     """Augmentations in training. None: none."""
-    targets: TargetConfig = field(default_factory=TargetConfig)
+    targets: SweepTruthConfig = field(default_factory=SweepTruthConfig)
     """Ground-truth objects that training uses as targets."""
 
 
-class DetectionExamples(SamplePreparation):
+class Detection3DExamples(SamplePreparation):
     """Examples for training and scoring detection, each a batch of one."""
 
     parts = frozenset({"points", "objects"})
 
-    def __init__(self, settings: ExampleConfig | None = None, cache: Path | None = None) -> None:
+    def __init__(
+        self, settings: Detection3DExampleConfig | None = None, cache: Path | None = None
+    ) -> None:
         """Take the settings.
 
         Args:
@@ -57,7 +174,7 @@ class DetectionExamples(SamplePreparation):
         Raises:
             ValueError: There is a cache, and the settings change scenes.
         """
-        self.settings = settings or ExampleConfig()
+        self.settings = settings or Detection3DExampleConfig()
         self.cache = cache
         self._bank: ObjectBank | None = None
         if cache is not None and self.settings.changes is not None:
@@ -68,12 +185,12 @@ class DetectionExamples(SamplePreparation):
 
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
-    ) -> "DetectionExamples":
+    ) -> "Detection3DExamples":
         """Collect objects to paste into other sweeps, if the settings ask for pasting."""
         changes = self.settings.changes
         if changes is None or changes.objects is None:
             return self
-        filled = DetectionExamples(self.settings, self.cache)
+        filled = Detection3DExamples(self.settings, self.cache)
         filled._bank = fill_bank(datasets, changes.bank_frames, rng, changes.objects)
         return filled
 
@@ -100,7 +217,7 @@ class DetectionExamples(SamplePreparation):
         assert raised.objects is not None, "checked above"
         frame = None
         if not training:
-            frame = FrameTruth(
+            frame = ScoringTruth(
                 objects=kitti_from_labels(level.objects, level.calibration),
                 calibration=raised.calibration,
                 image_size=sample.image_size,
@@ -127,3 +244,7 @@ class DetectionExamples(SamplePreparation):
             records=None if record is None else (record,),
             frames=None if frame is None else (frame,),
         )
+
+
+DetectionExamples = Detection3DExamples
+"""Name in recipes and run folders of earlier versions."""

@@ -8,16 +8,17 @@ ground; and points hidden by occlusion, of the object or of the scene, are remov
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from beartype import beartype
-from jaxtyping import Float32, Float64, jaxtyped
+from jaxtyping import Bool, Float, Float32, Float64, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.data.object_results import kitti_from_detections
 from sightline.data.open import SampleDataset
-from sightline.detection3d.occlusion import visible_together
+from sightline.detection3d.checks import check_different, check_numbers, check_range
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.transforms import wrap_angle, yaw_rotation
@@ -30,6 +31,9 @@ from sightline.structures.sample import CameraLidarSample
 
 _GROUND_QUANTILE = 0.1  # quantile of the nearby heights; most lower points are noise
 _GROUND_M = 0.3  # higher points belong to something on the ground
+# Rays of the LiDAR: wider than the sensor's step, so that a surface has no gaps, and about as high
+# as the spacing of 64 beams.
+_AZIMUTH_STEP, _ELEVATION_STEP = math.radians(0.25), math.radians(0.42)
 
 
 @jaxtyped(typechecker=beartype)
@@ -67,19 +71,10 @@ class ObjectSamplingConfig:
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        if not self.class_names or len(set(self.class_names)) < len(self.class_names):
-            raise ValueError(
-                f"class_names must hold one or more different ones, got {self.class_names}"
-            )
-        for name in ("max_objects", "min_points", "min_ground_points"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if not 0 <= self.max_bearing_deg <= 180:
-            raise ValueError(f"max_bearing_deg must be from 0 to 180, got {self.max_bearing_deg}")
-        for name in ("clearance_m", "ground_reach_m", "slack_m"):
-            value = getattr(self, name)
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} must be finite and not negative, got {value}")
+        check_different("class_names", self.class_names, self.class_names)
+        check_numbers(self, "at least 1", "max_objects", "min_points", "min_ground_points")
+        check_range("max_bearing_deg", self.max_bearing_deg, 0, 180)
+        check_numbers(self, "finite and not negative", "clearance_m", "ground_reach_m", "slack_m")
 
 
 class ObjectBank:
@@ -253,3 +248,57 @@ def _with_label(
         occlusion=torch.cat((objects.occlusion, objects.occlusion.new_zeros(1))),
         alpha=torch.cat((objects.alpha, torch.from_numpy(shown.alpha))),
     )
+
+
+class Visible(NamedTuple):
+    """Masks of the visible points."""
+
+    scene: Bool[Tensor, " num_scene"]
+    pasted: Bool[Tensor, " num_pasted"]
+
+
+def visible_together(
+    scene: Float[Tensor, "num_scene 3"], pasted: Float[Tensor, "num_pasted 3"], *, slack_m: float
+) -> Visible:
+    """Find the points [m] of a sweep and of a pasted object that do not hide each other.
+
+    A point is hidden by a point of the other cloud on the same ray whose ground distance is smaller
+    by more than the slack. For points of the sweep, the rays to the left and right count too, so
+    that an object has no gaps. A cloud does not hide itself. Rays do not wrap around behind the
+    sensor.
+    """
+    (scene_ray, scene_m), (pasted_ray, pasted_m) = _rays(scene), _rays(pasted)
+    if len(scene) == 0 or len(pasted) == 0:
+        return Visible(scene_m >= 0, pasted_m >= 0)
+    low = pasted_ray.amin(dim=0) - torch.tensor([1, 0])  # azimuth, elevation
+    width, height = (pasted_ray.amax(dim=0) - low + torch.tensor([2, 1])).tolist()
+    column, row = (scene_ray - low).unbind(dim=1)
+    is_near = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    scene_cell = torch.where(is_near, row * width + column, 0)
+    column, row = (pasted_ray - low).unbind(dim=1)
+    pasted_cell = row * width + column
+    before = _nearest(pasted_cell, pasted_m, width * height).reshape(height, width)
+    beside = torch.full((height, 1), math.inf, dtype=before.dtype)
+    before = torch.minimum(before, torch.cat((before[:, 1:], beside), dim=1)).minimum(
+        torch.cat((beside, before[:, :-1]), dim=1)
+    )
+    is_hidden = is_near & (scene_m > before.flatten()[scene_cell] + slack_m)
+    ahead = _nearest(scene_cell[is_near], scene_m[is_near], width * height)
+    return Visible(~is_hidden, pasted_m <= ahead[pasted_cell] + slack_m)
+
+
+def _rays(
+    points: Float[Tensor, "num_points 3"],
+) -> tuple[Int64[Tensor, "num_points 2"], Float64[Tensor, " num_points"]]:
+    """Ray (azimuth, elevation) and ground distance [m] of each point."""
+    x, y, z = points.double().unbind(dim=1)
+    range_m = torch.hypot(x, y)
+    rays = torch.atan2(y, x) / _AZIMUTH_STEP, torch.atan2(z, range_m) / _ELEVATION_STEP
+    return torch.stack(rays, dim=1).floor().long(), range_m
+
+
+def _nearest(
+    cell: Int64[Tensor, " num_points"], range_m: Float64[Tensor, " num_points"], number: int
+) -> Float64[Tensor, " {number}"]:
+    empty = torch.full((number,), math.inf, dtype=range_m.dtype)
+    return empty.scatter_reduce_(0, cell, range_m, "amin")

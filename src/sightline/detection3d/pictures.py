@@ -1,24 +1,107 @@
-"""Pictures of sweeps from above, with detections and ground truth."""
+"""Pictures of sweeps with proposals, detections and labels."""
 
+from dataclasses import replace
+from typing import Final
+
+import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from sightline.detection3d.answer_picture import DRAWN_SCORE, LABELLED
+from sightline.augmentation.scene_changes import resize
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.rotated_iou import pairwise_iou_3d
+from sightline.structures.level import level_detections, level_sample
 from sightline.structures.predictions import Detections3D
+from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
+from sightline.visualization.cells import GAP_PX, TITLE_PX, titled_cell
 from sightline.visualization.colors import RGB
+from sightline.visualization.image import camera_picture, draw_boxes3d
 from sightline.visualization.lettering import with_title
 
-MIN_IOU = 0.5
+PROPOSED: Final[RGB] = (150, 156, 166)
+LABELLED: Final[RGB] = (245, 245, 245)
+RIGHT: Final[RGB] = (20, 190, 140)
+WRONG: Final[RGB] = (226, 94, 20)
+
+DRAWN_SCORE: Final = 0.3
+"""Score from which proposals and detections are drawn."""
+MIN_IOU: Final = 0.5
 """3D IoU with an object from which a detection is drawn as correct."""
 
-TRUTH: RGB = LABELLED
-RIGHT: RGB = (20, 190, 140)
-WRONG: RGB = (226, 94, 20)
+_FARTHEST_M = 60.0
+
+
+def answer_picture(
+    title: str,
+    sample: CameraLidarSample,
+    proposed: Detections3D,
+    found: Detections3D,
+    *,
+    width_px: int = 900,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw proposals (grey) over detections in the image, and both from above at the right.
+
+    Labels are white, detections have the colours of their classes. Proposals and detections with a
+    score below 0.3 are not drawn.
+
+    Args:
+        title: Title of the first picture.
+        sample: The detector's input; image, sweep and labels may be missing.
+        proposed: Output of the first stage.
+        found: Final detections.
+        width_px: Width of the image.
+    """
+    height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
+    proposed, sure = (
+        level_detections(each.filter_by_score(DRAWN_SCORE), sample) for each in (proposed, found)
+    )
+    sample = level_sample(resize(sample, height_px, width_px))
+    image, calibration, labels = camera_picture(sample), sample.calibration, sample.objects
+    first = draw_boxes3d(
+        image, proposed.boxes, proposed.class_names, calibration, color=PROPOSED, tags=False
+    )
+    labelled = image
+    if labels is not None:
+        known = labels.select(labels.has_box3d)
+        labelled = draw_boxes3d(
+            image, known.boxes3d, known.class_names, calibration, color=LABELLED, tags=False
+        )
+    second = draw_boxes3d(labelled, sure.boxes, sure.class_names, calibration, scores=sure.scores)
+    seen = np.concatenate(
+        (
+            titled_cell(title, f"{len(proposed.scores)} proposals", first),
+            titled_cell("Detections", f"{len(sure.scores)}; labels are white", second),
+        )
+    )
+    above_px = seen.shape[0] - TITLE_PX - GAP_PX
+    view = BirdsEyeView(x_max_m=_FARTHEST_M)
+    view = replace(view, pixels_per_m=above_px / (view.x_max_m - view.x_min_m))
+    above = labels_from_above(sample, view)
+    put_boxes_from_above(above, view, proposed.boxes, proposed.class_names, color=PROPOSED)
+    put_boxes_from_above(above, view, sure.boxes, sure.class_names)
+    fitted = cv2.resize(above, (above.shape[1], above_px), interpolation=cv2.INTER_AREA)
+    cell = titled_cell("From above", "to 60 m", fitted.astype(np.uint8, copy=False))
+    return np.concatenate((seen, cell), axis=1)
+
+
+def labels_from_above(
+    sample: CameraLidarSample, view: BirdsEyeView
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw a level sample's sweep and labels (white) from above; both may be missing."""
+    labels = sample.objects
+    known = None if labels is None else labels.select(labels.has_box3d)
+    return draw_birds_eye(
+        sample.points,
+        None if known is None else known.boxes3d,
+        () if known is None else known.class_names,
+        calibration=sample.calibration,
+        image_size=sample.image_size,
+        view=view,
+        color=LABELLED,
+    )
 
 
 def training_picture(
@@ -28,13 +111,12 @@ def training_picture(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw objects in white, detections in green if they overlap one by `MIN_IOU`, else orange.
 
-    Args:
-        points: LiDAR frame.
-        found: Detections.
-        truths: Boxes of the labelled objects.
+    Everything is in one LiDAR frame.
     """
     view = BirdsEyeView()
-    picture = draw_birds_eye(points, Boxes3D(truths), ("",) * len(truths), view=view, color=TRUTH)
+    picture = draw_birds_eye(
+        points, Boxes3D(truths), ("",) * len(truths), view=view, color=LABELLED
+    )
     sure = found.boxes.tensor[found.scores >= DRAWN_SCORE]
     is_right = torch.zeros(len(sure), dtype=torch.bool)
     if len(sure) and len(truths):

@@ -14,30 +14,63 @@ first stage with its settings, and the digest of the frame's original sweep.
 
 import hashlib
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
 import safetensors
-from jaxtyping import Float, Float32
+from beartype import beartype
+from jaxtyping import Float, Float32, Int64, jaxtyped
 from safetensors.torch import save
 from torch import Tensor
 
+from sightline.data.object_tree import Part, Velodyne
+from sightline.data.open import SampleDataset, open_dataset
 from sightline.detection3d.batch import FirstStageRecord
+from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.model import Detector3D
+from sightline.detection3d.network_task import NETWORK_TASK
+from sightline.detection3d.predictor import StageRunners
 from sightline.detection3d.stages import Proposed, Sweep
+from sightline.detection3d.sweeps import Sweep, at_kitti_height, network_sweep
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 from sightline.files.settings import config_to_dict
+from sightline.inference.network import load_network
+from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
 SUFFIX: Final = ".safetensors"
 FORMAT: Final = 1
-
 _METADATA_KEY = "sightline"
-_REMEDY = "make the cache again by `sightline proposals`"
+REMEDY: Final = "make the cache again by `sightline proposals`"
 _COLUMNS = ("boxes", "classes", "scores")
 _SETTINGS = ("input", "proposals", "training_proposals", "centers")
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FirstStageRecord:
+    """Saved first-stage output for a sweep; see `proposal_cache`."""
+
+    made_by: str
+    """Identity of the stage and its settings."""
+    features: Float[Tensor, "num_points channels"]
+    """Features of the points."""
+    boxes: Float32[Tensor, "num_proposals 7"]
+    classes: Int64[Tensor, " num_proposals"]
+    """Indices into the detector's classes."""
+    scores: Float32[Tensor, " num_proposals"]
+
+    @property
+    def proposed(self) -> Proposed:
+        """The first stage's output."""
+        features = self.features.float() if self.features.shape[1] else None
+        return Proposed(self.boxes, self.classes, self.scores, features)
 
 
 def first_stage_identity(detector: Detector3D) -> str:
@@ -64,54 +97,17 @@ def sweep_digest(sample: CameraLidarSample) -> str:
     return hashlib.blake2b(content, digest_size=16).hexdigest()
 
 
-def write_record(
-    folder: Path,
-    sample: CameraLidarSample,
-    *,
-    made_by: str,
-    points: Float32[Tensor, "num_points 4"],
-    features: Float[Tensor, "num_points channels"],
-    proposed: Proposed,
-    training_proposed: Proposed,
-) -> None:
-    """Write a frame's file atomically.
-
-    Args:
-        folder: Folder of the cache.
-        sample: The original frame.
-        made_by: See `first_stage_identity`.
-        points: Input of the first stage.
-        features: Features of these points.
-        proposed: Proposals for scoring.
-        training_proposed: Proposals for training.
-    """
-    columns = {"points": points, "features": features.half()}
-    for start, given in (("", proposed), ("training_", training_proposed)):
-        columns |= {start + name: getattr(given, name) for name in _COLUMNS}
-    described = {"format": FORMAT, "made_by": made_by, "sweep": sweep_digest(sample)}
-    tensors = {
-        name: column.detach().to("cpu", copy=True).contiguous() for name, column in columns.items()
-    }
-    content = save(tensors, {_METADATA_KEY: json.dumps(described, sort_keys=True)})
-    atomic_write_bytes(folder / f"{sample.sample_id}{SUFFIX}", content)
-
-
 def read_record(
     folder: Path, sample: CameraLidarSample, *, training: bool
 ) -> tuple[Sweep, FirstStageRecord]:
-    """Read a frame's points and its first-stage output.
-
-    Args:
-        folder: Folder of the cache.
-        sample: The original frame.
-        training: Whether to take the proposals for training.
+    """Read an original frame's points and its first-stage output, for training or for scoring.
 
     Raises:
         ValueError: The file is missing, damaged, in another version's format or of another sweep.
     """
     path = folder / f"{sample.sample_id}{SUFFIX}"
     if not path.is_file():
-        raise FileError(path, "does not exist, so the cache lacks this frame", _REMEDY)
+        raise FileError(path, "does not exist, so the cache lacks this frame", REMEDY)
     start = "training_" if training else ""
     try:
         with safetensors.safe_open(path, framework="pt") as file:
@@ -123,24 +119,104 @@ def read_record(
     except Exception as error:
         # Damaged bytes, and tensors of another format, raise nearly any exception.
         reason = shortened(" ".join(str(error).split()), 160)
-        raise FileError(path, f"is no frame of a proposal cache ({reason})", _REMEDY) from error
+        raise FileError(path, f"is no frame of a proposal cache ({reason})", REMEDY) from error
     if found != FORMAT:
-        raise FileError(path, f"is of format {found}, expected {FORMAT}", _REMEDY)
+        raise FileError(path, f"is of format {found}, expected {FORMAT}", REMEDY)
     if sweep != sweep_digest(sample):
         raise FileError(
-            path, "was made of another sweep than the data's frame of this name", _REMEDY
+            path, "was made of another sweep than the data's frame of this name", REMEDY
         )
     return points, record
 
 
-def check_made_by(record: FirstStageRecord, identity: str) -> None:
-    """Check that a record comes from the given first stage.
+def cache_proposals(
+    data: Path,
+    out: Path,
+    *,
+    weights: str | Path,
+    device: str = "cpu",
+    sample_list: str | Path | Sequence[str] | None = None,
+    velodyne: Velodyne | None = None,
+    workers: int = 2,
+    overwrite: bool = False,
+    shard_index: int = 0,
+    num_shards: int = 1,
+) -> JobResult:
+    """Save a first stage's points, features and proposals; see `proposal_cache`.
+
+    Files are written atomically, and frames with existing files are skipped, so running a stopped
+    job again finishes it.
+
+    Args:
+        data: Folder of the data set; see `open_dataset`.
+        out: Folder of the cache; made where it is missing.
+        weights: Name or file of a detector's weights. Its second stage, if any, is not used.
+        device: Device for PyTorch.
+        sample_list: Which samples; see `read_sample_list`. None: all.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
+        workers: Number of processes; 1 is this process alone.
+        overwrite: Whether to replace existing files.
+        shard_index: Which part of the samples to do, from 0.
+        num_shards: Number of parts.
 
     Raises:
-        ValueError: Another first stage made it.
+        ValueError: The data or the weights cannot be read, or the folder holds the output of
+            another first stage, or its first existing file was made from another sweep.
     """
-    if record.made_by != identity:
-        raise ValueError(
-            "the cache was made by a first stage of other weights or settings than the training's; "
-            f"train with those that made it (initial_weights, network), or {_REMEDY}"
-        )
+    check_workers(workers)
+    shard((), shard_index, num_shards)  # checks the shard before the data is opened
+    check_outside_dataset(data, [out])
+    loaded = load_network(NETWORK_TASK, weights)
+    identity = first_stage_identity(loaded.network)
+    parts: tuple[Part, ...] = ("points",)
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
+    settings = {
+        "task": NETWORK_TASK.name,
+        "output": "proposal cache",
+        "format": FORMAT,
+        "first_stage": identity,
+        "sightline": version("sightline"),
+    }
+    acquire_output_dir(out, settings, results=(f"*{SUFFIX}",))
+    there = set() if overwrite else {path.stem for path in out.glob(f"*{SUFFIX}")}
+    indices = shard(range(len(dataset)), shard_index, num_shards)
+    done = [index for index in indices if dataset.sample_ids[index] in there]
+    if done:
+        read_record(out, dataset[done[0]], training=False)  # raises for a cache of another data set
+    pending = [index for index in indices if dataset.sample_ids[index] not in there]
+    stages = StageRunners(loaded, device=device, threads=1)  # threads of each worker
+    works = [_ProposalWork(dataset, index, stages, identity, out) for index in pending]
+    run_job(works, workers, description=f"proposals by {loaded.name}")
+    return JobResult(written=len(pending), skipped=len(done))
+
+
+@dataclass(frozen=True, slots=True)
+class _ProposalWork:
+    """Runs the first stage on a frame and writes its file."""
+
+    dataset: SampleDataset
+    index: int
+    stages: StageRunners
+    identity: str
+    out: Path
+
+    def __str__(self) -> str:
+        return f"sample {self.dataset.sample_ids[self.index]}"
+
+    def run(self) -> None:
+        sample = self.dataset[self.index]
+        points = network_sweep(at_kitti_height(sample), self.stages.detector.config.input)
+        proposed, training_proposed = self.stages.propose_both(points)
+        features = proposed.features
+        if features is None:  # a sweep without points, or a stage without features
+            features = points.new_zeros(len(points), self.stages.detector.first.feature_channels)
+        columns = {"points": points, "features": features.half()}
+        for start, given in (("", proposed), ("training_", training_proposed)):
+            columns |= {start + name: getattr(given, name) for name in _COLUMNS}
+        described = {"format": FORMAT, "made_by": self.identity, "sweep": sweep_digest(sample)}
+        tensors = {
+            name: column.detach().to("cpu", copy=True).contiguous()
+            for name, column in columns.items()
+        }
+        content = save(tensors, {_METADATA_KEY: json.dumps(described, sort_keys=True)})
+        atomic_write_bytes(self.out / f"{sample.sample_id}{SUFFIX}", content)

@@ -6,11 +6,11 @@ The command line imports it for `--help`, so heavy modules are imported where th
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from sightline.detection3d.network_task import DetectionNetworkTask
+from sightline.detection3d.network_task import Detection3DNetworkTask
 from sightline.inference.predictor import Output, OutputFilter
 
 if TYPE_CHECKING:
-    from sightline.detection3d.model import Detector3D
+    from sightline.detection3d.detector import Detector3D
     from sightline.detection3d.predictor import Detection3DPredictor
     from sightline.export.graph import ExportGraph
     from sightline.export.names import EngineChoice
@@ -33,7 +33,7 @@ def _read_results(path: Path, sample: "CameraLidarSample", told: "Perception") -
     return read_results(path, sample, told)
 
 
-class Detection3DTask(DetectionNetworkTask):
+class Detection3DTask(Detection3DNetworkTask):
     """`sightline.tasks.Task` by networks that use the LiDAR alone."""
 
     summary: Final = "Detects road users in 3D in LiDAR sweeps and writes KITTI's result files."

@@ -1,23 +1,23 @@
-"""Common interface of the detectors' stages.
+"""Base of the detectors' stages, and the types between them.
 
-A stage's module is the exported part: named tensors in, a NamedTuple out. Searches, draws and
-suppression, which other engines do not support, come before it (`inputs`) and after it.
+A stage is the exported part: named tensors in, a NamedTuple out. Searches, draws and suppression,
+which other engines do not support, come before it (`inputs`, `regions`) and after it.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 import torch
-from jaxtyping import Float, Float32, Int64
-from torch import Tensor
+from jaxtyping import Float, Int64
+from torch import Tensor, nn
 
-from sightline.detection3d.loss_config import Detection3DLossConfig
-from sightline.detection3d.targets import SweepTruth
-from sightline.detection3d.views import View
+from sightline.detection3d.config import Detection3DLossConfig
+from sightline.detection3d.sweeps import Sweep, SweepTruth
 from sightline.structures.batch import Losses
 
-Sweep = Float32[Tensor, "_ 4"]
-"""LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
+Run = Callable[[Mapping[str, Tensor]], Any]
+"""Runner of a stage, here or by another engine; returns its NamedTuple."""
 
 
 def autocast_disabled(near: Tensor) -> torch.autocast:
@@ -26,6 +26,34 @@ def autocast_disabled(near: Tensor) -> torch.autocast:
     Boxes are rotated by matrix products, which it would round to bfloat16: decimetres at 60 m.
     """
     return torch.autocast(near.device.type, enabled=False)
+
+
+class StageView(NamedTuple):
+    """View of the flip test: a transform of a stage's inputs with a known effect on its output."""
+
+    change: Callable[[Mapping[str, Tensor]], Mapping[str, Tensor]]
+    """Transform of the inputs."""
+    change_back: Callable[[Any], Any]
+    """Inverse transform of the stage's NamedTuple."""
+
+
+def _same(given: Any) -> Any:  # noqa: ANN401 - inputs or an output
+    return given
+
+
+AS_IT_IS: Final = StageView(_same, _same)
+
+
+def answer_of_views(run: Run, inputs: Mapping[str, Tensor], views: Sequence[StageView]) -> Any:  # noqa: ANN401 - the stage's NamedTuple
+    """Run a stage on one or more views, and average the outputs, each transformed back.
+
+    The output of a single view is returned unchanged.
+    """
+    answers = [view.change_back(run(view.change(inputs))) for view in views]
+    if len(answers) == 1:
+        return answers[0]
+    means = (torch.stack(values).mean(dim=0) for values in zip(*answers, strict=True))
+    return type(answers[0])(*means)
 
 
 class Proposed(NamedTuple):
@@ -40,58 +68,9 @@ class Proposed(NamedTuple):
     features: Float[Tensor, "num_points channels"] | None = None
     """Features of the sweep's points; None if the design has none."""
 
-
-@runtime_checkable  # for beartype, which checks arguments under pytest
-class FirstStage(Protocol):
-    """Interface of a first stage: sweeps to proposals; an `nn.Module`."""
-
-    @property
-    def feature_channels(self) -> int:
-        """Number of features for each point; 0: none."""
-        ...
-
-    @property
-    def max_proposals(self) -> int:
-        """Largest number of proposals for a sweep at inference."""
-        ...
-
-    @property
-    def output_type(self) -> Callable[..., tuple[Any, ...]]:
-        """Type of the module's output."""
-        ...
-
-    @property
-    def views(self) -> tuple[View, ...]:
-        """Views of the flip test; the first is the unchanged scene."""
-        ...
-
-    def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
-        """Run the network."""
-        ...
-
-    def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
-        """Make the module's inputs for sweeps with at least one point each."""
-        ...
-
-    def propose(
-        self,
-        output: Any,  # noqa: ANN401 - of `output_type`
-        sweeps: Sequence[Sweep],
-        *,
-        training: bool,
-    ) -> tuple[Proposed, ...]:
-        """Compute each sweep's proposals, for inference or second-stage training; no gradient."""
-        ...
-
-    def losses(
-        self,
-        output: Any,  # noqa: ANN401 - of `output_type`
-        sweeps: Sequence[Sweep],
-        truths: Sequence[SweepTruth],
-        config: Detection3DLossConfig,
-    ) -> Losses:
-        """Compute the training losses."""
-        ...
+    def select(self, rows: Tensor) -> "Proposed":
+        """Select proposals by a mask or by indices; all features stay."""
+        return Proposed(self.boxes[rows], self.classes[rows], self.scores[rows], self.features)
 
 
 class Regions(NamedTuple):
@@ -104,7 +83,7 @@ class Regions(NamedTuple):
     scores: Float[Tensor, " num_rois"]
     """Scores of the proposals."""
     inputs: dict[str, Tensor]
-    """Inputs of the module; their first axis counts the regions."""
+    """Inputs of the stage; their first axis counts the regions."""
 
 
 class Refined(NamedTuple):
@@ -118,44 +97,64 @@ class Refined(NamedTuple):
     """Log-odds that the front is at the box's front end; 0 if the design does not predict it."""
 
 
-@runtime_checkable
-class SecondStage(Protocol):
-    """Interface of a second stage: proposals to refined boxes; an `nn.Module`."""
+class Stage(nn.Module, ABC):
+    """Stage of a detector."""
 
-    @property
-    def passes(self) -> int:
-        """Number of passes, each from the output of the one before."""
-        ...
+    output_type: Callable[..., tuple[Any, ...]]
+    """NamedTuple of the output."""
+    views: tuple[StageView, ...] = (AS_IT_IS,)
+    """Views of the flip test; the first is the unchanged input."""
+    network: nn.Module
 
-    @property
-    def mean_with_first(self) -> tuple[str, ...]:
-        """Classes whose result is the mean of the first and last pass, not the last."""
-        ...
+    def forward(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
+        """Run the network on named inputs."""
+        return self.network(**inputs)
 
-    @property
-    def output_type(self) -> Callable[..., tuple[Any, ...]]:
-        """Type of the module's output."""
-        ...
 
-    @property
-    def views(self) -> tuple[View, ...]:
-        """Views of the flip test; the first is the unchanged region."""
-        ...
+class FirstStage(Stage):
+    """Sweeps to proposals."""
 
-    def __call__(self, **inputs: Tensor) -> Any:  # noqa: ANN401 - of `output_type`
-        """Run the network."""
-        ...
+    feature_channels = 0
+    """Number of features for each point."""
 
-    def regions(
+    @abstractmethod
+    def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:
+        """Make the stage's inputs for sweeps with at least one point each."""
+
+    @abstractmethod
+    def propose(
         self,
-        sweep: Sweep,
-        proposed: Proposed,
+        output: Any,  # noqa: ANN401 - of `output_type`
+        sweeps: Sequence[Sweep],
         *,
-        seed: int,
-    ) -> Regions:
-        """Collect the points around proposals; useless proposals may be dropped."""
-        ...
+        training: bool,
+    ) -> tuple[Proposed, ...]:
+        """Compute each sweep's proposals, for inference or second-stage training; no gradient."""
 
+    @abstractmethod
+    def losses(
+        self,
+        output: Any,  # noqa: ANN401 - of `output_type`
+        sweeps: Sequence[Sweep],
+        truths: Sequence[SweepTruth],
+        config: Detection3DLossConfig,
+    ) -> Losses:
+        """Compute the training losses."""
+
+
+class SecondStage(Stage):
+    """Proposals to refined boxes."""
+
+    passes = 1
+    """Number of passes, each from the output of the one before."""
+    mean_with_first: tuple[str, ...] = ()
+    """Classes whose result is the mean of the first and last pass, not the last."""
+
+    @abstractmethod
+    def regions(self, sweep: Sweep, proposed: Proposed, *, seed: int) -> Regions:
+        """Draw the points around proposals; useless proposals may be dropped."""
+
+    @abstractmethod
     def examples(
         self,
         sweep: Sweep,
@@ -170,16 +169,16 @@ class SecondStage(Protocol):
         The targets are a NamedTuple of the stage's own; the first axis of each tensor counts the
         regions.
         """
-        ...
 
+    @abstractmethod
     def refine(
         self,
         output: Any,  # noqa: ANN401 - of `output_type`
         regions: Regions,
     ) -> Refined:
-        """Decode the module's boxes for regions, with their scores."""
-        ...
+        """Decode boxes for regions, with their scores."""
 
+    @abstractmethod
     def losses(
         self,
         output: Any,  # noqa: ANN401 - of `output_type`
@@ -188,4 +187,3 @@ class SecondStage(Protocol):
         config: Detection3DLossConfig,
     ) -> Losses:
         """Compute the training losses."""
-        ...

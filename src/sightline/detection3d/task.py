@@ -11,16 +11,21 @@ from jaxtyping import UInt8
 from torch import Tensor, nn
 
 from sightline.data.object_results import kitti_from_detections
-from sightline.detection3d.batch import Detection3DBatch
-from sightline.detection3d.detect import nothing_proposed, propose, refine
-from sightline.detection3d.detector_config import Detection3DConfig
-from sightline.detection3d.examples import DetectionExamples, ExampleConfig
-from sightline.detection3d.loss import StageLosses, Stages, detection_losses, proposed_by
-from sightline.detection3d.loss_config import Detection3DLossConfig
-from sightline.detection3d.metrics import ProposalRecallMetric
-from sightline.detection3d.model import Detector3D
+from sightline.detection3d.config import Detection3DConfig, Detection3DLossConfig
+from sightline.detection3d.detector import Detector3D, propose, refine
+from sightline.detection3d.examples import (
+    Detection3DBatch,
+    Detection3DExampleConfig,
+    Detection3DExamples,
+)
 from sightline.detection3d.pictures import training_picture
-from sightline.detection3d.proposal_cache import check_made_by, first_stage_identity
+from sightline.detection3d.proposal_cache import REMEDY, first_stage_identity
+from sightline.detection3d.training import (
+    ProposalRecallMetric,
+    StageLosses,
+    Stages,
+    detection_losses,
+)
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.evaluation.kitti_object_rules import LOOSE
 from sightline.structures.predictions import Detections3D
@@ -57,7 +62,7 @@ class Detection3D(TrainingModule):
 
         Args:
             network: Settings of the network. None: the network of the initial weights; without
-                those, the published one.
+                those, the design that ships.
             loss: Settings of the losses.
             optimizer: Settings of the optimizer.
             stages: Whether to train both stages at once, the first alone, or the second on a frozen
@@ -95,9 +100,9 @@ class Detection3D(TrainingModule):
     @property
     def _still(self) -> list[nn.Module]:
         """Frozen stages."""
-        names = {"both": (), "first": (self.network.second_name,),
-                 "second": (self.network.first_name,)}[self.stages]  # fmt: skip
-        return [self.network.get_submodule(name) for name in names if name is not None]
+        frozen = {"both": None, "first": self.network.second, "second": self.network.first}
+        stage = frozen[self.stages]
+        return [] if stage is None else [stage]
 
     def network_config(self) -> Detection3DConfig:
         """Return the network's settings."""
@@ -113,7 +118,7 @@ class Detection3D(TrainingModule):
                 named.
         """
         preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
-        if isinstance(preparation, DetectionExamples):
+        if isinstance(preparation, Detection3DExamples):
             self._check_examples(preparation.settings)
         has_first_stage = self._has_first_stage or self.is_resumed
         if stage == "fit" and self.stages == "second" and not has_first_stage:
@@ -142,11 +147,9 @@ class Detection3D(TrainingModule):
         answers, proposals = [], []
         for number, points in enumerate(batch.points):
             if batch.records is not None:
-                proposed = proposed_by(batch.records[number], points)
-            elif len(points):
-                proposed = propose(self.network, points, in_use=False)[0]
+                proposed = batch.records[number].proposed
             else:
-                proposed = nothing_proposed(points)
+                proposed = propose(self.network, points, in_use=False)[0]
             proposals.append(proposed.boxes)
             answers.append(refine(self.network, points, proposed, in_use=False))
         results = [
@@ -156,8 +159,7 @@ class Detection3D(TrainingModule):
         labels = [frame.objects for frame in batch.frames]
         self.metric.update(results, labels)
         self.loose_metric.update(results, labels)
-        wanted = [truth.boxes for truth in batch.truths]
-        self.recall_metric.update(proposals, wanted)
+        self.recall_metric.update(proposals, [truth.boxes for truth in batch.truths])
         return answers
 
     def scores(self) -> Mapping[str, Tensor]:
@@ -187,11 +189,11 @@ class Detection3D(TrainingModule):
     ) -> UInt8[np.ndarray, "height width 3"]:
         """Draw the first sweep of a batch from above, with detections and ground truth."""
         truth, points = batch.truths[0], batch.points[0]
-        offset_m = self.network.config.input.height_offset_m
+        boxes, offset_m = truth.boxes, self.network.config.input.height_offset_m
         return training_picture(
             (points - points.new_tensor([0, 0, offset_m, 0])).cpu(),
             answer[0],
-            (truth.boxes - truth.boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).float().cpu(),
+            (boxes - boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).float().cpu(),
         )
 
     def _reset_metrics(self) -> None:
@@ -199,7 +201,7 @@ class Detection3D(TrainingModule):
             self.loose_metric.reset()
             self.recall_metric.reset()
 
-    def _check_examples(self, settings: ExampleConfig) -> None:
+    def _check_examples(self, settings: Detection3DExampleConfig) -> None:
         wanted = self.network.config.input
         if settings.input != wanted:
             raise ValueError(
@@ -223,5 +225,8 @@ class Detection3D(TrainingModule):
             )
         if self._identity is None:
             self._identity = first_stage_identity(self.network)
-        for record in batch.records:
-            check_made_by(record, self._identity)
+        if any(record.made_by != self._identity for record in batch.records):
+            raise ValueError(
+                "the cache was made by a first stage of other weights or settings than the "
+                f"training's; train with those that made it (initial_weights, network), or {REMEDY}"
+            )

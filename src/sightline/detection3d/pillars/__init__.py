@@ -1,0 +1,1 @@
+"""Design that ships: centres and boxes in a map of pillars, then regions of points."""

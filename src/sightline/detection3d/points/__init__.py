@@ -1,0 +1,1 @@
+"""Two-stage design on points after Shi et al. 2019 (PointRCNN), with PointNet++ as backbone."""

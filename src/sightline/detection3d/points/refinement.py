@@ -1,0 +1,186 @@
+"""Plain second stage: a box and its confidence from the points around each proposal."""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor, nn
+
+from sightline.detection3d.config import Detection3DLossConfig
+from sightline.detection3d.points.config import (
+    ProposalSamplingConfig,
+    RefinementConfig,
+    RoiPoolingConfig,
+)
+from sightline.detection3d.points.layers import (
+    PointFeatures,
+    SetAbstraction,
+    abstract,
+    find_groupings,
+    head_layers,
+    point_layers,
+)
+from sightline.detection3d.points.refinement_training import (
+    ProposalSamples,
+    RefinementLosses,
+    box_loss,
+    confidence_loss,
+    sample_proposals,
+)
+from sightline.detection3d.stages import Proposed, Refined, Regions, SecondStage
+from sightline.detection3d.sweeps import Sweep, SweepTruth
+from sightline.geometry.transforms import wrap_angle
+from sightline.ops.group_points import group_points
+from sightline.ops.roi_points import RoiPoints, roi_points
+from sightline.ops.rotated_iou import pairwise_iou_3d
+
+_BOX_VALUES = 7
+_LEAST_SIZE_M = 0.01
+
+
+class RefinementOutput(NamedTuple):
+    """Output of the second stage for each region of interest."""
+
+    boxes: Float[Tensor, "num_rois 7"]
+    """x, y, z, length, width, height, yaw in the frame of the points: metres, radians."""
+    logits: Float[Tensor, " num_rois"]
+    """Confidence before the sigmoid."""
+
+
+class RefinementNetwork(nn.Module):
+    """Set abstractions down to one vector for each region, and two heads.
+
+    After Shi et al. 2019 (PointRCNN), section 3.3, in its plainest form: the points are in the
+    frame of the sweep, boxes are regressed in absolute values, the proposal itself is not an input.
+    """
+
+    def __init__(self, config: RefinementConfig) -> None:
+        super().__init__()
+        batch_norm, channels = config.batch_norm, config.in_channels
+        self.levels = nn.ModuleList()
+        for level in config.levels:
+            self.levels.append(SetAbstraction(channels, level, batch_norm=batch_norm))
+            channels = level.out_channels
+        self.together = point_layers(3 + channels, config.global_widths, batch_norm=batch_norm)
+        self.box_head, self.confidence_head = (
+            head_layers(config.global_widths[-1], config.head_widths, width, batch_norm=batch_norm)
+            for width in (_BOX_VALUES, 1)
+        )
+
+    def forward(
+        self,
+        points: Float[Tensor, "num_rois roi_points 3"],
+        features: Float[Tensor, "num_rois roi_points channels"],
+        **found: Tensor,
+    ) -> RefinementOutput:
+        """Compute a box and a logit for each region; the number of regions may be 0.
+
+        Args:
+            points: Points of the regions [m].
+            features: Features of these points.
+            found: Output of `find_groupings`.
+        """
+        level = abstract(PointFeatures(points, features), self.levels, found)[-1]
+        region = self.together(torch.cat(level, dim=2)).amax(dim=1)
+        return RefinementOutput(self.box_head(region), self.confidence_head(region)[:, 0])
+
+
+class PointRefinement(SecondStage):
+    """Second stage: `RefinementNetwork` on the points in and around each proposal."""
+
+    output_type = RefinementOutput
+    network: RefinementNetwork
+
+    def __init__(self, config: RefinementConfig, pooling: RoiPoolingConfig) -> None:
+        super().__init__()
+        self.pooling = pooling
+        self.network = RefinementNetwork(config)
+
+    def regions(self, sweep: Sweep, proposed: Proposed, *, seed: int) -> Regions:
+        """Draw a fixed number of points for each proposal; those without points are dropped.
+
+        From more points a random subset is drawn, reproducible by the seed; of fewer, all are taken
+        and some repeated at random (`ops.roi_points`). All-zero proposals are dropped, too.
+        Differentiable with respect to the features.
+
+        Raises:
+            ValueError: A coordinate or a box is not finite, a size negative or the seed out of
+                range.
+        """
+        drawn = self._draw(sweep, proposed, seed)
+        kept = drawn.num_inside[0].nonzero()[:, 0]
+        return self._regions(sweep, proposed, drawn, kept)
+
+    def examples(
+        self,
+        sweep: Sweep,
+        proposed: Proposed,
+        truth: SweepTruth,
+        config: Detection3DLossConfig,
+        *,
+        seed: int,
+    ) -> tuple[Regions, ProposalSamples]:
+        """Sample proposals with `sample_proposals`, without those on ignored objects.
+
+        Points are drawn first: proposals without points are no samples.
+        """
+        drawn = self._draw(sweep, proposed, seed)
+        usable = drawn.num_inside[0] > 0
+        usable[usable.clone()] = ~_is_on_ignored(proposed.boxes[usable], truth, config.sampling)
+        places = usable.nonzero()[:, 0]
+        boxes, generator = proposed.boxes[places], torch.Generator().manual_seed(seed)
+        samples = sample_proposals(
+            boxes, truth.boxes.to(boxes.dtype), config.sampling, generator=generator
+        )
+        return self._regions(sweep, proposed, drawn, places[samples.proposal]), samples
+
+    def _draw(self, sweep: Sweep, proposed: Proposed, seed: int) -> RoiPoints:
+        points, boxes = sweep[None, :, :3].contiguous(), proposed.boxes[None]
+        margin_m, count = self.pooling.margin_m, self.pooling.num_points
+        return roi_points(points, boxes, margin_m=margin_m, count=count, seed=seed)
+
+    def _regions(
+        self, sweep: Sweep, proposed: Proposed, drawn: RoiPoints, places: Int64[Tensor, " num_rois"]
+    ) -> Regions:
+        """Collect the drawn points of some proposals, and their neighbourhoods."""
+        features = sweep[:, :0] if proposed.features is None else proposed.features
+        index = drawn.indices[:, places]
+        place, known = (group_points(each[None], index)[0] for each in (sweep[:, :3], features))
+        given = {"points": place, "features": known}
+        if len(places):
+            given |= find_groupings(place, self.network.levels, index[0])[0]
+        return Regions(places, proposed.boxes[places], proposed.scores[places], given)
+
+    def refine(self, output: RefinementOutput, regions: Regions) -> Refined:
+        """Return the predicted boxes, with sizes of at least a centimetre."""
+        del regions
+        boxes = output.boxes.float()
+        told = (boxes[:, :3], boxes[:, 3:6].clamp(min=_LEAST_SIZE_M), wrap_angle(boxes[:, 6:]))
+        scores = output.logits.float().sigmoid()
+        return Refined(torch.cat(told, dim=1), scores, torch.zeros_like(scores))
+
+    def losses(
+        self,
+        output: RefinementOutput,
+        regions: Regions,
+        wanted: ProposalSamples,
+        config: Detection3DLossConfig,
+    ) -> RefinementLosses:
+        """Compute `box_loss` and `confidence_loss`."""
+        del regions
+        boxes = box_loss(output.boxes.float(), wanted.boxes, wanted.iou, config.refinement).total
+        confidence = confidence_loss(output.logits.float(), wanted.iou, config.refinement)
+        return RefinementLosses(boxes + confidence, boxes, confidence)
+
+
+def _is_on_ignored(
+    boxes: Float[Tensor, "num_proposals 7"], truth: SweepTruth, config: ProposalSamplingConfig
+) -> Bool[Tensor, " num_proposals"]:
+    """Mask of the proposals on an ignored object, which are no clear background."""
+    if not len(truth.ignored_boxes) or not len(boxes):
+        return torch.zeros(len(boxes), dtype=torch.bool, device=boxes.device)
+    most = pairwise_iou_3d(boxes.double(), truth.ignored_boxes).amax(dim=1)
+    own = torch.zeros_like(most)
+    if len(truth.boxes):
+        own = pairwise_iou_3d(boxes.double(), truth.boxes).amax(dim=1)
+    return (most >= config.background_iou) & (most > own)
