@@ -1,4 +1,4 @@
-"""The two stages of a 3D detector on frames: `python -m benchmarks.detection3d_sheet`.
+"""Draws a detector's two stages on frames: `python -m benchmarks.detection3d_sheet`.
 
 For each frame the image with proposals, the image with detections (labels in white), and all of
 them from above. The picture takes 600 KB at most.
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import jsonargparse
 import numpy as np
-from sightline.detection3d.answer_picture import answer_picture
 
 from benchmarks.sheet_file import write_sheet
 from sightline.data.open import open_dataset
@@ -28,15 +27,15 @@ def main(
     sample_list: str | None = None,
     width_px: int = 800,
 ) -> None:
-    """Draw the frames one below the other.
+    """Draws the frames one below the other.
 
     Args:
-        weights: Name or file of trained weights.
-        out: Picture to write.
+        weights: Name of weights that come with Sightline, or a file.
+        out: The picture.
         data: KITTI object tree.
-        frames: Number of frames, evenly spread over the data.
-        sample_list: List of frames in ImageSets, or a text file.
-        width_px: Width of the image.
+        frames: How many, evenly spread over the data.
+        sample_list: Which frames there are: a list in ImageSets, or a text file.
+        width_px: Of the image.
     """
     predictor = Detection3DPredictor.load(weights)
     dataset = open_dataset(data, sample_list=sample_list)

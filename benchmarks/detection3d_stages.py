@@ -15,7 +15,6 @@ from typing import Any, Final, NamedTuple
 
 import jsonargparse
 import torch
-from sightline.detection3d.detector_config import Detection3DConfig
 
 from benchmarks.record import print_record
 from sightline.data.image_file import write_rgb

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
-from sightline.detection3d.detector_config import SweepConfig
 
 from sightline.augmentation.sweep_changes import GroundShapeConfig
 from sightline.data.rings import ring_numbers

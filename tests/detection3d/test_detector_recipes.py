@@ -5,9 +5,8 @@ from dataclasses import replace
 import jsonargparse
 import pytest
 import yaml
-from sightline.detection3d.detector_config import Detection3DConfig
 
-from sightline.detection3d.config import Detection3DConfig, RefinementConfig
+from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.examples import Detection3DExampleConfig
 from sightline.detection3d.pillars.region_config import RegionConfig
 from sightline.detection3d.points.config import RefinementConfig

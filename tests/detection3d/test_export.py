@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from sightline.detection3d.detect import refine
 
 from sightline.detection3d.detector import refine
 from sightline.detection3d.export_graph import MAX_DIFFERENCE, REGIONS_A_RUN, region_portions

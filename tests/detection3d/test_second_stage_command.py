@@ -3,7 +3,6 @@
 import pytest
 import torch
 import yaml
-from sightline.detection3d.detector_config import Detection3DConfig
 
 from sightline.cli.main import main
 from sightline.detection3d.config import Detection3DConfig

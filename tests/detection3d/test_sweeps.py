@@ -7,7 +7,6 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from sightline.detection3d.detector_config import SweepConfig
 
 from sightline.augmentation.sample_changes import points_in_view
 from sightline.detection3d.sweeps import SweepConfig, cut_to_view, draw_points, points_in_range

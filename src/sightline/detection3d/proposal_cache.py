@@ -28,12 +28,10 @@ from torch import Tensor
 
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
-from sightline.detection3d.batch import FirstStageRecord
 from sightline.detection3d.detector import Detector3D
-from sightline.detection3d.model import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.predictor import StageRunners
-from sightline.detection3d.stages import Proposed, Sweep
+from sightline.detection3d.stages import Proposed
 from sightline.detection3d.sweeps import Sweep, at_kitti_height, network_sweep
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened

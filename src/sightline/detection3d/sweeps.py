@@ -12,7 +12,6 @@ from torch import Tensor
 
 from sightline.augmentation.sample_changes import points_in_view
 from sightline.detection3d.checks import check_numbers, check_range
-from sightline.detection3d.detector_config import SweepConfig
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.structures.labels import ObjectLabels

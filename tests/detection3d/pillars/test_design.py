@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from sightline.detection3d.augmentation import SceneChangeConfig
 
 from sightline.augmentation.sweep_changes import GroundShapeConfig
 from sightline.cli.main import main
