@@ -14,6 +14,7 @@ from sightline.data.kitti_files import (
     write_points,
     write_raw_calibration,
 )
+from sightline.data.object_tree import list_object_frames
 from sightline.data.open import open_dataset
 from sightline.data.tree_mount import pose_of_tree
 from sightline.geometry.calibration import Calibration
@@ -177,7 +178,7 @@ def test_a_height_that_one_of_three_clouds_shows_is_not_taken(tmp_path):
     for name in ("000001", "000002"):
         cloud = SAMPLE.points[SAMPLE.points[:, 2] > 0]  # no road
         write_points(tmp_path / "training" / "velodyne" / f"{name}.bin", cloud[: -int(name)])
-    frames = open_dataset(tmp_path).frames
+    frames = list(list_object_frames(tmp_path / "training", ("points",)).values())
     assert pose_of_tree(frames).height_m is None
     assert pose_of_tree(frames[:1]).height_m == pytest.approx(0.83, abs=0.15)
 

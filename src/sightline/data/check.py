@@ -25,8 +25,9 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
 
     Supports recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
     folders itself), the depth completion tree and raw drives. Finds missing, truncated, non-finite
-    and implausible files, and files of one frame that do not fit each other. Continues after
-    faults, and holds only a few frames in memory. An empty sweep is no fault.
+    and implausible files, files of one frame that do not fit each other, frames with equal files,
+    and by labels clouds that are turned or mirrored. Continues after faults, and
+    holds only a few frames in memory. An empty sweep is no fault, unless all are.
 
     Examples:
         >>> import sightline

@@ -36,7 +36,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
     and, for training, `label_2`. The files are listed once, so that gaps are found at the start and
     not in the middle of a training; their contents are read frame by frame. If the LiDAR is rotated
     (the camera points more than 5 degrees away from its x axis) or tilted (by 4 degrees or more
-    against the road in some clouds, with a warning), samples have a `level_from_lidar`.
+    against the road in some clouds, with a warning), samples have a `level_from_lidar`. If it sits
+    more than 0.5 m higher or lower than KITTI's, with a warning, they have its height.
     """
 
     def __init__(

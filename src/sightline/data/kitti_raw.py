@@ -24,8 +24,8 @@ from sightline.structures.sample import CameraLidarSample
 class KittiRawDrive(Dataset[CameraLidarSample]):
     """Frames of one drive at 10 Hz, in the official layout or the flat one.
 
-    `list_drive` documents both layouts. Calibration, poses and times are read once. A rotated or
-    tilted LiDAR is handled as in `KittiObjectDataset`.
+    `list_drive` documents both layouts. Calibration, poses and times are read once. A rotated,
+    tilted, higher or lower LiDAR is handled as in `KittiObjectDataset`.
     """
 
     def __init__(

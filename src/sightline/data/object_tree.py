@@ -107,11 +107,12 @@ def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
 
 
 def find_file(folder: Path, name: str) -> Path | None:
-    """Find a file by its name, else by its name in another case."""
-    if (folder / name).is_file() or not folder.is_dir():
-        return folder / name if folder.is_dir() else None
-    alike = sorted(path for path in folder.iterdir() if path.name.lower() == name.lower())
-    return next((path for path in alike if path.is_file()), None)
+    """Find a file by its name, in lower case, else by its name in any case."""
+    if not folder.is_dir():
+        return None
+    if (folder / name).exists():
+        return folder / name
+    return next((path for path in sorted(folder.iterdir()) if path.name.lower() == name), None)
 
 
 def describe_absent(frame_ids: Sequence[str]) -> str:
