@@ -10,6 +10,7 @@ from sightline.data.problem import Problem
 from sightline.data.progress import track
 from sightline.data.threads import check_threads, map_ahead
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
+from sightline.geometry.wrong_types import named_arguments
 
 
 def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
@@ -20,6 +21,7 @@ def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
     return tuple(tree.summary for tree in find_trees(Path(root)))
 
 
+@named_arguments
 def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[Problem]:
     """Reads every file of a data set and yields each fault, frame by frame in order.
 

@@ -47,6 +47,7 @@ from sightline.data.unread_files import (
     recording_folders,
 )
 from sightline.geometry.arguments import plain_names, plain_path, sample_index
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.sample import CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
@@ -100,6 +101,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
         return self.dataset[self.positions[sample_index(index, len(self))]]
 
 
+@named_arguments
 def open_dataset(
     path: Path | str,
     *,

@@ -21,6 +21,7 @@ from sightline.detection3d.sweeps import (
     points_in_range,
 )
 from sightline.export.names import EngineChoice, EngineName
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Detections3D
@@ -50,6 +51,7 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
     needs: tuple[Part, ...] = ("points",)
     gives: tuple[str, ...] = ("results",)
 
+    @named_arguments
     def __init__(
         self,
         loaded: LoadedNetwork[Detector3D],

@@ -20,12 +20,14 @@ from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
+from sightline.geometry.wrong_types import named_arguments
 
 _FRAMES_AT_A_TIME = 64
 _MAX_PAIRS = 2_000_000  # results times labels in one frame; KITTI's fullest has some thousands
 _MAX_RESAMPLES = 100_000  # this gives the interval's ends to a tenth of their last digit
 
 
+@named_arguments
 def evaluate_objects(
     results_dir: Path | str,
     labels_dir: Path | str,

@@ -20,6 +20,7 @@ from sightline.data.jobs import (
 )
 from sightline.data.object_tree import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predict import (
     Places,
     answered_samples,
@@ -52,6 +53,7 @@ class PerceiveResult(JobResult):
     """Number of predicted frames by task."""
 
 
+@named_arguments
 def perceive(
     data: Path | str,
     out: Path | str,
