@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 from sightline.files.plain_text import shortened
 from sightline.files.weights_header import find_weights, read_description, shipped_names
+from sightline.geometry.wrong_types import named_arguments
 
 if TYPE_CHECKING:
     from sightline.depth_completion import registration as depth_completion
@@ -164,6 +165,7 @@ def choose_task(name: str | None, weights: str | Path | None) -> Task:
     return find_task(told)
 
 
+@named_arguments
 def load(
     weights: str | Path,
     *,

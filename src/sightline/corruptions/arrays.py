@@ -1,5 +1,6 @@
 """Corruptions of plain numpy arrays, without other classes of Sightline.
 
+from sightline.geometry.wrong_types import named_arguments
 from sightline.corruptions.arrays import corrupt_arrays
 
 found = corrupt_arrays("camera_fog", 3, image=image, points=points, image_from_camera=P2,
@@ -58,6 +59,7 @@ class CorruptedArrays:
     """Row of each delivered point in the sound sweep; -1 if it has none."""
 
 
+@named_arguments
 def corrupt_arrays(
     kind: str,
     severity: int,

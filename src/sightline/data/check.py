@@ -8,6 +8,7 @@ from pathlib import Path
 from sightline.data.other_layouts import no_data_set
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 from sightline.files.problem import Problem
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.jobs.read_ahead import check_threads, map_ahead
 
@@ -20,6 +21,7 @@ def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
     return tuple(tree.summary for tree in find_trees(Path(root)))
 
 
+@named_arguments
 def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[Problem]:
     """Reads every file of a data set and yields each fault, frame by frame in order.
 

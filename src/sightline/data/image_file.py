@@ -18,6 +18,7 @@ from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
+from sightline.geometry.wrong_types import named_arguments
 
 _JPEG_QUALITY = 95
 _REMEDY = "extract it again"
@@ -104,6 +105,7 @@ def _said(picture: object) -> str:
     return f"{picture.dtype} of shape {tuple(picture.shape)}"
 
 
+@named_arguments
 def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> None:
     """Writes a picture atomically: `.png` lossless, `.jpg` with quality 95.
 

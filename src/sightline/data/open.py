@@ -46,6 +46,7 @@ from sightline.data.unread_files import (
 from sightline.files.problem import FileError
 from sightline.files.safe_names import unprintable_names
 from sightline.geometry.arguments import plain_names, plain_path, sample_index
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import KITTI_SPLITS
 from sightline.structures.sample import CameraLidarSample
 
@@ -100,6 +101,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
         return self.dataset[self.positions[sample_index(index, len(self))]]
 
 
+@named_arguments
 def open_dataset(
     path: Path | str,
     *,

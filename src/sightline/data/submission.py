@@ -18,6 +18,7 @@ from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
+from sightline.geometry.wrong_types import named_arguments
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of a zip file
 _PLAIN_FILE = 0o100644 << 16
@@ -26,6 +27,7 @@ _CLASSES = {name.lower() for name in (*CLASS_NAMES, "DontCare")}  # the benchmar
 _REMEDY = "write an empty file where nothing was found, or name a list of the frames that count"
 
 
+@named_arguments
 def write_submission(results: Path, out: Path, *, sample_list: str | Path | None = None) -> int:
     """Checks all result files and packs them; returns the number of frames.
 

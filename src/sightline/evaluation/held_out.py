@@ -20,6 +20,7 @@ from sightline.evaluation.held_out_frame import (
     densities,
     split_rings,
 )
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
@@ -106,6 +107,7 @@ class HeldOutReport:
         return table
 
 
+@named_arguments
 def evaluate_held_out(
     samples: Iterable[CameraLidarSample],
     complete: Complete,

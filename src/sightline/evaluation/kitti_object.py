@@ -19,6 +19,7 @@ from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 
 _FRAMES_AT_A_TIME = 64
@@ -26,6 +27,7 @@ _MAX_PAIRS = 2_000_000  # results times labels in one frame; KITTI's fullest has
 _MAX_RESAMPLES = 100_000  # this gives the interval's ends to a tenth of their last digit
 
 
+@named_arguments
 def evaluate_objects(
     results_dir: Path | str,
     labels_dir: Path | str,

@@ -25,9 +25,11 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.evaluation.proposal_report import ProposalEntry, ProposalReport
+from sightline.geometry.wrong_types import named_arguments
 from sightline.ops.compiled import compiled
 
 
+@named_arguments
 def evaluate_proposals(
     results_dir: Path | str,
     labels_dir: Path | str,

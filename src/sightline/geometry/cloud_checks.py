@@ -16,11 +16,13 @@ _MAX_COLUMNS: Final = 64
 """Largest number of columns in a row; drivers write up to about twenty fields for each point."""
 _BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed many scales
 
+USUAL_LOSS: Final = 0.5
+"""Share of points without an echo in a cloud that may include rays into the sky."""
+
 _OTHER_LAYOUTS: Final = (
     *(("<f4", columns) for columns in (3, 5, 6, 7, 8)),
     *(("<f8", columns) for columns in (3, 4, 5, 6)),
 )
-_USUAL_LOSS: Final = 0.5  # share of a cloud, organised ones include rays into the sky
 _FEWEST_BYTES: Final = 320  # twenty points: fewer give too little evidence
 _FINITE_SHARE: Final = 0.5  # share of rows with points in range
 _CLEARLY: Final = 0.8  # largest ratio of unlikeness to that of rows of four for another layout
@@ -38,6 +40,8 @@ _LARGEST_RING: Final = 1e6
 _RING_SHARE: Final = 0.95  # of the variance of elevations that rings explain
 _POINTS_A_RING: Final = 20  # enough points to avoid an explanation by chance
 _MOST_RINGS: Final = 128
+_FEWEST_SPREAD: Final = 8  # rings
+_EVEN_SPREAD: Final = 0.5  # largest variation of the points in a ring; KITTI's sweeps have 0.23
 _WILD: Final = 1e30  # replaces values that are not finite
 
 
@@ -67,17 +71,23 @@ def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_
     return made
 
 
-def losses(points: Float[np.ndarray, "num_points 4"]) -> tuple[str, ...]:
+def losses(
+    points: Float[np.ndarray, "num_points 4"], *, usual_share: float = USUAL_LOSS
+) -> tuple[str, ...]:
     """List the unusual losses of `echoes`, each with counts, as the rest of a sentence.
 
     Points without an echo are usual, up to half of a cloud with rays into the sky; an intensity
     that is not finite is not.
+
+    Args:
+        points: x, y, z and intensity.
+        usual_share: Share of points without an echo up to which their loss is not listed.
     """
     made = is_echo(points)
     num_left = int(np.count_nonzero(made))
     num_lost = len(points) - num_left
     said = []
-    if num_lost > _USUAL_LOSS * len(points):
+    if num_lost > usual_share * len(points):
         num_wild = np.count_nonzero(~_is_finite(points[:, :3]).all(axis=1))
         said.append(
             f"{num_lost} of {len(points)} points are left out, {num_wild} whose x, y, z are not "
@@ -178,9 +188,11 @@ def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, s
     )
 
 
-def warn_of_losses(points: Float[np.ndarray, "num_points 4"], source: str) -> None:
+def warn_of_losses(
+    points: Float[np.ndarray, "num_points 4"], source: str, *, usual_share: float = USUAL_LOSS
+) -> None:
     """Warn about the losses of `losses`, with the name of the cloud's file or topic."""
-    for loss in losses(points):
+    for loss in losses(points, usual_share=usual_share):
         warnings.warn(f"{source}: {loss}", stacklevel=3)
 
 
@@ -228,11 +240,27 @@ def cloud_fault(
         )
         if intensities.min() < 0:
             return problem, "write them from 0 on, or leave them out"
+        if _are_evenly_spread(intensities):
+            return (
+                f"whole numbers from {intensities.min():.0f} to {intensities.max():.0f} in the "
+                "place of brightness, each nearly as often as the others: they look like ring "
+                "numbers",
+                "give columns in the order x, y, z, intensity, and zeros for an unknown intensity",
+            )
         return problem, (
             "set max_intensity (of an import: --max-intensity) to what stands for a reflectance of "
             "1, often 255"
         )
     return None
+
+
+def _are_evenly_spread(numbers: Float[np.ndarray, " num_points"]) -> bool:
+    """Check whether numbers are 0 (or 1) to at most 128, each about as often, as rings are."""
+    if (numbers != np.rint(numbers)).any() or numbers.min() > 1 or numbers.max() > _MOST_RINGS:
+        return False
+    counts = np.bincount(numbers.astype(np.int64))[int(numbers.min()) :]
+    is_enough = len(counts) >= _FEWEST_SPREAD and counts.mean() >= _POINTS_A_RING
+    return bool(is_enough and counts.all() and counts.std() < _EVEN_SPREAD * counts.mean())
 
 
 def holds_rings(

@@ -10,6 +10,7 @@ from typing import Any, Final
 from sightline.data.object_tree import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
 from sightline.files.atomic import atomic_write_text
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predict import (
     Places,
     answered_samples,
@@ -44,6 +45,7 @@ class PerceiveResult(JobResult):
     """Number of predicted frames by task."""
 
 
+@named_arguments
 def perceive(
     data: Path | str,
     out: Path | str,

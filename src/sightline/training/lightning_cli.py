@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import signal
 from argparse import ArgumentError
 from collections.abc import Sequence
@@ -57,7 +58,7 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         try:
             _TrainingCLI(subcommand, arguments, run)
         except _RefusedError as error:
-            said = told_by_parser(str(error))
+            said = _named_by_flag(told_by_parser(str(error)))
             raise ValueError(f"{said}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
             raise ValueError(told_by_parser(str(error))) from error
@@ -73,6 +74,18 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
             raise
         except KeyboardInterrupt as interruption:
             raise _told(interruption, run, subcommand) from interruption
+
+
+def _named_by_flag(message: str) -> str:
+    """Replace the parser's keys at the beginning of its message by the flag of the setting."""
+    keys = re.match(r'(Parser key "[\w.]+": +)+', message)
+    if keys is None:
+        return message
+    names = ".".join(re.findall('"(.*?)"', keys[0])).split(".")
+    if names[0] in ("model", "data") and names[1:2] not in ([], ["init_args"], ["class_path"]):
+        names.insert(1, "init_args")
+    rest = message[keys.end() :]
+    return f"--{'.'.join(names)}: {rest[:1].lower()}{rest[1:]}"
 
 
 @dataclass
