@@ -5,6 +5,7 @@ command writes everything between the two marks anew; `--check` compares only, a
 page and its record differ.
 """
 
+import argparse
 import hashlib
 import json
 import re
@@ -12,8 +13,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
-
-import jsonargparse
 
 from benchmarks import table_accuracy, table_board, table_sensors, table_speed
 
@@ -160,4 +159,6 @@ def _line(cells: Sequence[str]) -> str:
 
 
 if __name__ == "__main__":
-    jsonargparse.auto_cli(main, as_positional=False)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="compare only")
+    main(check=parser.parse_args().check)

@@ -69,6 +69,19 @@ def test_a_page_whose_figure_differs_from_its_record_is_noticed():
     assert tables.rendered(changed) == tables.rendered(block) != changed
 
 
+def test_check_fails_and_names_the_page_that_differs(tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text(PAGES["simulation.md"].replace("| 0.51 [", "| 0.99 ["))
+    monkeypatch.setattr(tables, "ROOT", tmp_path)
+    monkeypatch.setattr(tables, "pages", lambda: [page])
+    with pytest.raises(SystemExit, match=r"page.md differ from benchmarks/results; run `make"):
+        tables.main(check=True)
+    assert "0.99 [" in page.read_text()
+    tables.main()
+    assert page.read_text() == PAGES["simulation.md"]
+    tables.main(check=True)
+
+
 def test_a_table_that_there_is_not_is_refused_by_name():
     with pytest.raises(ValueError, match="there is no table speeds; name one of scoreboard"):
         tables.rendered("<!-- table: speeds -->\n\n<!-- end -->")
