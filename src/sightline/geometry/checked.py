@@ -72,7 +72,8 @@ def _are_equal(one: Any, other: object) -> Any:  # noqa: ANN401 - a dataclass, a
     """Compare two dataclasses of one type field by field; arrays by shape, type and values."""
     if type(other) is not type(one):
         return NotImplemented
-    return all(_is_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    shared: Any = one  # mypy narrows it to object
+    return all(_is_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(shared))
 
 
 def _is_same(value: object, other: object) -> bool:
