@@ -40,7 +40,8 @@ DAMAGED = {
 SOUND = {
     "a.png": png(),
     "b.png": png(iCCP=b"x\0\0" + zlib.compress(b"junk")),
-    "c.jpg": JPEG[:-2] + bytes(17) + JPEG[-2:],
+    "c.png": png(tEXt=b"", zTXt=b"Comment\0\0junk", iTXt=b"x", tIME=b"1"),
+    "d.jpg": JPEG[:-2] + bytes(17) + JPEG[-2:],
 }
 
 

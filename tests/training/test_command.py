@@ -228,7 +228,7 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named):
         (["--config", "toy", "--data.training", "[{path: ., repeat: 0}]"], "^repeat must be"),
         (["--config", "toy", "--trainer.max_epochs", "x"], "max_epochs.*number.*x; see sightline"),
         (["--config", "toy", "--data.batch_size", "x"],
-         "^--data.init_args.batch_size: expected a whole number. Got value: x; see sightline fit"),
+         "^--data.batch_size: expected a whole number. Got value: x; see sightline fit"),
         (["--config", "toy", "--model.initial_weights", "nofile"], "^there are no weights 'no"),
         (["--config", "toy", "--data.root", "/gone"], "/gone: does not exist"),
         (["--config", "toy", "--checkpoint_every_n_steps", "0"], "must be at least 1, got 0"),

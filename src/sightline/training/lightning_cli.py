@@ -58,7 +58,7 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         try:
             _TrainingCLI(subcommand, arguments, run)
         except _RefusedError as error:
-            said = _named_by_flag(told_by_parser(str(error)))
+            said = _named_by_flag(told_by_parser(str(error)), arguments)
             raise ValueError(f"{said}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
             raise ValueError(told_by_parser(str(error))) from error
@@ -76,16 +76,16 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
             raise _told(interruption, run, subcommand) from interruption
 
 
-def _named_by_flag(message: str) -> str:
-    """Replace the parser's keys at the beginning of its message by the flag of the setting."""
+def _named_by_flag(message: str, arguments: Sequence[str]) -> str:
+    """Replace the parser's keys, which leave parts out, by the given flag, or else by one path."""
     keys = re.match(r'(Parser key "[\w.]+": +)+', message)
     if keys is None:
         return message
-    names = ".".join(re.findall('"(.*?)"', keys[0])).split(".")
-    if names[0] in ("model", "data") and names[1:2] not in ([], ["init_args"], ["class_path"]):
-        names.insert(1, "init_args")
+    names = re.findall('"(.*?)"', keys[0])
+    flags = [word.partition("=")[0] for word in arguments if word.startswith("--")]
+    given = [flag for flag in flags if f".{flag.removeprefix('--')}".endswith(f".{names[-1]}")]
     rest = message[keys.end() :]
-    return f"--{'.'.join(names)}: {rest[:1].lower()}{rest[1:]}"
+    return f"{given[-1] if given else '.'.join(names)}: {rest[:1].lower()}{rest[1:]}"
 
 
 @dataclass
