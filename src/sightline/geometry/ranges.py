@@ -25,7 +25,7 @@ def check_ranges(settings: object) -> None:
     Raises:
         ValueError: A number is not finite, or not within its limits, or a range is empty.
     """
-    kind: type[Any] = type(settings)
+    kind: Any = type(settings)  # of no protocol, as mypy denies that classes can be hashed
     for name, limits in _limits_of(kind).items():
         value = getattr(settings, name)
         if not isinstance(value, tuple):
