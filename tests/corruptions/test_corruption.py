@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.corruptions.corruption import Corruption
-from sightline.corruptions.illumination import CameraIllumination
+from sightline.corruptions.exposure import CameraIllumination
 from sightline.corruptions.kinds import KINDS
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.pixel_box import BoxDrawing

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
+from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.corruptions.tree import read_corrupted
 from sightline.data.jobs import MANIFEST_NAME, acquire_output_dir, check_workers, data_name
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
