@@ -308,7 +308,7 @@ def simulate(
         layout = DriveLayout(root=out, sequence_length=config.sequence_length)
         drives = list(layout.drives(layout.num_planned(frames)))
         layout.write_calibration(calibration_of(config))
-        indices = []
+        indices: list[int] = []
         for drive, length in shard(drives, shard_index, num_shards):
             first = drive * layout.sequence_length
             indices += range(first, first + length)
