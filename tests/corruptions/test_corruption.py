@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sightline.augmentation.faults import Fault, fault_rng
 from sightline.corruptions.corruption import Corruption
-from sightline.corruptions.illumination import CameraIllumination
+from sightline.corruptions.exposure import CameraIllumination
 from sightline.corruptions.kinds import KINDS
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.pixel_box import BoxDrawing

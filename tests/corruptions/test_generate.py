@@ -11,9 +11,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.corruptions.generate import corrupt_dataset
+from sightline.corruptions.generate import corrupt_dataset, read_corrupted
 from sightline.corruptions.suites import SUITES
-from sightline.corruptions.tree import read_corrupted
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.mask_png import read_mask_png

@@ -9,12 +9,7 @@ import torch
 from jaxtyping import Float32, UInt8
 from torch import Tensor
 
-from sightline.corruptions.corruption import (
-    CameraCorruption,
-    Image,
-    ImageChange,
-    everywhere,
-)
+from sightline.corruptions.corruption import CameraCorruption, Image, ImageChange, everywhere
 from sightline.corruptions.scene_depth import scene_ranges
 from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample

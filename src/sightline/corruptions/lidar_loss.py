@@ -14,8 +14,8 @@ from sightline.corruptions.corruption import (
     PointsChange,
     Sweep,
     everywhere,
+    region_of,
 )
-from sightline.corruptions.point_pixels import region_of
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.geometry.projection import unproject_pixels
 from sightline.geometry.ranges import Within

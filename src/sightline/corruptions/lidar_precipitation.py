@@ -9,15 +9,14 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from sightline.corruptions.corruption import (
-    LidarCorruption,
-    PointsChange,
-    Sweep,
-    everywhere,
-)
-from sightline.corruptions.echoes import clear_air_reflectances, faintest_power
+from sightline.corruptions.corruption import LidarCorruption, PointsChange, Sweep, everywhere
 from sightline.corruptions.precipitation import Precipitation, rain, snow
-from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.corruptions.sensor import (
+    HDL_64E,
+    SpinningLidar,
+    clear_air_reflectances,
+    faintest_power,
+)
 from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 

@@ -18,10 +18,10 @@ from sightline.corruptions.corruption import (
     everywhere,
     nowhere,
     record_of,
+    region_of,
 )
+from sightline.corruptions.exposure import disc_mask
 from sightline.corruptions.haze import to_levels
-from sightline.corruptions.illumination import disc_mask
-from sightline.corruptions.point_pixels import region_of
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.geometry.projection import project_points, unproject_pixels
 from sightline.geometry.ranges import Within

@@ -1,9 +1,9 @@
 """Ranges of settings, declared on the fields of a dataclass and checked by one function."""
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, Any, NamedTuple, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 Number = float | int
 
@@ -25,7 +25,8 @@ def check_ranges(settings: object) -> None:
     Raises:
         ValueError: A number is not finite, or not within its limits, or a range is empty.
     """
-    for name, limits in _limits_of(cast("Hashable", type(settings))).items():
+    kind: Any = type(settings)  # of no protocol, as mypy denies that classes can be hashed
+    for name, limits in _limits_of(kind).items():
         value = getattr(settings, name)
         if not isinstance(value, tuple):
             check_number(name, value, *limits)
@@ -36,8 +37,8 @@ def check_ranges(settings: object) -> None:
 
 
 @cache
-def _limits_of(kind: Hashable) -> Mapping[str, Within]:
-    hints = get_type_hints(cast("type[Any]", kind), include_extras=True)
+def _limits_of(kind: type[Any]) -> Mapping[str, Within]:
+    hints = get_type_hints(kind, include_extras=True)
     return {
         name: limits
         for name, hint in hints.items()

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
+from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.corruptions.tree import read_corrupted
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.files.plain_text import read_text, shortened

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Final, NamedTuple, cast
+from typing import Annotated, Any, Final, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
@@ -164,8 +164,9 @@ def _lidar(row: Mapping[str, Any]) -> LidarConfig:
 # and the car's roof, rails and aerial below them. Its biases of range are those against planes
 # through walls, where the lower lasers read too little; those of readings against the lasers above
 # and below on the same surface.
+_ROWS: Final = read_table(__file__, "lidars")
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
-    cast("LidarModel", model): _lidar(row) for model, row in read_table(__file__, "lidars").items()
+    model: _lidar(_ROWS[model]) for model in get_args(LidarModel)
 }
 
 
