@@ -15,6 +15,7 @@ from sightline.files.problem import Problem
 
 _MOST_FRAMES: Final = 30  # spread over all; they have some hundred objects
 _FEWEST_OBJECTS: Final = 10
+_MOST_OBJECTS: Final = 20  # of a frame
 _WITHIN_M: Final = 40.0
 _YAWS_DEG: Final = np.arange(-12, 13) / 2
 _STRAIGHT: Final = 12
@@ -96,7 +97,7 @@ def _count_points(sweep: LabelledSweep) -> Int64[np.ndarray, "num_objects num_tu
     lidar_from_camera = np.linalg.inv(camera_from_lidar)
     ranges_m = np.hypot(xyz[:, 0], xyz[:, 1])
     counts = []
-    for index in chosen_objects(objects, within_m=_WITHIN_M):
+    for index in chosen_objects(objects, within_m=_WITHIN_M)[:_MOST_OBJECTS]:
         centre = lidar_from_camera[:3, :3] @ objects.locations[index] + lidar_from_camera[:3, 3]
         reach_m = float(np.linalg.norm(objects.dimensions_hwl[index]))
         # Turned about z, a point keeps its distance from it.
