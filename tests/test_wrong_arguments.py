@@ -81,7 +81,7 @@ said = {}
 for name, function in public():
     parameters = inspect.signature(function).parameters.values()
     names = [each.name for each in parameters if each.default is each.empty]
-    for wrong in (None, 3.5):
+    for wrong in (None, 3.5) if names else ():
         try:
             made = function(**dict.fromkeys(names, wrong))
             next(made) if inspect.isgenerator(made) else None
@@ -97,7 +97,7 @@ def test_every_public_function_names_an_argument_of_a_wrong_type_in_one_line():
     command = [sys.executable, "-c", _WALK]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     said = json.loads(run.stdout)
-    assert len(said) > 60
+    assert len(said) > 50
     for call, (kind, message, names) in said.items():
         assert kind in ("TypeError", "TypeCheckError", "ValueError", "FileError"), (call, message)
         assert "\n" not in message

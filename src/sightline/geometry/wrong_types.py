@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import wraps
 from numbers import Real
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from sightline.geometry.arguments import wrong_type
 
@@ -73,8 +73,11 @@ def _fault(
         return None
     with suppress(TypeError):  # a missing argument, or one too many
         given = inspect.signature(function).bind(*args, **named).arguments
+        hints = function.__annotations__
+        with suppress(NameError):  # of names for type checkers alone
+            hints = get_type_hints(function)
         for name, value in given.items():
-            hint = function.__annotations__.get(name)
+            hint = hints.get(name)
             if hint is not None and not isinstance(hint, str) and not _is_of(value, hint):
                 called = function.__qualname__.removesuffix(".__init__")
                 return wrong_type(f"{called}: {name}", value, _expected(hint))

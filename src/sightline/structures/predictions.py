@@ -11,6 +11,7 @@ from torch import Tensor
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
+from sightline.geometry.wrong_types import named_arguments
 
 
 def _surer_than(detections: Any, min_score: float) -> Any:  # noqa: ANN401 - any of the classes
@@ -140,6 +141,7 @@ class Perception:
     """Depth map of the frame's image size."""
 
     @classmethod
+    @named_arguments
     def joined(cls, parts: "Iterable[Perception]") -> "Perception":
         """Joins several perceptions; the first one with a prediction wins."""
         joined = cls()
